@@ -101,14 +101,13 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
     body = body[: heading.start()] + body[heading.end() :] if heading else body
     sections: list[tuple[str, str]] = []
     section = _plain(title)
-    used: set[str] = set()
     out = []
     for part in re.split(r"(<h2>.*?</h2>|<table>)", body, flags=re.DOTALL):
         if part.startswith("<h2>"):
             section = _plain(part)
             name = re.sub(r"\W+", "-", section.lower()).strip("-") or "section"
-            name = name if name not in used else f"{name}-{len(used)}"
-            used.add(name)
+            if name in dict(sections):
+                name = f"{name}-{len(sections)}"
             sections.append((name, section))
             part = part.replace("<h2>", f'<h2 id="{name}">', 1)
         elif part == "<table>":

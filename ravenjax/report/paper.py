@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from ravenjax.document.drawing import print_figure
 from ravenjax.document.figure_style import STYLE
-from ravenjax.document.palette import PALETTE, RESPONSE
+from ravenjax.report.data.facts import OUTCOME_WORDS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.sections import cues, detectors, tables, time_to_know
@@ -24,15 +24,9 @@ from ravenjax.store.files import require_writable
 
 WIDTH = 7.0  # inches, two columns of a page
 OUTCOMES = {
-    "stopped": (PALETTE[RESPONSE].light, "stopped"),
-    "flagged": ("#56b4e9", "flagged"),
-    "felt": ("#d9571b", "unintended motion, cue"),
-    "unseen": ("#8b2a6b", "unintended motion, no cue"),
-    "lost": ("#b58900", "loss of motion"),
-    "misreported": ("#c9a3bd", "false report"),
-    "phantom": ("#e9b18f", "no hazard, cue"),
-    "limited": ("#a9c7d6", "limited, no hazard"),
-    "quiet": ("#d5d2cb", "nothing"),
+    name: (words["colour"], words["label"])
+    for name, words in OUTCOME_WORDS.items()
+    if name != "failed"
 }
 """Colour and label of each outcome of a valid run, as on the HTML page."""
 MOST_GROUPS = 40

@@ -25,6 +25,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import fnmatch
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -50,52 +51,11 @@ from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
-PARAMETERS = (
-    "operator.scale",
-    "haptics.cues",
-    "control.motor_control.kp",
-    "control.overdrive",
-    "control.teleoperation.timeout_ticks",
-    "plc.watchdog_ticks",
-    "plant.friction_scale",
-    "plant.cable_stiffness_scale",
-    "plant.motor_constant_scale",
-    "plant.mass_scale",
-)
-"""Parameters that a page may change beyond those that the campaign varies: these, and all whose
-names begin with them.
-
-Each one costs a little speed, because values that depend on it are not constant when the code is
-generated.
-"""
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+"""Lists of parameters and series, and names that a reader understands without the manual."""
 
 MOTION_BYTES = 3_000_000
 """Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
-
-SERIES = (
-    "runlevel",
-    "surgeon_mode",
-    "soft_estopped",
-    "brakes",
-    "packet_received",
-    "fault*_active",
-    "*/jpos",
-    "*/jpos_d",
-    "*/mvel",
-    "*/tau_d",
-    "*/current_cmd_cnt",
-    "*/dac_cnt",
-    "*/position",
-    "*/position_d",
-    "*/link_jpos",
-    "*/tip",
-    "*/model_position",
-    "*/model_jpos",
-    "*/tip_error_mm",
-    "*/cue_force",
-    "*/cable_tension",
-)
-"""Time series of a replay, as `store.logs.time_series` names them; * matches any arm or number."""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
@@ -137,7 +97,7 @@ def question_plan(config: CampaignConfig) -> Plan:
 
 
 def _asked(path: str) -> bool:
-    return any(path == start or path.startswith(f"{start}.") for start in PARAMETERS)
+    return any(path == start or path.startswith(f"{start}.") for start in WORDS["parameters"])
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
@@ -331,7 +291,7 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
-    """Return, for each time series of `SERIES`, the signal behind each of its numbers and its
+    """Return, for each time series of `words.toml`, the signal behind each of its numbers and its
     factor.
 
     They are found by asking the robot for the series of signals that are 1 one at a time: a number
@@ -349,7 +309,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
     for name, values in named.items():
         flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
         alone = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
-        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in SERIES):
+        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in WORDS["series"]):
             leaves = np.argmax(flat != 0, axis=0)
             scales = [float(f"{flat[leaf, k]:.7g}") for k, leaf in enumerate(leaves)]
             rows.append(

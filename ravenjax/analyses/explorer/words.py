@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pandas as pd
 import tomlkit
 
 from ravenjax.analyses.explorer import program
+from ravenjax.analyses.explorer.program import WORDS
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
@@ -25,8 +25,6 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-"""Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random", "lose")
 """Effects without a control on the page. Random numbers depend on the row."""
 
@@ -151,20 +149,6 @@ MOST = 20_000
 """Largest number of table rows in a page. The first rows are taken."""
 _FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
-MEASURES = (
-    "response",
-    "hazard",
-    "verdict",
-    "failed",
-    "first_active_ms",
-    "told_ms",
-    "unintended_mm",
-    "unintended_first_ms",
-    "loss_first_ms",
-    "false_report_first_ms",
-    "peak_golden_deviation_mm",
-)
-"""Columns of the result table that a page shows beside a run's fault and parameters."""
 
 
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
@@ -180,7 +164,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
         "index": "index",
         "group": "group",
         **{name: f"fault0_{name}" for name in FAULT},
-        **{name: name for name in MEASURES},
+        **{name: name for name in WORDS["measures"]},
         "cue_ms": f"cue{cue}_first_ms",
         **{name: name for name in names if name.startswith("param:")},
     }

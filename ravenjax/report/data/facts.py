@@ -6,7 +6,9 @@ database connection that holds results. `derive_facts` returns the same facts fo
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,18 +24,8 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
-OUTCOMES = {
-    "stopped": "a check stopped the robot",
-    "flagged": "a check raised an alarm, the robot went on",
-    "felt": "no alarm by a check; unintended motion, cue",
-    "unseen": "no alarm by a check; unintended motion, no cue",
-    "lost": "no alarm by a check; loss of motion",
-    "misreported": "no alarm by a check; false report",
-    "phantom": "no alarm by a check; no hazard, cue",
-    "limited": "a check limited a command or dropped a packet; no hazard, no cue",
-    "quiet": "no check, no hazard, no cue",
-    "failed": "the run gave no valid outcome",
-}
+OUTCOME_WORDS = tomllib.loads(Path(__file__).with_name("outcomes.toml").read_text(encoding="utf-8"))
+OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
 """
@@ -122,29 +114,19 @@ def define_facts(
 ) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
-    Columns that identify and classify a run:
+    Words and truth values: group, faulty, activated, failed; response and hazard, "" for failed
+    runs; told and evaded, events of `ravenjax.outcomes`; unintended, loss and misreport, the run's
+    hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
+    did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    - row, group, faulty, activated, failed
-    - response, hazard: as in the result table; "" for failed runs
-    - told, evaded: events of `ravenjax.outcomes`
-    - unintended, loss, misreport: True if it is the run's hazard
-    - halted: a loss of motion because the robot was not live
-    - cued: a cue that the golden run did not have
-    - jump: of the reported tip
-    - outcome: one of OUTCOMES
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters. action
+    is an index into ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every
+    operator reacts. `sample` marks the first valid plain run of each distinct input whose fault, if
+    any, changed a bit. Rates, intervals and tests take these runs as their draws.
 
-    Columns for counting: distinct (equal for runs that differ only in seed or crossed parameters),
-    action (index into ACTIONS), plain, sample. `plain` marks runs in which nobody reacts, or all
-    runs if every operator reacts, so that a fault is not counted once per action. `sample` marks
-    the first valid plain run of each distinct input whose fault, if any, changed a bit. Rates,
-    intervals and tests take these runs as their draws.
-
-    Columns of the first fault: site, layer, block (site and effect), onset_ms, length_ms,
-    magnitude.
-
-    Columns of times in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms and
-    warned_ms, and of the run's hazard unintended_ms, loss_ms and misreport_ms. cue_ms is the first
-    cue; warned_ms is -1 if the golden run had that cue too.
+    Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
+    in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
+    golden run had the cue too), unintended_ms, loss_ms and misreport_ms.
 
     `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
     distinct; `distinct` then equals `row`.

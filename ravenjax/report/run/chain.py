@@ -171,13 +171,9 @@ def chain_table(
 ) -> pd.DataFrame:
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
-    Rows are sorted by run, then in the robot's order. Columns:
-
-    - run_id, index, layer, seam; arm is "" if the signal belongs to no arm
-    - differs_ms, differs_in: when it differed, and the number that differed first
-    - leaves_ms, leaves_in: the same for its range; -1 and "" if it never left its range
-    - harm_ms: when the run's hazard began; -1: never
-    - left_ms: from leaves_ms to harm_ms; NaN if either is missing
+    Rows are sorted by run, then in the robot's order. arm is "" if the signal belongs to no arm.
+    differs_in and leaves_in name the number that was first. A time is -1 for never; left_ms, from
+    leaves_ms to harm_ms, is NaN if either is missing.
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,35 +21,16 @@ class Ranking(NamedTuple):
     """A measure by which one run is worse than another."""
 
     name: str
-    # Larger is worse; NULL or 0 excludes the run. {cue} is the cue of the rules.
     sql: str
     unit: str
     meaning: str
 
 
 RANKINGS = {
-    ranking.name: ranking
-    for ranking in (
-        Ranking(
-            "unintended", "unintended_mm", "mm", "unintended motion of the true tip while live"
-        ),
-        Ranking("loss", "loss_mm", "mm", "loss of motion while live"),
-        Ranking("report", "false_report_mm", "mm", "reported tip off the true one"),
-        Ranking(
-            "tissue",
-            "tissue_depth_mm - golden_tissue_depth_mm",
-            "mm",
-            "deeper in the tissue than the golden run",
-        ),
-        Ranking("cue", "cue{cue}_ms", "ms", "time with a haptic cue"),
-        Ranking(
-            "response",
-            "CASE WHEN response_ms >= 0 AND first_active_ms >= 0 THEN response_ms -"
-            " first_active_ms END",
-            "ms",
-            "time from the fault's first effect to the check that responded",
-        ),
-    )
+    name: Ranking(name, **measure)
+    for name, measure in tomllib.loads(
+        Path(__file__).with_name("rankings.toml").read_text(encoding="utf-8")
+    ).items()
 }
 
 

@@ -52,18 +52,16 @@ def seam_graph(one: Propagation) -> Chart | None:
     """
     if not one.carriers:
         return None
-    place = {row.seam: number for number, row in enumerate(one.carriers)}
-    ranged = [(row, row.shows) for row in one.carriers if row.ranged]
-    carrying = [(row, row.carries) for row in one.carriers]
-    return Chart(
+    return _signal_chart(
         "Which signals carry and show the faults that evade",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
-        _rows(one.carriers),
+        one.carriers,
+        ("differs before harm", "series3", [row.carries for row in one.carriers]),
         (
-            _dots("differs before harm", "series3", carrying, place, False),
-            _dots("leaves its normal range before harm", "series2", ranged, place, True),
+            "leaves its normal range before harm",
+            "series2",
+            [row.shows if row.ranged else None for row in one.carriers],
         ),
-        height=ROW * len(one.carriers),
     )
 
 
@@ -72,15 +70,12 @@ def lead_chart(one: Propagation) -> Chart | None:
     rows = [row for row in one.carriers if row.shows.k]
     if not rows:
         return None
-    place = {row.seam: number for number, row in enumerate(rows)}
     most = max(max(row.lead_ms.value, float(np.nan_to_num(row.lead_ms.high))) for row in rows)
-    showing = [(row, row.lead_ms) for row in rows]
-    return Chart(
+    return _signal_chart(
         "How long before harm a signal leaves its range",
         ChartAxis("median, ms before harm", 0.0, 1.05 * most, unit="ms"),
-        _rows(rows),
-        (_dots("of the faults that it shows", "series2", showing, place, True),),
-        height=ROW * len(rows),
+        rows,
+        ("of the faults that it shows", "series2", [row.lead_ms for row in rows]),
     )
 
 
@@ -105,29 +100,26 @@ def draw_charts(one: Propagation, path: Path) -> bool:
     return True
 
 
-def _rows(carriers: Sequence[Carrier]) -> ChartAxis:
+def _signal_chart(
+    title: str,
+    axis: ChartAxis,
+    carriers: Sequence[Carrier],
+    *marks: tuple[str, str, Sequence[Rate | Estimate | None]],
+) -> Chart:
+    """Return a chart with a row for each seam. A mark has a name, a colour and a value a row."""
+    dots = []
+    for name, colour, values in marks:
+        known = [(place, value) for place, value in enumerate(values) if value is not None]
+        places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
+        value, low, high = ends.reshape(-1, 3).T
+        tips = (f"{carriers[at].seam}: {_words(v)}, {carriers[at].meaning}" for at, v in known)
+        is_last = values is marks[-1][2]
+        y = np.array(places, float)
+        mark = Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last)
+        dots.append(mark)
     names = tuple(row.seam for row in carriers)
-    return ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
-
-
-def _dots(
-    name: str,
-    colour: str,
-    rows: Sequence[tuple[Carrier, Rate | Estimate]],
-    place: dict[str, int],
-    diamond: bool,
-) -> Dots:
-    value, low, high = (np.array([one[end] for _, one in rows], float) for end in (-3, -2, -1))
-    return Dots(
-        name,
-        colour,
-        value,
-        np.array([place[row.seam] for row, _ in rows], float),
-        x_low=low,
-        x_high=high,
-        tips=tuple(f"{row.seam}: {_words(one)}, {row.meaning}" for row, one in rows),
-        diamond=diamond,
-    )
+    signals = ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
+    return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))
 
 
 def _words(value: Rate | Estimate) -> str:

@@ -249,10 +249,6 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
-def _share(title: str) -> ChartAxis:
-    return ChartAxis(title, 0.0, 1.0, share=True)
-
-
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
@@ -293,7 +289,8 @@ def _chart(
             )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
-    return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)
+    shares = (ChartAxis(words, 0.0, 1.0, share=True) for words in (across, up))
+    return Chart(title, *shares, tuple(marks), HEIGHT)
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

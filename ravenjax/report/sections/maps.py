@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import tomllib
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -42,19 +43,8 @@ UNTIL_END = -1
 TO_THE_END, UNSET, OTHERS = "to the end", "not set", "others"
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
-SLOT_INPUTS = {
-    "value": "value",
-    "duration_ms": "duration, ms",
-    "start_ms": "onset, ms",
-    "channel": "channel",
-    "arm": "arm",
-    "every_ms": "again every, ms",
-    "period_ms": "period, ms",
-    "trigger": "onset counts from",
-}
-"""Columns of a fault slot that may be an axis, with their titles. If no input explains more than
-another, the first ones are taken.
-"""
+_FILE = tomllib.loads(Path(__file__).with_name("maps.toml").read_text(encoding="utf-8"))
+SLOT_INPUTS = _FILE["inputs"]
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
 """Inputs that have the same meaning at every site."""
 
@@ -63,24 +53,16 @@ class MapMeasure(NamedTuple):
     """Something that happened in a run or did not."""
 
     name: str
-    # SQL over columns of facts.
-    sql: str
     title: str
-    # Words that follow a count, as in "3 of 12 ...".
     words: str
+    sql: str
+    free_sql: str = ""  # in a campaign without any fault; "" leaves the measure out
 
 
-MEASURES = (
-    MapMeasure("unintended", "unintended", "Unintended motion", "had an unintended motion"),
-    MapMeasure("told", "told", "A check raised an alarm", "had an alarm by a check"),
-    MapMeasure("cue", "cued", "The cue came", "had the cue"),
-    MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
+MEASURES = tuple(MapMeasure(**measure) for measure in _FILE["measures"])
+FREE_MEASURES = tuple(
+    measure._replace(sql=measure.free_sql) for measure in MEASURES if measure.free_sql
 )
-"""Measures of runs with a fault. The leading one is the first that came in some runs and not in
-others.
-"""
-FREE_MEASURES = (MEASURES[1], MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"))
-"""Measures of a campaign without any fault."""
 
 
 class MapAxis(NamedTuple):

@@ -90,16 +90,10 @@ def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTEND
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
 
-    - evaded, felt, unseen, evaded_limited: faults that evaded; of these, those with the cue,
-      without the cue, and with a limit by a check.
-    - loss, misreport: hazards that no check reported.
-    - halted: losses of motion whose only reason is that the robot was not live.
-    - inactive: valid runs whose fault never changed a bit. They are in no rate.
-    - repeats: further valid runs of these faults.
-    - reacting: runs in which an operator reacts to the cue, if nobody does in other runs. They are
-      in no rate.
-    - faulty, failed: runs with a fault, and runs without a valid outcome, of all runs.
-    - false_cue: of fault-free motions.
+    Hazards that no check reported: loss, misreport; halted is a loss only because the robot was not
+    live. inactive: valid runs whose fault never changed a bit. repeats: further valid runs of these
+    faults. reacting: runs in which an operator reacts, if nobody does in others. faulty, failed: of
+    all runs. false_cue: of fault-free motions.
     """
     both = "warned_ms >= 0 AND told_ms >= 0"
     conditions = {
