@@ -129,7 +129,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
             manifest.find_changes(records[0].config, records[1].config),
-            manifest.find_changes(_made(records[0]), _made(records[1])),
+            manifest.find_changes(*map(_describe_origin, records)),
             pairs,
             [_rate(table, name, records, among) for name in RATES],
             {word: _transitions(table, word) for word in WORDS},
@@ -137,7 +137,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         )
 
 
-def _made(record: Manifest) -> dict[str, Any]:
+def _describe_origin(record: Manifest) -> dict[str, Any]:
     return {
         "engine": record.engine,
         "device": record.device,

@@ -161,13 +161,11 @@ def list_motions(ready: Plan) -> dict[str, Any]:
         small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
         others = {name: _motion(ready, name) for name in names if small and name != own}
         columns |= {name: other for name, other in others.items() if other is not None}
-    contents = {
-        name: b"".join(column.tobytes() for column in of_name) for name, of_name in columns.items()
+    motions = {
+        name: _base64(b"".join(column.tobytes() for column in of_name))
+        for name, of_name in columns.items()
     }
-    return {
-        "motion": own or "",
-        "motions": {name: _base64(content) for name, content in contents.items()},
-    }
+    return {"motion": own or "", "motions": motions}
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
@@ -228,13 +226,9 @@ def _effects() -> dict[str, dict[str, Any]]:
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
-    columns = {name: ready.rows[f"fault0_{name}"].array.tolist() for name in table.WORDS}
-    columns["start_ms"] = ready.rows["fault0_start_ms"].to_numpy().tolist()
-    first: dict[str, int] = {}
-    for row, group in enumerate(ready.rows["group"].array.tolist()):
-        if columns["site"][row]:
-            first.setdefault(group, row)
-    return [{name: column[row] for name, column in columns.items()} for row in first.values()]
+    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
+    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    return faulty[list(names)].rename(columns=names).to_dict("records")  # pyright: ignore[reportReturnType]
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:

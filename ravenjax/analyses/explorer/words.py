@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections.abc import Iterable
@@ -95,22 +96,20 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    spans: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
     for group in config.model_dump(mode="json")["group"]:
         for fault in group.get("fault") or ():
-            numbers = [float(number) for number in _numbers(fault.get("value"))]
             effects = fault["effect"] if isinstance(fault["effect"], list) else [fault["effect"]]
-            for effect in effects if numbers else ():
-                span = spans.setdefault(f"{fault['site']}/{effect}", [min(numbers), max(numbers)])
-                span[:] = [min(span[0], *numbers), max(span[1], *numbers)]
-    return spans
+            for effect in effects:
+                numbers = values.setdefault(f"{fault['site']}/{effect}", [])
+                numbers += map(float, _numbers(fault.get("value")))
+    return {name: [min(numbers), max(numbers)] for name, numbers in values.items() if numbers}
 
 
 def _numbers(value: Any) -> list[Any]:
-    if isinstance(value, dict):
-        return [number for inner in value.values() for number in _numbers(inner)]
-    if isinstance(value, list):
-        return [number for inner in value for number in _numbers(inner)]
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return [number for part in parts for number in _numbers(part)]
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
@@ -188,11 +187,8 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    runs = Runs.open(folder, record)
-    try:
+    with contextlib.closing(Runs.open(folder, record)) as runs:
         return tables.headline_counts(runs, record)["evaded"]._asdict()
-    finally:
-        runs.close()
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:

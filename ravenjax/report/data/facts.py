@@ -85,15 +85,12 @@ def derive_facts(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
 
 def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
     """Register a DataFrame as the result table of a connection."""
-    # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
-    plain = {
-        name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name]
-        for name in frame
-    }
-    columns = {
-        name: pa.array(values, from_pandas=not isinstance(values, np.ndarray))
-        for name, values in plain.items()
-    }
+    columns = {}
+    for name in frame:
+        # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
+        is_float = frame[name].dtype.kind == "f"
+        values = frame[name].to_numpy() if is_float else frame[name]
+        columns[name] = pa.array(values, from_pandas=not is_float)
     table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **columns}))
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 

@@ -162,16 +162,13 @@ def _announced(runs: Runs, k: int, chosen: str) -> Announced:
 
 
 def _changed_groups(runs: Runs) -> dict[str, list[str]]:
-    present = runs.groups()
     paths = {
-        group["name"]: [
+        group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
-        ]
+        )
         for group in runs.manifest.config.get("group", ())
     }
-    return {
-        name: list(dict.fromkeys(own)) for name, own in paths.items() if own and name in present
-    }
+    return {name: list(paths[name]) for name in runs.groups() if paths.get(name)}
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:

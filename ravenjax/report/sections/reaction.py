@@ -89,15 +89,12 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     """Return about MOST runs with the needed columns. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
+    facts = ("failed", "faulty", "action", "unintended", '"distinct"')
     columns = [
         *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
-        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "action", "unintended")),
-        *(
-            f"{FACTS}.{quote_name(name)}::VARCHAR AS {quote_name(name)}"
-            for name in ("group", "layer")
-        ),
-        f'{FACTS}."distinct"',
+        *(f"{FACTS}.{name}" for name in facts),
+        *(f'{FACTS}."{name}"::VARCHAR AS "{name}"' for name in ("group", "layer")),
     ]
     return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 

@@ -8,7 +8,7 @@ number of faults on each.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
@@ -79,14 +79,14 @@ def drawn_whole(runs: Runs) -> list[str]:
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
     """Return the columns of the parameters of a robot that a stored campaign draws whole."""
-    return list(dict.fromkeys(f"param:{path}" for path in _paths(config)))
-
-
-def _paths(config: Mapping[str, Any]) -> Iterator[str]:
-    for table in (config, *config.get("group", ())):
-        for path, value in table.get("parameters", {}).items():
-            if isinstance(value, Mapping) and _WHOLE in value:
-                yield path
+    return list(
+        dict.fromkeys(
+            f"param:{path}"
+            for table in (config, *config.get("group", ()))
+            for path, value in table.get("parameters", {}).items()
+            if isinstance(value, Mapping) and _WHOLE in value
+        )
+    )
 
 
 SECTIONS = (

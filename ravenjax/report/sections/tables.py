@@ -257,15 +257,13 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
     manifest = runs.manifest
     own = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in own]
-    columns = ["count(*)"]
-    for check in names:
-        margin = f"check_{check}_margin"
-        columns.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
-        columns.append(
-            f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))"
-        )
+    columns = [
+        f"count(*) FILTER (check_{name}_first_ms >= 0), min(check_{name}_margin) FILTER (response ="
+        f" 'silent' AND NOT isnan(check_{name}_margin::DOUBLE))"
+        for name in names
+    ]
     total, *numbers = runs.table.row(
-        f"SELECT {', '.join(columns)} FROM {runs.those('sample AND faulty')}"
+        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.those('sample AND faulty')}"
     )
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
