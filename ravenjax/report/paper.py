@@ -1,7 +1,4 @@
-"""Draws the main figures of a campaign for print, as SVG and PDF.
-
-The figures show verdicts, time to know, ROC curves, and the trade-off of the cue.
-"""
+"""Draws the main figures of a campaign for print, as SVG and PDF."""
 
 from __future__ import annotations
 
@@ -36,12 +33,8 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     """Write the figures of a result folder into `out`, each as .svg and .pdf, and return their
     paths.
 
-    - verdicts: share of each group's faults by outcome.
-    - time_to_know: cue, built-in response and first possible knowledge after the first effect.
-    - roc: only if the campaign has detectors.
-    - tradeoff: missed hazards over false cues.
-
-    A figure without runs is left out. Raises StoreError if the folder holds no readable result or
+    They are verdicts, time_to_know, roc (only with detectors) and tradeoff. A figure without runs
+    is left out. Raises StoreError if the folder holds no readable result or
     `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)

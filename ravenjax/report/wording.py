@@ -146,9 +146,8 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     if period > 0:
         what += f", period {format_count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
-    begins = f"from packet {format_count(start)}"
-    if trigger != "packet":
-        begins = f"from {format_count(start)} ms"
+    packet = trigger == "packet"
+    begins = f"from packet {format_count(start)}" if packet else f"from {format_count(start)} ms"
     if trigger == "pedal":
         begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
     when = f"{format_count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"

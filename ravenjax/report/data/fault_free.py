@@ -1,9 +1,8 @@
 """Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
 its folder fault_free.
 
-Rates count first alarms: each motion counts once, with the time until its first alarm. So many
-short motions and one long motion give the same rate, and a cue that flickers after it first came
-does not raise it.
+Each motion counts once, with the time until its first alarm, so that a cue that flickers after it
+first came does not raise the rate.
 """
 
 from __future__ import annotations

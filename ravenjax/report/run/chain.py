@@ -139,10 +139,8 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
 def trace_chain(
     row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
 ) -> Chain:
-    """Return the chain of one run.
-
-    `row`: from the result table. `ticks`: columns of the explained runs. `cue`: number of the
-    haptic set of the verdict.
+    """Return the chain of one run, from its row of the result table and of the explained runs.
+    `cue`: number of the haptic set of the verdict.
     """
     hazard, name = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1

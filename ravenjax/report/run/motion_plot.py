@@ -45,13 +45,12 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
         for axes in grid[-1]:
             axes.set_xlabel("time in the recording, s")
         handles = {
-            label: h
+            label: handle
             for axes in grid.flat
-            for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(
-            list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8
-        )
+        names, drawn = list(handles), list(handles.values())
+        figure.legend(drawn, names, loc="outside lower center", ncols=5, fontsize=8)
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
         paths = [out / f"{name}.{kind}" for kind in ("svg", "png")]
         for path in paths:

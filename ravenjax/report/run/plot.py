@@ -1,8 +1,4 @@
-"""Draws one run: distance of the tip, haptic force, motor commands and states over time.
-
-Two tips are drawn: the true one, which the virtual robot's links have, and the reported one, from
-which the cue is computed.
-"""
+"""Draws one run: distance of the true and the reported tip, force, commands and states."""
 
 from __future__ import annotations
 
@@ -45,11 +41,8 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    - series: as `store.logs.trace.log.write_trace` takes them. For each arm, the plot shows the
-      distances of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force`
-      and `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
-    - threshold_mm: threshold of the cue whose force is drawn.
-    - events: {label: time in ms} of vertical markers (cue, response). Negative times are left out.
+    series: as `store.logs.trace.log.write_trace` takes them. threshold_mm: of the cue whose force
+    is drawn. events: {label: time in ms} of vertical markers; negative times are left out.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     arms = {

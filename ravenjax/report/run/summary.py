@@ -70,7 +70,7 @@ def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     (meaning,) = (
         definition.clause()
         for definition in definitions.definition_rows(rules, robot)
-        if definition.kind == "response" and definition.word == str(row["response"])
+        if (definition.kind, definition.word) == ("response", row["response"])
     )
     parts = [str(row["verdict"]), meaning + when]
     if row["hazard"] == "unintended motion" and row["response"] in UNTOLD:
@@ -173,7 +173,7 @@ def list_events(
         *_checks(robot, row, golden or {}),
         *_alarms(row, rules, golden or {}),
         *_cues(row, rules, series),
-        *_hazards(row, rules),
+        *_hazards_and_reaction(row, rules),
         *_states(robot, series),
     ]
     return sorted(every, key=lambda event: (event.tick, _ORDER.index(event.kind)))
@@ -267,7 +267,7 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series) -> Iterator[RunE
         yield from _first_few(pulses, MOST_WINDOWS, f"{name}: {{}} more pulses")
 
 
-def _hazards(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
+def _hazards_and_reaction(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
     limit = f"more than {rules.limit_mm:g} mm from"
     texts = {
         "unintended": (

@@ -135,9 +135,8 @@ def cue_effects(runs: Runs) -> Changed:
     """Return what the cue would change."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
-    announcements = []
-    if runs.count(condition) and runs.motions().count:
-        announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues))]
+    some = runs.count(condition) and runs.motions().count
+    announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if some]
     first = announcements[manifest.verdict_cue] if announcements else None
     able = [cue_leads(manifest, k) for k in range(len(manifest.cues))]
     quiet = [

@@ -106,17 +106,16 @@ def _signal_chart(
     carriers: Sequence[Carrier],
     *marks: tuple[str, str, Sequence[Rate | Estimate | None]],
 ) -> Chart:
-    """Return a chart with a row for each seam. A mark has a name, a colour and a value a row."""
+    """Return a chart with a row for each seam. A mark has a name, a colour and a value a row;
+    the last is a diamond."""
     dots = []
     for name, colour, values in marks:
         known = [(place, value) for place, value in enumerate(values) if value is not None]
         places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
         value, low, high = ends.reshape(-1, 3).T
         tips = (f"{carriers[at].seam}: {_words(v)}, {carriers[at].meaning}" for at, v in known)
-        is_last = values is marks[-1][2]
-        y = np.array(places, float)
-        mark = Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last)
-        dots.append(mark)
+        y, is_last = np.array(places, float), values is marks[-1][2]
+        dots.append(Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last))
     names = tuple(row.seam for row in carriers)
     signals = ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
     return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))

@@ -1,9 +1,8 @@
 """Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
 the data choose.
 
-Here a hazard is an unintended motion. It is missed if its run had no cue, or only one that the
-golden run had by then too: such a cue comes from the motion and not from the fault. A false cue is
-the first cue of a fault-free motion. Rates are over one run of each fault.
+A hazard, an unintended motion, is missed if its run had no cue, or only one that the golden run
+had by then too. A false cue is the first cue of a fault-free motion. Each fault counts once.
 
 A single threshold is named if the intervals of missed hazards and false cues decide it
 (`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours
@@ -204,10 +203,8 @@ def _choice(
     hours: float,
     end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule.
-
-    `possible`: sets that may be best. `keeps`: sets that certainly keep the rule. `hours`: hours
-    that would decide more. `end`: sets that may be best after endless hours.
+    """Return the choice under one rule. `possible`: sets that may be best; `end`: after endless
+    hours. `keeps`: sets that certainly keep the rule. `hours` would decide more.
     """
     sure = np.flatnonzero(possible & keeps).tolist()
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))

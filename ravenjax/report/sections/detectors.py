@@ -1,9 +1,8 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's own checks and the haptic cue of the verdicts are listed beside the campaign's
-detectors, as two detectors with a single threshold. Rates and times are over one run of each fault.
-Curves are over every run, or over a drawn subset of them. If faults were drawn, intervals are over
-faults, and bands resample faults. Enumerated faults have neither.
+The robot's own checks and the haptic cue of the verdicts count as two detectors with a single
+threshold. Rates and times are over one run of each fault, curves over every run or a drawn subset.
+If faults were drawn, bands resample faults. Enumerated faults have no bands and no intervals.
 """
 
 from __future__ import annotations
@@ -127,11 +126,8 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
 
 
 def knowledge_sql(runs: Runs) -> str:
-    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
-
-    It is the time of the cue, a check, or a detector at its lowest threshold without a false alarm.
-    An alarm before the fault had any effect does not count. The expression is over columns of
-    facts.
+    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never:
+    by the cue, a check, or a detector at its lowest threshold without a false alarm.
     """
     return _first_alarm(runs)
 
@@ -139,8 +135,6 @@ def knowledge_sql(runs: Runs) -> str:
 def before_motion(runs: Runs) -> str:
     """Return the SQL of `knowledge_sql` without alarms that cannot come before the motion by
     definition: cues and tip errors at its limit or beyond.
-
-    For the remaining alarms it is a finding whether they come before the motion.
     """
     return _first_alarm(runs, leading=True)
 

@@ -1,9 +1,8 @@
 """Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
 that matter most.
 
-The axes of a map are the two inputs that explain most of the outcome. Inputs with many values are
-binned. Faults of one site and effect have their own map if there are enough of them. All faults
-together have a map by site and effect.
+The axes of a map are the two inputs that explain most of the outcome. Faults of one site and effect
+have their own map if there are enough of them.
 """
 
 from __future__ import annotations
@@ -193,11 +192,8 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
 
 
 def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapAxis:
-    """Return an axis with one bin per word: the words of `order` first, then the others
-    alphabetically.
-
-    If there are more than MOST_VALUES words, the most frequent have bins, and one bin holds the
-    others.
+    """Return an axis with one bin per word, those of `order` first. Of more than MOST_VALUES words
+    the most frequent have bins, and one bin holds the others.
     """
     words, counts = np.unique(values, return_counts=True)
     if len(words) > MOST_VALUES:

@@ -1,8 +1,7 @@
 """Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-Rates are over one run of each fault. Times are over faults with an unintended motion, as for
-detectors. A check counts as tripped if it trips more often than in the golden run, or sooner. Its
-trips in fault-free motion are its false alarms.
+A check counts as tripped if it trips more often than in the golden run, or sooner. Its trips in
+fault-free motion are its false alarms.
 """
 
 from __future__ import annotations

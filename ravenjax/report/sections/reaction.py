@@ -2,8 +2,7 @@
 operator's reaction to the cue.
 
 A pair is two runs that differ only in crossed parameters, and in one of which the operator does not
-react. If a fault was run several times, the first pair counts. If other parameters are crossed too,
-a fault has one pair for each of their values.
+react. A fault has one pair for each value of other crossed parameters.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
 `ravenjax calibrate`.
 
-Such a file holds draws from the posterior distribution of a robot's parameters, given a log. The
-sampled unit is the robot: the interval is for the rate of one more robot, whatever the
-number of faults on each.
+The sampled unit is the robot: the interval is for the rate of one more robot, whatever the number
+of faults on each.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from ravenjax.report.sections import Section
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 from ravenjax.stats.latency import Delays, Incidence
-from ravenjax.store.access.query import RESULTS, quote_text
+from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
@@ -109,7 +109,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "both": both,
         "cue_first": f"{both} AND warned_ms < told_ms",
         "same_ms": f"{both} AND warned_ms = told_ms",
-        **{name: f"outcome = {quote_text(name)}" for name in OUTCOMES},
+        **{name: f"outcome = '{name}'" for name in OUTCOMES},
     }
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
@@ -283,9 +283,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
     """Return which check decided the response to faults, most frequent first."""
-    counts = ", ".join(
-        f"count(*) FILTER (response = {quote_text(name)}) AS {name}" for name in CAUSED
-    )
+    counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
         "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
