@@ -50,9 +50,10 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
             "tradeoff": tradeoff_figure(runs),
         }
         for name, figure in figures.items():
-            for kind in ("svg", "pdf") if figure else ():
-                paths.append(out / f"{name}.{kind}")
-                save_figure(figure, paths[-1])
+            if figure is not None:
+                for kind in ("svg", "pdf"):
+                    paths.append(out / f"{name}.{kind}")
+                    save_figure(figure, paths[-1])
     return paths
 
 

@@ -113,22 +113,16 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
         f" (unintended), count(*) FILTER (loss), {tables.quantiles_sql('unintended_mm')}, count(*)"
         f" FILTER ({off} AND NOT unintended), max(unintended_off_mm) FROM {FACTS} JOIN (SELECT row,"
         f" unintended_mm, unintended_off_mm FROM {RESULTS}) USING (row) WHERE sample AND faulty"
-        " GROUP BY name"
+        " GROUP BY name ORDER BY name"
     ):
         soon = latency.incidence_curve(delays.get(name, NONE)).quantile_interval(0.5)
         before = latency.lead_time(lags.get(name, NONE)).before
         if not runs.sampled(groups.get(name)):
-            soon, before = map(tables.without_interval, (soon, before))
-        rates = (tables.of_faults(runs, k, n, groups.get(name)) for k in hits)
-        rows.append(ClassRow(name, *rates, before, soon, Quantiles(*mm), not_live, farthest))
-    return sorted(
-        rows,
-        key=lambda row: (
-            *tables.least_last(row.evaded),
-            *tables.least_last(row.unintended),
-            row.name,
-        ),
-    )
+            soon, before = tables.without_interval(soon), tables.without_interval(before)
+        evaded, unintended, loss = (tables.of_faults(runs, k, n, groups.get(name)) for k in hits)
+        rates = evaded, unintended, loss, before
+        rows.append(ClassRow(name, *rates, soon, Quantiles(*mm), not_live, farthest))
+    return sorted(rows, key=lambda row: [*map(tables.least_last, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:

@@ -283,8 +283,8 @@ def _chart(
             )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
-    shares = (ChartAxis(words, 0.0, 1.0, share=True) for words in (across, up))
-    return Chart(title, *shares, tuple(marks), HEIGHT)
+    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (across, up))
+    return Chart(title, x_axis, y_axis, tuple(marks), HEIGHT)
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

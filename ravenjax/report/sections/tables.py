@@ -81,10 +81,10 @@ def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTEND
         for sql, start in ((event, "active_ms"), (leading or event, "unintended_ms"))
     )
     delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
-    half_ms, before, lead_ms = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
+    times = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
     if not runs.sampled():
-        half_ms, before, lead_ms = map(without_interval, (half_ms, before, lead_ms))
-    return EventTimes(delays, half_ms, before, lead_ms, lead.alarmed)
+        times = without_interval(times[0]), without_interval(times[1]), without_interval(times[2])
+    return EventTimes(delays, *times, lead.alarmed)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
