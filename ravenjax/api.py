@@ -16,8 +16,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import replay_run
 from ravenjax.campaign.loading import load_campaign, load_source, result_folder
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.notebook import running
-from ravenjax.notebook.campaign import Campaign
+from ravenjax.notebook.campaign import Campaign, run_config
 from ravenjax.notebook.results import CampaignResults, column_meanings
 from ravenjax.report import downloads, wording
 from ravenjax.store import manifest
@@ -42,7 +41,7 @@ def run(
     or "ray". workers: number of parallel tasks; the table does not depend on it. Raises UserError,
     and StoreError for errors of `out`.
     """
-    results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
+    results = run_config(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
     table.attrs.update(column_meanings(results.shape))
     return table

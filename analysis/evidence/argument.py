@@ -70,7 +70,7 @@ def say_hazards(source: Source) -> list[str]:
     total = wording.count_noun(rows[0]["total"].n, "distinct fault")
     for hazard in dict.fromkeys(cell["hazard"] for cell in rows[0]["cells"]):
         counts = {
-            row["name"]: sum(c["rate"].k for c in row["cells"] if c["hazard"] == hazard)
+            row["name"]: sum(c["share"].k for c in row["cells"] if c["hazard"] == hazard)
             for row in rows
         }
         k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]

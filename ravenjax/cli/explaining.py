@@ -107,8 +107,8 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
         one = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
         table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
         write_text(table, downloads.format_csv(one.links) or "layer,signal\n")
-        paths = [table] if chain_words.draw_timeline(one, plot) is None else [table, plot]
-        records.append(chain_words.as_dict(one) | {"files": [str(path) for path in paths]})
+        paths = [table, plot] if chain_words.draw_timeline(one, plot) else [table]
+        records.append(one._asdict() | {"visible": one.first, "files": paths})
         if not as_json:
             _print(one, paths)
     if as_json:
@@ -116,16 +116,14 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 
 def _print(one: Chain, paths: list[Path]) -> None:
+    from ravenjax.report import wording
     from ravenjax.report.run import chain_words
 
     console.print_text(
         "\n  ".join([chain_words.chain_title(one), *chain_words.chain_sentences(one)])
     )
-    tables = (
-        (chain_words.LINKS, chain_words.link_rows(one)),
-        (chain_words.CHECKS, chain_words.check_rows(one)),
-    )
-    for columns, rows in tables:
+    for template in ("links.txt.j2", "near_checks.txt.j2"):
+        columns, *rows = wording.fill_table(template, chain=one)
         if rows:
             console.print_table("", columns, rows)
     console.print_text("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
@@ -134,7 +132,7 @@ def _print(one: Chain, paths: list[Path]) -> None:
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
     import contextlib
 
-    from ravenjax.report import downloads
+    from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
     from ravenjax.store.access import explained
@@ -148,11 +146,13 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     if text := downloads.format_csv(one.carriers):
         paths.append(place / "signals.csv")
         write_text(paths[-1], text)
-    if chains.draw_charts(one, place / "signals.svg") is not None:
+    if chains.draw_charts(one, place / "signals.svg"):
         paths.append(place / "signals.svg")
     if as_json:
-        return console.emit_json(chains.as_dict(one) | {"files": [str(path) for path in paths]})
+        sentences = chains.chain_sentences(one)
+        return console.emit_json(one._asdict() | {"sentences": sentences, "files": paths})
     console.print_text("\n".join(chains.chain_sentences(one)))
     if one.carriers:
-        console.print_table("", chains.COLUMNS, chains.chain_table(one))
+        columns, *rows = wording.fill_table("carriers.txt.j2", all=one)
+        console.print_table("", columns, rows)
     return console.print_text("\n".join(f"  wrote    {path}" for path in paths))

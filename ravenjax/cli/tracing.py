@@ -59,9 +59,9 @@ def trace(
         summary = run_summary.summarize_run(
             row, record.rules, again.series, again.golden, record.robot
         )
-        paths = _write(place, record, again, [event.as_dict() for event in summary.events])
+        paths = _write(place, record, again, [event._asdict() for event in summary.events])
         records.append(
-            {"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]}
+            {"run_id": row["run_id"], **summary._asdict(), "files": [str(path) for path in paths]}
         )
         if not as_json:
             console.print_text(

@@ -196,9 +196,7 @@ class Chart:
         )
 
     def values(self) -> str:
-        """Return the data that the page's script needs to show values, as JSON: axes, and each
-        curve point by point.
-        """
+        """Return the axes and the points of each curve as JSON, for the page's script."""
         content: dict[str, Any] = {
             name: {
                 key: getattr(axis, key) for key in ("title", "low", "high", "log", "share", "unit")

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.document.figure_style import INK, SOFT, STYLE
+from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
@@ -34,23 +34,6 @@ the table of numbers has the full names.
 """
 PRINTED = 0.6
 """Size of dots and lines in print, relative to a page."""
-PAGE_STYLE: dict[Any, Any] = STYLE | {
-    "font.size": 12,
-    "axes.facecolor": "none",
-    "xtick.color": SOFT,
-    "ytick.color": SOFT,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 12,
-    "xtick.major.size": 0,
-    "ytick.major.size": 0,
-    "axes.spines.left": False,
-    "axes.axisbelow": True,
-    "figure.constrained_layout.w_pad": 0,
-    "figure.constrained_layout.h_pad": 0,
-    "grid.linewidth": 1.0,
-    "ytick.major.pad": 6,
-}
 _PAPER, _GRID = "#ffffff", STYLE["grid.color"]
 _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
     INK: "ink",
@@ -75,9 +58,7 @@ _REPLACED = tuple(
 
 
 def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
-    """Return the chart as SVG, once for each of `kinds` of WIDTHS. `described_by`: id of the
-    element that holds its numbers.
-    """
+    """Return the chart as SVG for each of `kinds`. `described_by`: id of its numbers."""
     with matplotlib.rc_context(PAGE_STYLE):
         drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]
     return Markup("\n").join(drawings)

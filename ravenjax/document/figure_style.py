@@ -1,26 +1,19 @@
-"""Defines matplotlib settings that all printed figures share.
-
-Text stays text, and files hold no date.
-"""
+"""Reads matplotlib's settings that all figures share, and those of a page's charts."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
+
+import matplotlib
 
 INK, SOFT = "#3a424c", "#8a8f96"
 
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "font.family": "sans-serif",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "ravenjax",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": SOFT,
-    "axes.grid": True,
-    "grid.color": "#e8e6e1",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
+
+def _read(name: str) -> dict[Any, Any]:
+    path = Path(__file__).with_name(name)
+    return dict(matplotlib.rc_params_from_file(path, use_default_template=False))
+
+
+STYLE = _read("figure.mplstyle")
+PAGE_STYLE = STYLE | _read("page.mplstyle")

@@ -15,13 +15,12 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Chart
 from ravenjax.document.tables import with_scopes
 
+_NAME = "<!--drawing-->"
 _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
 def template_environment(*packages: str) -> jinja2.Environment:
-    """Return a template environment for these packages (their folders `templates`) and this one,
-    with what every page needs.
-    """
+    """Return an environment for these packages' templates, with what every page needs."""
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
             [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
@@ -68,34 +67,22 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     body = markdown.render(text)
-    pictures = drawings or {}
-    body = re.sub(
-        r'<p><img src="([^"]*)" alt="([^"]*)" ?/?></p>',
-        lambda image: _picture(image, pictures),
-        body,
-    )
-    body = re.sub(
-        r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL
-    )  # the first cell of a row is its heading
+    for name, drawing in (drawings or {}).items():
+        body = re.sub(
+            rf'<p><img src="{re.escape(name)}" alt="([^"]*)" ?/?></p>',
+            rf'<figure class="drawing" role="img" aria-label="\1">{_NAME}</figure>',
+            body,
+        ).replace(_NAME, inline_svg(drawing, name))
+    body = re.sub(r'<img src="[^"]*" alt="([^"]*)" ?/?>', r"\1", body)
+    # The first cell of a row is its heading.
+    body = re.sub(r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL)
     title, body, sections = _with_headings(body)
     page = template_environment().get_template("markdown.html.j2")
     return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
 
 
-def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
-    name, words = image.groups()
-    if name not in drawings:
-        return f"<p>{words}</p>"
-    return (
-        '<figure class="drawing" role="img"'
-        f' aria-label="{words}">{inline_svg(drawings[name], name)}</figure>'
-    )
-
-
 def inline_svg(text: str, name: str) -> str:
-    """Return an SVG file's text as an element of a page: without the prologue, and without ids that
-    collide with other drawings.
-    """
+    """Return an SVG file's text as an element of a page, with ids of its own."""
     from ravenjax.document.drawing import with_own_ids
 
     body = text[text.index("<svg") :].strip()
@@ -114,14 +101,13 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
     body = body[: heading.start()] + body[heading.end() :] if heading else body
     sections: list[tuple[str, str]] = []
     section = _plain(title)
-    used: set[str] = set()
     out = []
     for part in re.split(r"(<h2>.*?</h2>|<table>)", body, flags=re.DOTALL):
         if part.startswith("<h2>"):
             section = _plain(part)
             name = re.sub(r"\W+", "-", section.lower()).strip("-") or "section"
-            name = name if name not in used else f"{name}-{len(used)}"
-            used.add(name)
+            if name in dict(sections):
+                name = f"{name}-{len(sections)}"
             sections.append((name, section))
             part = part.replace("<h2>", f'<h2 id="{name}">', 1)
         elif part == "<table>":
@@ -134,5 +120,4 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
 
 
 def _plain(html: str) -> str:
-    """Return the words of a piece of HTML."""
     return str(Markup(html).striptags())

@@ -5,6 +5,8 @@ The colours remain distinguishable in every form of colour blindness.
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -16,18 +18,9 @@ class Colour(NamedTuple):
 
 
 CUE, RESPONSE, SAME = "cue", "response", "same"
+_FILE = Path(__file__).with_name("palette.toml")
 PALETTE = {
-    CUE: Colour("#c2410c", "#f0824a"),  # vermilion and blue differ in every colour blindness
-    RESPONSE: Colour("#0072b2", "#4aa8dd"),
-    SAME: Colour("#7d848c", "#9aa3ad"),
-    "series0": Colour("#0072b2", "#4aa8dd"),  # the series follow Okabe and Ito
-    "series1": Colour("#c2410c", "#f0824a"),
-    "series2": Colour("#009e73", "#2fc598"),
-    "series3": Colour("#8b2a6b", "#d884b8"),
-    "series4": Colour("#3f9fd6", "#8accf0"),
-    "series5": Colour("#a67c00", "#d9ae2b"),
-    "series6": Colour("#b65c94", "#e7a8cd"),
-    "series7": Colour("#5b6470", "#b4bcc5"),
+    name: Colour(*pair) for name, pair in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
 }
 """Colours by name."""
 SERIES = tuple(name for name in PALETTE if name.startswith("series"))
@@ -35,9 +28,7 @@ SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 
 
 def series_colour(number: int) -> str:
-    """Return the name of the colour of a curve by its number. The names repeat after the
-    last one.
-    """
+    """Return the colour's name of a curve by its number; the names repeat."""
     return SERIES[number % len(SERIES)]
 
 

@@ -12,10 +12,8 @@ _WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
 
 
 def with_scopes(html: str) -> str:
-    """Return HTML with `scope` in every <th> that has none.
-
-    The scope is a column in thead and tfoot, else a row; it is a group if the heading spans several
-    columns or rows.
+    """Return HTML with `scope` in every <th> that has none: a column in thead and tfoot, else a
+    row; a group if the heading spans several.
     """
     part = ""
 

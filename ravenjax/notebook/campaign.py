@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from ravenjax import robots
 from ravenjax.campaign import loading, population, writing
+from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.campaign.file.section import models_in, toml_value
 from ravenjax.campaign.progress import OnProgress
+from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, format_value
-from ravenjax.notebook import running
 from ravenjax.store import files
+from ravenjax.store.access.results import Results
 
 if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
@@ -141,7 +143,7 @@ class Campaign:
         """
         from ravenjax.notebook.results import CampaignResults
 
-        results = running.run(self.config, out, engine, on_progress, executor, workers)
+        results = run_config(self.config, out, engine, on_progress, executor, workers)
         return CampaignResults(results.path, results)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -166,9 +168,7 @@ def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
 
 
 def _signature() -> inspect.Signature:
-    """Return a signature with the keys of a Raven-II's campaign, so that a notebook can complete
-    them.
-    """
+    """Return a signature with the keys of a Raven-II's campaign, for completion in a notebook."""
     model = config_class_of(robots.find_robot(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
@@ -185,7 +185,6 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a file with the same content as these keys."""
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
@@ -222,3 +221,35 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
         return changed(value) if place in places and isinstance(value, str) and value else value
 
     return {key: entered((key,), value) for key, value in tables.items()}
+
+
+def run_config(
+    config: CampaignConfig,
+    out: Any,
+    engine: str,
+    on_progress: OnProgress | None,
+    executor: str | None,
+    workers: int | None,
+) -> Results:
+    """Run a campaign into `out`, a path, or into a temporary folder that is deleted with the
+    results.
+
+    Raises UserError and StoreError.
+    """
+    if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
+        raise UserError(
+            f"out is {format_value(out)}, expected the path of a result folder, or None for a"
+            " temporary one"
+        )
+    if on_progress is not None and not callable(on_progress):
+        raise UserError(
+            f"on_progress is {format_value(on_progress)}, expected a function of one Status, or"
+            " None"
+        )
+    return adaptive.run_adaptively(
+        config,
+        None if out is None else Path(out),
+        engine,
+        on_progress=on_progress,
+        executor=choose_executor(executor, workers),
+    )

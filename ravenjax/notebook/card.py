@@ -52,7 +52,6 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
 
 
 def _faults(group: Group) -> str:
-    """Return sites and effects of the group's faults, in order."""
     named = (
         f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault
     )

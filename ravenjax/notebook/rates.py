@@ -79,7 +79,6 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
 
 
 def _column(runs: Runs, name: str) -> str:
-    """Return the SQL expression that groups faults by this name."""
     if name in _WORDS and name in runs.facts:
         return f"f.{quote_name(name)}::VARCHAR"
     for prefix in _PREFIXES:

@@ -49,9 +49,7 @@ class ShownFigure:
 
 
 def column_meanings(shape: schema.Shape) -> dict[str, dict[str, str]]:
-    """Return the attrs of a result table: {"units": {column: unit}, "meanings": {column:
-    meaning}}.
-    """
+    """Return {"units": {column: unit}, "meanings": {column: meaning}} of a result table."""
     columns = schema.table_columns(shape)
     return {
         "units": {column.name: column.unit for column in columns},
@@ -257,7 +255,6 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
-        """The table and its facts in DuckDB, open as long as this object exists."""
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)

@@ -136,7 +136,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
             manifest.find_changes(records[0].config, records[1].config),
-            manifest.find_changes(_made(records[0]), _made(records[1])),
+            manifest.find_changes(*map(_describe_origin, records)),
             pairs,
             [_rate(table, name, records, among) for name in RATES],
             {word: _transitions(table, word) for word in WORDS},
@@ -144,8 +144,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         )
 
 
-def _made(record: Manifest) -> dict[str, Any]:
-    """Return the engine, device, code and versions that computed a folder."""
+def _describe_origin(record: Manifest) -> dict[str, Any]:
     return {
         "engine": record.engine,
         "device": record.device,
@@ -155,13 +154,11 @@ def _made(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    """Create the table `pairs` with columns first and second: row numbers in either folder."""
-    keys = _keys(table)
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
     )
-    for side, key in zip(SIDES, keys, strict=True):
+    for side, key in zip(SIDES, _keys(table), strict=True):
         table.run(
             f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
             f" runs_{side} ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) SELECT row,"
@@ -185,42 +182,33 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Return SQL for the pairing keys of each folder: the columns that distinguish its runs and
-    that the other folder may have too.
-    """
+    """Return SQL for each folder's pairing key: columns that distinguish runs and may be shared."""
     types = [table.types(f"runs_{side}") for side in SIDES]
-    faults = sorted({name for one in types for name in one if name.startswith("fault")})
+    faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
-    def column(name: str, own: dict[str, str]) -> str:
+    def column(name: str, columns: dict[str, str]) -> str:
+        text = quote_name(name)
         # a slot that this campaign lacks counts as empty
-        if name not in own:
+        if name not in columns:
             return "NULL"
-        if own[name] in ("DOUBLE", "FLOAT"):
-            number = quote_name(name)
-            return f"CASE WHEN isnan({number}) THEN NULL ELSE 0 + {number}::DOUBLE END"
-        return f"nullif({quote_name(name)}::VARCHAR, '')"
-
-    def key(own: dict[str, str]) -> str:
-        slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
+        if columns[name] in ("DOUBLE", "FLOAT"):
+            value = f"CASE WHEN isnan({text}) THEN NULL ELSE 0 + {text}::DOUBLE END"
+        else:
+            value = f"nullif({text}::VARCHAR, '')"
+        if name in shared:
+            return value
         # Other columns of an empty slot carry no information.
-        filled = [
-            (
-                f"CASE WHEN {quote_name(slot)} <> '' THEN {column(name, own)} END"
-                if slot in own
-                else "NULL"
-            )
-            for name, slot in slots.items()
-        ]
-        return ", ".join([*filled, *(column(name, own) for name in shared)]) or "0"
+        return f"CASE WHEN {quote_name(name.partition('_')[0] + '_site')} <> '' THEN {value} END"
 
-    return key(types[0]), key(types[1])
+    first, second = (
+        ", ".join(column(name, columns) for name in [*faults, *shared]) or "0" for columns in types
+    )
+    return first, second
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
-    """Create the table `judged_<side>` with each run's fault (`key`) and its outcome under the
-    rules of its own campaign.
-    """
+    """Create `judged_<side>`: each run's fault (`key`) and outcome by its own campaign's rules."""
     names = list(table.types(f"runs_{side}"))
     happened = {
         name: f"coalesce(({events.event_sql(name, record.rules)})::BOOLEAN, false)"
@@ -250,7 +238,6 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
-    """Return whether the records of both campaigns show that the compared faults were drawn."""
     for side, record in zip("ab", records, strict=True):
         sources = draws.drawn_groups(record.config)
         present = {
@@ -264,9 +251,6 @@ def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
 def _rate(
     table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None
 ) -> RateChange:
-    """Return the change of one event's rate. `among`: fault of each pair; None if faults were not
-    drawn.
-    """
     hits = table.frame(
         f"SELECT a.{quote_name('is_' + name)} AS first, b.{quote_name('is_' + name)} AS second FROM"
         f" {_JOINED} ORDER BY pairs.first"
@@ -292,9 +276,6 @@ def _transitions(table: ResultTable, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    """Return runs whose verdict or unintended motion differs, largest change of unintended motion
-    first.
-    """
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"

@@ -14,9 +14,7 @@ _DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"Creation
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 160) -> None:
-    """Write a figure in the format of its file name's ending (.svg, .png or .pdf), without a date.
-    `dpi` applies to .png.
-    """
+    """Write a figure as its file name says (.svg, .png, .pdf), without a date. `dpi`: of .png."""
     kind = path.suffix.lstrip(".") or "png"
     write_aside(
         path,

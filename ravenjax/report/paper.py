@@ -1,7 +1,4 @@
-"""Draws the main figures of a campaign for print, as SVG and PDF.
-
-The figures show verdicts, time to know, ROC curves, and the trade-off of the cue.
-"""
+"""Draws the main figures of a campaign for print, as SVG and PDF."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ravenjax.document.drawing import print_figure
 from ravenjax.document.figure_style import STYLE
-from ravenjax.document.palette import PALETTE, RESPONSE
+from ravenjax.report.data.facts import OUTCOME_WORDS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.sections import cues, detectors, tables, time_to_know
@@ -24,15 +21,9 @@ from ravenjax.store.files import require_writable
 
 WIDTH = 7.0  # inches, two columns of a page
 OUTCOMES = {
-    "stopped": (PALETTE[RESPONSE].light, "stopped"),
-    "flagged": ("#56b4e9", "flagged"),
-    "felt": ("#d9571b", "unintended motion, cue"),
-    "unseen": ("#8b2a6b", "unintended motion, no cue"),
-    "lost": ("#b58900", "loss of motion"),
-    "misreported": ("#c9a3bd", "false report"),
-    "phantom": ("#e9b18f", "no hazard, cue"),
-    "limited": ("#a9c7d6", "limited, no hazard"),
-    "quiet": ("#d5d2cb", "nothing"),
+    name: (words["colour"], words["label"])
+    for name, words in OUTCOME_WORDS.items()
+    if name != "failed"
 }
 """Colour and label of each outcome of a valid run, as on the HTML page."""
 MOST_GROUPS = 40
@@ -42,12 +33,8 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     """Write the figures of a result folder into `out`, each as .svg and .pdf, and return their
     paths.
 
-    - verdicts: share of each group's faults by outcome.
-    - time_to_know: cue, built-in response and first possible knowledge after the first effect.
-    - roc: only if the campaign has detectors.
-    - tradeoff: missed hazards over false cues.
-
-    A figure without runs is left out. Raises StoreError if the folder holds no readable result or
+    They are verdicts, time_to_know, roc (only with detectors) and tradeoff. A figure without runs
+    is left out. Raises StoreError if the folder holds no readable result or
     `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)
@@ -64,10 +51,9 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
         }
         for name, figure in figures.items():
             if figure is not None:
-                own = [out / f"{name}.{kind}" for kind in ("svg", "pdf")]
-                for path in own:
-                    save_figure(figure, path)
-                paths += own
+                for kind in ("svg", "pdf"):
+                    paths.append(out / f"{name}.{kind}")
+                    save_figure(figure, paths[-1])
     return paths
 
 
@@ -96,9 +82,7 @@ def verdict_figure(runs: Runs) -> Figure | None:
 
 
 def how_soon(runs: Runs) -> Figure | None:
-    """Return a figure of cue, built-in response and first possible knowledge after the first
-    effect; None if no fault had an effect.
-    """
+    """Return a figure of how soon a cue and an alarm come; None if no fault had an effect."""
     curves, _ = time_to_know.incidence_curves(runs)
     return print_figure(curves, WIDTH / 2) if curves else None
 

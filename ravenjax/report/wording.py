@@ -29,9 +29,7 @@ def count_noun(value: float, noun: str) -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Write a number with `digits` significant digits, without an exponent for usual sizes. NaN and
-    infinity become a dash.
-    """
+    """Write a number with `digits` significant digits; NaN and infinity become a dash."""
     if not math.isfinite(value):
         return DASH
     value += 0.0  # turns -0.0 into 0.0, which has no minus sign
@@ -59,9 +57,7 @@ def _decimals(fraction: float) -> int:
 
 
 def format_percent(fraction: float) -> str:
-    """Write a fraction in percent: 0.156 -> 15.6 %. Values close to 0 or 100 % get a second
-    decimal.
-    """
+    """Write a fraction in percent: 15.6 %; close to 0 or 100 % with a second decimal."""
     if math.isnan(fraction):
         return DASH
     return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
@@ -78,23 +74,17 @@ def format_interval(rate: Rate) -> str:
 
 
 def format_rate(value: Rate) -> str:
-    """Write a rate with its interval: 15.6 % (14.1–17.3 %). Without an interval, write only the
-    percentage.
-    """
+    """Write a rate with its interval if it has one: 15.6 % (14.1–17.3 %)."""
     bounds = format_interval(value)
     return format_percent(value.value) + (f" ({bounds})" if bounds else "")
 
 
 def format_estimate(value: Estimate, unit: str = "") -> str:
-    """Write an estimate with its interval: 12 ms (9–15). An unknown bound or value becomes
-    a dash.
-    """
+    """Write an estimate with its interval: 12 ms (9–15). An unknown value becomes a dash."""
     if not math.isfinite(value.value):
         return DASH
-    unit = f" {unit}" if unit else ""
-    if not (math.isfinite(value.low) or math.isfinite(value.high)):
-        return f"{format_number(value.value)}{unit}"
-    return f"{format_number(value.value)}{unit} ({format_span(value.low, value.high)})"
+    bounds = format_bounds(value)
+    return f"{format_number(value.value)} {unit}".rstrip() + (f" ({bounds})" if bounds else "")
 
 
 def signed_points(difference: float) -> str:
@@ -119,9 +109,7 @@ def format_points(value: Estimate) -> str:
 
 
 def format_bounds(value: Estimate, decimals: int | None = None) -> str:
-    """Write the interval of an estimate: 9–15. It is empty if nothing is known. `decimals`: number
-    of decimals.
-    """
+    """Write the interval of an estimate: 9–15; "" if nothing is known."""
     low, high = (
         bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
     )
@@ -130,23 +118,18 @@ def format_bounds(value: Estimate, decimals: int | None = None) -> str:
 
 def format_span(low: float, high: float) -> str:
     """Write a range: 9–15, or −4 to 2 if a bound is negative. An unknown bound is left open."""
-    if math.isfinite(low) and math.isfinite(high):
-        return (
-            f"{format_number(low)}{DASH}{format_number(high)}"
-            if low >= 0
-            else f"{format_number(low)} to {format_number(high)}"
-        )
-    return f"from {format_number(low)}" if math.isfinite(low) else f"up to {format_number(high)}"
+    if not math.isfinite(low):
+        return f"up to {format_number(high)}"
+    if not math.isfinite(high):
+        return f"from {format_number(low)}"
+    return f"{format_number(low)}{DASH if low >= 0 else ' to '}{format_number(high)}"
 
 
 def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
-    """Describe the faults of one result row in a phrase: usb_out gold shoulder, overwrite 500
-    counts, 9 ms from 1,200 ms.
-    """
+    """Describe a row's faults: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    return (
-        "; ".join(filter(None, (fault_in_slot(row, slot, robot) for slot in slots))) or "no fault"
-    )
+    phrases = (fault_in_slot(row, slot, robot) for slot in slots)
+    return "; ".join(filter(None, phrases)) or "no fault"
 
 
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
@@ -157,19 +140,14 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     if not site:
         return ""
     where = " ".join(str(word) for word in (site, arm, channel) if word)
-    what = (
-        effect
-        if math.isnan(value)
-        else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
-    )
+    what = effect
+    if not math.isnan(value):
+        what += f" {_magnitude(robot, site, channel, effect, value)}"
     if period > 0:
         what += f", period {format_count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
-    begins = (
-        f"from packet {format_count(start)}"
-        if trigger == "packet"
-        else f"from {format_count(start)} ms"
-    )
+    packet = trigger == "packet"
+    begins = f"from packet {format_count(start)}" if packet else f"from {format_count(start)} ms"
     if trigger == "pedal":
         begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
     when = f"{format_count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
@@ -182,18 +160,14 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    """Write the value of a fault as its effect takes it, with its unit if this version knows the
-    channel.
-    """
+    """Write the value of a fault as its effect takes it, with the unit of a known channel."""
     text = format_number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"
     if effect == "scale":
         return f"by {text}"
-    units = (
-        {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
-    )
-    unit = units.get(channel, "")
+    channels = robot.sites[site].channels if site in robot.sites else ()
+    unit = {known.name: known.unit for known in channels}.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":
         return f"{text} {unit or '1'}/ms"
@@ -206,6 +180,7 @@ FILTERS = {
     "number": format_number,
     "hours": format_hours,
     "percent": format_percent,
+    "rate": format_rate,
     "interval": format_interval,
     "estimate": format_estimate,
     "bounds": format_bounds,
@@ -218,9 +193,7 @@ FILTERS = {
 
 @functools.cache
 def text_templates(package: str) -> jinja2.Environment:
-    """Return an environment for plain-text templates in a package's folder `templates`, with
-    FILTERS.
-    """
+    """Return an environment for the plain-text templates of a package, with FILTERS."""
     templates = jinja2.Environment(
         loader=jinja2.PackageLoader(package),
         undefined=jinja2.StrictUndefined,
@@ -234,3 +207,8 @@ def text_templates(package: str) -> jinja2.Environment:
 def fill_template(template: str, **values: Any) -> list[str]:
     """Return a filled template of the report as a list of sentences, one per line."""
     return text_templates("ravenjax.report").get_template(template).render(values).splitlines()
+
+
+def fill_table(template: str, **values: Any) -> list[tuple[str, ...]]:
+    """Return the rows of a template with cells separated by "|"; the first are the headings."""
+    return [tuple(line.split("|")) for line in fill_template(template, **values)]

@@ -56,6 +56,10 @@ class Window:
         self.page.on("console", lambda message: self.told.append(f"{message.type}: {message.text}"))
         self.page.on("pageerror", lambda error: self.told.append(f"pageerror: {error}"))
         self.page.goto(report.as_uri())
+        # On a phone all sections but the first are closed.
+        folds = self.page.locator("button.fold[aria-expanded=false]")
+        assert (folds.count() > 5) == (width <= 640)
+        folds.evaluate_all("(found) => found.forEach((button) => button.click())")
 
     def _guard(self, route):
         if route.request.url.startswith(("file:", "data:", "blob:")):

@@ -87,7 +87,7 @@ def test_enumerated_faults_have_shares_without_intervals():
     assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(
         head["evaded"].low
     )
-    cells = [cell["rate"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
+    cells = [cell["share"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
     assert all(np.isnan(rate.low) for rate in cells) and wording.format_interval(cells[0]) == ""
     some = [{**group, "design": "lhs"} for group in groups[:1]] + groups[1:]
     mixed = Runs.of(FRAME, synthetic.manifest(RUNS, config={**MANIFEST.config, "group": some}))
@@ -189,7 +189,7 @@ def test_verdict_matrix_against_a_plain_count():
                 & (facts["hazard"] == hazard)
                 & (facts["cued"] == cued)
             )
-            assert cell["rate"] == wilson_interval(int(mine.sum()), len(FAULTY))
+            assert cell["share"] == wilson_interval(int(mine.sum()), len(FAULTY))
             assert cell["evades"] == (
                 row["name"] in ("limited", "silent") and hazard == "unintended motion"
             )

@@ -17,7 +17,7 @@ def test_events_of_a_run_come_at_the_times_of_its_row():
     for row in synthetic.frame(300).to_dict("records"):
         series = {"runlevel": runlevel, "brakes": brakes, "soft_estopped": 0 * brakes}
         found = list_events(row, Rules(), series)
-        assert [event.ms for event in found] == sorted(event.ms for event in found)
+        assert [event.tick for event in found] == sorted(event.tick for event in found)
         for kind, names in {
             "check": [f"check_{name}" for name in synthetic.CHECKS],
             "cue": ["cue0"],
@@ -25,7 +25,7 @@ def test_events_of_a_run_come_at_the_times_of_its_row():
             "jump": ["jump_code"],
         }.items():
             times = sorted(row[f"{name}_first_ms"] for name in names)
-            told = [event.ms for event in found if event.kind == kind]
+            told = [event.tick for event in found if event.kind == kind]
             assert told == [ms for ms in times if ms >= 0], (kind, row["index"])
-        states = [event.ms for event in found if event.kind in ("run level", "brakes")]
+        states = [event.tick for event in found if event.kind in ("run level", "brakes")]
         assert states == [200, 204]

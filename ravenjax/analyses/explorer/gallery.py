@@ -58,17 +58,11 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
 
 
 def _card(config: CampaignConfig, folder: Path) -> Card:
-    name = config.campaign.name
-    card = Card(
-        name,
-        config.robot.title,
-        config.campaign.description,
-        round(1000 * config.campaign.duration_s),
-    )
-    path = folder / f"{name}.html"
+    campaign, file, reason = config.campaign, f"{config.campaign.name}.html", ""
     try:
-        text = page.render_page(config)
+        files.write_text(folder / file, page.render_page(config))
     except UserError as error:
-        return dataclasses.replace(card, reason=str(error))
-    files.write_text(path, text)
-    return dataclasses.replace(card, file=path.name)
+        file, reason = "", str(error)
+    duration_ms = round(1000 * campaign.duration_s)
+    title = config.robot.title
+    return Card(campaign.name, title, campaign.description, duration_ms, file, reason)

@@ -10,8 +10,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from ravenjax import robots
 from ravenjax.analyses.explorer import figure, program, words
 from ravenjax.campaign import loading
@@ -67,7 +65,6 @@ def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> 
             for name, value in data.items()
         },
         prefix=PREFIX,
-        figure_style=Markup((parts / "templates/page.css").read_text("utf-8")),
     )
 
 

@@ -1,53 +1,31 @@
-"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a page.
+"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a
+page.
 
-`describe_program` returns the object. Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words in base64. `static/engine.js` reads it:
+Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
+in base64. `static/engine.js` reads the object of `describe_program`:
 
-    {
-      "arms": ["gold"],
-      "ticks": 3000,                 ms of a run, one tick each
-      "cue": 0,                      the haptic set of the verdict
-      "parameters": [                what a reader may change, in the order of a run's inputs
-        {"path": "operator.scale", "value": 0.1, "type": "float32", "unit": "", "low": 0, "high": 1, "whole": false,
-         "meaning": "tip motion per hand motion"}, ..],
-      "observe_ms": null,            observation after the last fault ends, or null: to the end of the run
-      "slots": 1,                    largest number of faults of a run
-      "channels": [                  where faults act; a fault's code is the channel's place in this list, from 1
-        {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effects": ["overwrite", "latch_offset"]}, ..],
-      "effects": {"overwrite": {"code": 0}, ..},
-                                     a network effect also has "channel", "plain" and "constant": the channel it is injected at, the effect there, and its value
-      "triggers": {"time": 0}, "fields": {"code": "int32", .., "key": "uint32"}, "forever": 1073741824,
-      "motion": "suture",            the campaign's own, a key of `list_motions`; "" for a recording
-      "motions": {"suture": ".."},   base64, operators' motions: float32 columns one after the other
-      "programs": {"outcomes": PROGRAM, "replay": PROGRAM},
-      "verdict": {                   the words of outcomes, and what each check counts as
-        "responses": [..], "told": [..], "untold": [..], "hazards": [..], "cues": [..], "halt_ms": 200,
-        "checks": [{"name": "overdrive_instant", "cause": "overdrive", "response": "stopped", "watches": false}, ..],
-        "failures": ["", "tip not finite", ..], "may_be_infinite": [..], "cables": ["", "gold shoulder", ..],
-        "kept_of_golden": [..]},
-      "examples": [{"site": .., "channel": .., "effect": .., "start_ms": ..}, ..],      the first fault of each group
-      "worker": ".."                 text of static/worker.js: a page starts it from a Blob
-    }
-
-A PROGRAM is a module with the places of its numbers in memory, in bytes:
-
-    {
-      "binary": "..",                base64 of a WebAssembly module; it imports env.__linear_memory, nothing else
-      "width": 4,                    robots side by side in a vector
-      "inputs": {"types": ["float32", ..], "offsets": [0, 16, ..], "bytes": 176},    parameters, then slots' fields
-      "group_inputs": {..},          the same, one number each: inputs that all lanes share
-      "results": {"types": .., "offsets": .., "bytes": ..}, "outcomes": ["active_ticks", ..],
-      "state_bytes": 4704, "group_state_bytes": 144, "held_bytes": 2112, "row_bytes": 264,
-      "series": 6,                   numbers that a golden run stores in each tick, and a faulty run reads
-      "outputs": [                   only of `replay`: 32-bit words written in each tick after the series
-        {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
-    }
-"""  # noqa: E501
+- arms, ticks (ms of a run), cue (haptic set of the verdict), slots (faults of a run), observe_ms
+- parameters: what a reader may change, in the order of a run's inputs
+- channels: where faults act; a fault's code is the channel's place in this list, from 1
+- effects: code; a network effect also has the channel at which it is injected, the effect there and
+  its value
+- triggers, fields (types of a fault's numbers), forever (length of an endless window)
+- motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
+- programs: outcomes and replay, each a module with the places of its numbers in memory, in bytes.
+  It imports env.__linear_memory only. width: robots side by side in a vector. series: numbers that
+  a golden run stores in each tick, and a faulty run reads. outputs, of replay: words written in
+  each tick after the series.
+- verdict: the words of outcomes, and what each check counts as
+- examples: the first fault of each group
+- worker: text of `static/worker.js`, which a page starts from a Blob
+"""
 
 from __future__ import annotations
 
 import base64
 import dataclasses
 import fnmatch
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -73,52 +51,11 @@ from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
-PARAMETERS = (
-    "operator.scale",
-    "haptics.cues",
-    "control.motor_control.kp",
-    "control.overdrive",
-    "control.teleoperation.timeout_ticks",
-    "plc.watchdog_ticks",
-    "plant.friction_scale",
-    "plant.cable_stiffness_scale",
-    "plant.motor_constant_scale",
-    "plant.mass_scale",
-)
-"""Parameters that a page may change beyond those that the campaign varies: these, and all whose
-names begin with them.
-
-Each one costs a little speed, because values that depend on it are not constant when the code is
-generated.
-"""
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+"""Lists of parameters and series, and names that a reader understands without the manual."""
 
 MOTION_BYTES = 3_000_000
 """Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
-
-SERIES = (
-    "runlevel",
-    "surgeon_mode",
-    "soft_estopped",
-    "brakes",
-    "packet_received",
-    "fault*_active",
-    "*/jpos",
-    "*/jpos_d",
-    "*/mvel",
-    "*/tau_d",
-    "*/current_cmd_cnt",
-    "*/dac_cnt",
-    "*/position",
-    "*/position_d",
-    "*/link_jpos",
-    "*/tip",
-    "*/model_position",
-    "*/model_jpos",
-    "*/tip_error_mm",
-    "*/cue_force",
-    "*/cable_tension",
-)
-"""Time series of a replay, as `store.logs.time_series` names them; * matches any arm or number."""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
@@ -160,7 +97,7 @@ def question_plan(config: CampaignConfig) -> Plan:
 
 
 def _asked(path: str) -> bool:
-    return any(path == start or path.startswith(f"{start}.") for start in PARAMETERS)
+    return any(path == start or path.startswith(f"{start}.") for start in WORDS["parameters"])
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
@@ -224,17 +161,14 @@ def list_motions(ready: Plan) -> dict[str, Any]:
         small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
         others = {name: _motion(ready, name) for name in names if small and name != own}
         columns |= {name: other for name, other in others.items() if other is not None}
-    contents = {
-        name: b"".join(column.tobytes() for column in of_name) for name, of_name in columns.items()
+    motions = {
+        name: _base64(b"".join(column.tobytes() for column in of_name))
+        for name, of_name in columns.items()
     }
-    return {
-        "motion": own or "",
-        "motions": {name: _base64(content) for name, content in contents.items()},
-    }
+    return {"motion": own or "", "motions": motions}
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return the columns of another motion, or None if it begins at another place."""
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
@@ -292,14 +226,9 @@ def _effects() -> dict[str, dict[str, Any]]:
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
-    """Return the first fault of each group."""
-    columns = {name: ready.rows[f"fault0_{name}"].array.tolist() for name in table.WORDS}
-    columns["start_ms"] = ready.rows["fault0_start_ms"].to_numpy().tolist()
-    first: dict[str, int] = {}
-    for row, group in enumerate(ready.rows["group"].array.tolist()):
-        if columns["site"][row]:
-            first.setdefault(group, row)
-    return [{name: column[row] for name, column in columns.items()} for row in first.values()]
+    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
+    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    return faulty[list(names)].rename(columns=names).to_dict("records")  # pyright: ignore[reportReturnType]
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
@@ -356,7 +285,7 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
-    """Return, for each time series of `SERIES`, the signal behind each of its numbers and its
+    """Return, for each time series of `words.toml`, the signal behind each of its numbers and its
     factor.
 
     They are found by asking the robot for the series of signals that are 1 one at a time: a number
@@ -376,7 +305,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
     for name, values in named.items():
         flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
         alone = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
-        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in SERIES):
+        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in WORDS["series"]):
             leaves = np.argmax(flat != 0, axis=0)
             scales = [float(f"{flat[leaf, k]:.7g}") for k, leaf in enumerate(leaves)]
             rows.append(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import pandas as pd
 import tomlkit
 
 from ravenjax.analyses.explorer import program
+from ravenjax.analyses.explorer.program import WORDS
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
@@ -25,8 +26,6 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-"""Names of sites, effects and units that a reader understands without the manual."""
 UNASKED = ("periodic", "random", "lose")
 """Effects without a control on the page. Random numbers depend on the row."""
 
@@ -97,35 +96,30 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    """Return the least and greatest value of the campaign's own faults, by site/effect."""
-    spans: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
     for group in config.model_dump(mode="json")["group"]:
         for fault in group.get("fault") or ():
-            numbers = [float(number) for number in _numbers(fault.get("value"))]
             effects = fault["effect"] if isinstance(fault["effect"], list) else [fault["effect"]]
-            for effect in effects if numbers else ():
-                span = spans.setdefault(f"{fault['site']}/{effect}", [min(numbers), max(numbers)])
-                span[:] = [min(span[0], *numbers), max(span[1], *numbers)]
-    return spans
+            for effect in effects:
+                numbers = values.setdefault(f"{fault['site']}/{effect}", [])
+                numbers += map(float, _numbers(fault.get("value")))
+    return {name: [min(numbers), max(numbers)] for name, numbers in values.items() if numbers}
 
 
 def _numbers(value: Any) -> list[Any]:
-    if isinstance(value, dict):
-        return [number for inner in value.values() for number in _numbers(inner)]
-    if isinstance(value, list):
-        return [number for inner in value for number in _numbers(inner)]
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return [number for part in parts for number in _numbers(part)]
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
 def _varied(config: CampaignConfig) -> list[str]:
-    """Return the parameters that have several values in the whole campaign."""
     return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
         *config.cross
     ]
 
 
 def _file(value: Any) -> str:
-    """Return a file's name without its folder, for a campaign file that lies beside it."""
     assert isinstance(value, Path), value
     return value.name
 
@@ -154,20 +148,6 @@ MOST = 20_000
 """Largest number of table rows in a page. The first rows are taken."""
 _FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
-MEASURES = (
-    "response",
-    "hazard",
-    "verdict",
-    "failed",
-    "first_active_ms",
-    "told_ms",
-    "unintended_mm",
-    "unintended_first_ms",
-    "loss_first_ms",
-    "false_report_first_ms",
-    "peak_golden_deviation_mm",
-)
-"""Columns of the result table that a page shows beside a run's fault and parameters."""
 
 
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
@@ -183,7 +163,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
         "index": "index",
         "group": "group",
         **{name: f"fault0_{name}" for name in FAULT},
-        **{name: name for name in MEASURES},
+        **{name: name for name in WORDS["measures"]},
         "cue_ms": f"cue{cue}_first_ms",
         **{name: name for name in names if name.startswith("param:")},
     }
@@ -207,12 +187,8 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """Return that k of n distinct faults evade. Low and high are NaN if faults were enumerated."""
-    runs = Runs.open(folder, record)
-    try:
+    with contextlib.closing(Runs.open(folder, record)) as runs:
         return tables.headline_counts(runs, record)["evaded"]._asdict()
-    finally:
-        runs.close()
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:

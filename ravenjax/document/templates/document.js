@@ -123,7 +123,7 @@ class Table {
         const [a, b] = [one, other].map((row) => key(row.cells[column]));
         if (!numeric) return sign * a.localeCompare(b, undefined, { numeric: true });
         const [x, y] = [number(a), number(b)];
-        if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) - Number.isNaN(y);  // without a number: last
+        if (Number.isNaN(x) || Number.isNaN(y)) return Number(Number.isNaN(x)) - Number(Number.isNaN(y));  // without a number: last
         return sign * (x - y);
       });
     }
@@ -146,10 +146,10 @@ class Table {
       const begins = !this.parts || row.classList.contains("first");
       if (begins) group = this.parts ? text : "";
       const matches = !this.sought || text.includes(this.sought) || group.includes(this.sought);
-      matching += matches;
+      matching += Number(matches);
       if (begins) due = this.open || this.sought !== "" || shown < FOLD;  // what belongs together folds together
       row.classList.toggle("folded", !(matches && due));
-      shown += matches && due;
+      shown += Number(matches && due);
     }
     const all = this.rows.length;
     this.said.textContent = this.sought ? matching + " of " + all + " rows match" : shown < all ? "first " + shown + " of " + all + " rows" : all + " rows";
@@ -161,27 +161,55 @@ document.querySelectorAll("table").forEach((table) => {
   if (!table.matches(".matrix, .cells, .numbers table, .choices")) new Table(table);
 });
 
+// --- sections: on a phone each but the first is closed, until its heading or a link to it is touched
+
+function open(section, shown = true) {
+  section.classList.toggle("closed", !shown);
+  section.querySelector("button.fold").setAttribute("aria-expanded", String(shown));
+}
+function openNamed() {
+  const section = document.getElementById(location.hash.slice(1))?.closest(".folding > section");
+  if (SMALL && section) {
+    open(section);
+    section.scrollIntoView();
+  }
+}
+if (SMALL) {
+  document.querySelectorAll(".folding > section").forEach((section, place) => {
+    const heading = section.querySelector("h2");
+    const button = element("button", { type: "button", class: "fold" });
+    button.append(...heading.childNodes);
+    heading.append(button);
+    button.addEventListener("click", () => open(section, section.classList.contains("closed")));
+    open(section, place === 0);
+  });
+  addEventListener("hashchange", openNamed);
+  openNamed();
+}
+
 // --- buttons
 
 document.addEventListener("click", (event) => {
-  const copy = event.target.closest("button[data-copy]");
+  const target = /** @type {any} */ (event.target);
+  if (target.closest("a[href^='#']")) setTimeout(openNamed);
+  const copy = target.closest("button[data-copy]");
   if (copy) navigator.clipboard.writeText(copy.dataset.copy).then(() => {
     copy.textContent = "copied";
     setTimeout(() => { copy.textContent = "copy"; }, 1500);
   });
-  const table = event.target.closest("button[data-csv]");
+  const table = target.closest("button[data-csv]");
   if (table) {
     const text = JSON.parse(document.getElementById("csv-" + table.dataset.csv).textContent);
     save(text, "text/csv", campaign + "_" + table.dataset.csv + ".csv");
   }
-  const series = event.target.closest("button[data-series]");
+  const series = target.closest("button[data-series]");
   if (series) {
     const shown = series.getAttribute("aria-pressed") !== "true";
     series.setAttribute("aria-pressed", shown);
     series.closest("figure").querySelectorAll('.mark[data-series="' + series.dataset.series + '"]')
       .forEach((mark) => mark.classList.toggle("off", !shown));
   }
-  const figure = event.target.closest("button[data-svg]");
+  const figure = target.closest("button[data-svg]");
   if (figure) saveDrawing(figure.closest("figure"), figure.dataset.svg);
 });
 

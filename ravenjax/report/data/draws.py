@@ -11,10 +11,6 @@ from typing import Any
 
 SAMPLED = ("random", "lhs", "sobol")
 """Designs in which a list of values is sampled too, not enumerated."""
-_LISTED = "list"
-"""Name of the form of a value table that enumerates. All other forms are distributions."""
-_EVERY = "all"
-"""Name of a channel that means the list of all channels."""
 
 
 def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
@@ -41,7 +37,7 @@ def _draws(group: Mapping[str, Any]) -> bool:
 
 
 def _varies(value: Any, sampled: bool) -> bool:
-    """Return whether a key's value was drawn. `sampled`: the design draws from lists too."""
     if isinstance(value, Mapping):
-        return sampled or _LISTED not in value
-    return sampled and (value == _EVERY or (isinstance(value, list | tuple) and len(value) > 1))
+        # A list is the only form of a value table that enumerates.
+        return sampled or "list" not in value
+    return sampled and (value == "all" or (isinstance(value, list | tuple) and len(value) > 1))

@@ -6,7 +6,9 @@ database connection that holds results. `derive_facts` returns the same facts fo
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,18 +24,8 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
-OUTCOMES = {
-    "stopped": "a check stopped the robot",
-    "flagged": "a check raised an alarm, the robot went on",
-    "felt": "no alarm by a check; unintended motion, cue",
-    "unseen": "no alarm by a check; unintended motion, no cue",
-    "lost": "no alarm by a check; loss of motion",
-    "misreported": "no alarm by a check; false report",
-    "phantom": "no alarm by a check; no hazard, cue",
-    "limited": "a check limited a command or dropped a packet; no hazard, no cue",
-    "quiet": "no check, no hazard, no cue",
-    "failed": "the run gave no valid outcome",
-}
+OUTCOME_WORDS = tomllib.loads(Path(__file__).with_name("outcomes.toml").read_text(encoding="utf-8"))
+OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
 """
@@ -93,44 +85,25 @@ def derive_facts(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
 
 def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
     """Register a DataFrame as the result table of a connection."""
-    # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
-    plain = {
-        name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name]
-        for name in frame
-    }
-    columns = {
-        name: pa.array(values, from_pandas=not isinstance(values, np.ndarray))
-        for name, values in plain.items()
-    }
+    columns = {}
+    for name in frame:
+        # Keep NaN as NaN, as stored parts do. Arrow would convert it to a missing value.
+        is_float = frame[name].dtype.kind == "f"
+        values = frame[name].to_numpy() if is_float else frame[name]
+        columns[name] = pa.array(values, from_pandas=not is_float)
     table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **columns}))
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 
 
 def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Return those columns of a result table that `define_facts` reads. `names`: the columns that
-    the table has.
-    """
+    """Return those of a result table's columns that `define_facts` reads."""
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
-    plain = {
-        "response",
-        "hazard",
-        "failed",
-        "group",
-        "activated",
-        "pair",
-        "operator",
-        "first_active_ms",
-        "run_id",
-    }
-    plain |= {
-        "response_ms",
-        "told_ms",
-        "unintended_first_ms",
-        "loss_first_ms",
-        "false_report_first_ms",
-    }
-    plain |= {cue, f"golden_{cue}", jump}
-    return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
+    plain = (
+        "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
+    )
+    hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
+    needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
+    return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
 def define_facts(
@@ -138,29 +111,19 @@ def define_facts(
 ) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
-    Columns that identify and classify a run:
+    Words and truth values: group, faulty, activated, failed; response and hazard, "" for failed
+    runs; told and evaded, events of `ravenjax.outcomes`; unintended, loss and misreport, the run's
+    hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
+    did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    - row, group, faulty, activated, failed
-    - response, hazard: as in the result table; "" for failed runs
-    - told, evaded: events of `ravenjax.outcomes`
-    - unintended, loss, misreport: True if it is the run's hazard
-    - halted: a loss of motion because the robot was not live
-    - cued: a cue that the golden run did not have
-    - jump: of the reported tip
-    - outcome: one of OUTCOMES
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters. action
+    is an index into ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every
+    operator reacts. `sample` marks the first valid plain run of each distinct input whose fault, if
+    any, changed a bit. Rates, intervals and tests take these runs as their draws.
 
-    Columns for counting: distinct (equal for runs that differ only in seed or crossed parameters),
-    action (index into ACTIONS), plain, sample. `plain` marks runs in which nobody reacts, or all
-    runs if every operator reacts, so that a fault is not counted once per action. `sample` marks
-    the first valid plain run of each distinct input whose fault, if any, changed a bit. Rates,
-    intervals and tests take these runs as their draws.
-
-    Columns of the first fault: site, layer, block (site and effect), onset_ms, length_ms,
-    magnitude.
-
-    Columns of times in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms and
-    warned_ms, and of the run's hazard unintended_ms, loss_ms and misreport_ms. cue_ms is the first
-    cue; warned_ms is -1 if the golden run had that cue too.
+    Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
+    in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
+    golden run had the cue too), unintended_ms, loss_ms and misreport_ms.
 
     `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
     distinct; `distinct` then equals `row`.
@@ -190,9 +153,14 @@ def define_facts(
         "told_ms": "told_ms",
         "cue_ms": f"cue{rules.cue}_first_ms",
         "warned_ms": warned_sql(rules.cue),
-        "unintended_ms": _of_hazard("unintended motion", "unintended_first_ms"),
-        "loss_ms": _of_hazard("loss of motion", "loss_first_ms"),
-        "misreport_ms": _of_hazard("false report", "false_report_first_ms"),
+        **{
+            name: f"CASE WHEN {valid} AND hazard = '{hazard}' THEN {column} ELSE -1 END"
+            for name, hazard, column in (
+                ("unintended_ms", "unintended motion", "unintended_first_ms"),
+                ("loss_ms", "loss of motion", "loss_first_ms"),
+                ("misreport_ms", "false report", "false_report_first_ms"),
+            )
+        },
         "action": f"({action})::TINYINT",
         "plain": anybody,
         **_first_fault(names, chosen.robot),
@@ -241,12 +209,6 @@ _EVENTS = {
 """SQL of the fact columns that are events of `ravenjax.outcomes`; they hold for valid runs."""
 
 
-def _of_hazard(hazard: str, column: str) -> str:
-    return (
-        f"CASE WHEN {events.VALID_SQL} AND hazard = {quote_text(hazard)} THEN {column} ELSE -1 END"
-    )
-
-
 def faulty_sql(names: Sequence[str]) -> str:
     """Return SQL for whether a run has a fault, over columns of `results`."""
     sites = [name for name in names if name.startswith("fault") and name.endswith("_site")]
@@ -254,9 +216,7 @@ def faulty_sql(names: Sequence[str]) -> str:
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
-    """Return SQL for the number of the operator's action at a cue; `usual` for runs that do not set
-    it.
-    """
+    """Return SQL for the number of the operator's action; `usual` for runs that do not set it."""
     if ACTION not in names:
         return str(usual)
     own = quote_name(ACTION)
@@ -264,9 +224,7 @@ def action_sql(names: Sequence[str], usual: int) -> str:
 
 
 def warned_sql(cue: int) -> str:
-    """Return SQL for the time of the cue with this number if the golden run did not have it by
-    then, else -1.
-    """
+    """Return SQL for the time of a cue that the golden run did not have by then, else -1."""
     return events.beyond_golden_sql(f"cue{cue}_first_ms")
 
 
@@ -277,18 +235,13 @@ def first_sql(*times_ms: str) -> str:
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
-    """Return SQL for whether a number is above a limit, compared in the precision of the table. The
-    number may be NaN.
-    """
+    """Return SQL for whether a number, or NaN, is above a limit in the table's precision."""
     return (
         f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
     )
 
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    """Create the table `numbers` (row, distinct) if some input occurs twice. Return whether all
-    inputs are distinct. Windows that last until the run ends or beyond are equal.
-    """
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
@@ -318,9 +271,6 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
-    """Return SQL for columns of words that a campaign chooses, and the words that occur. Each word
-    is stored as a small number per row.
-    """
     first = {
         name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
     }
@@ -354,25 +304,3 @@ def _listed(columns: Mapping[str, str]) -> str:
 def warning_times(frame: pd.DataFrame, cue: int) -> np.ndarray:
     """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
     return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])
-
-
-def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
-    """Return the different fault-free motions among the `chosen` rows (bool), one row each, with
-    operator and `golden_` columns.
-
-    Runs that share robot and operator share one golden run, so it counts once.
-    """
-    names = [name for name in frame if name == "operator" or name.startswith("golden_")]
-    return frame.loc[chosen, names].drop_duplicates()
-
-
-def fault_free_hours(free: pd.DataFrame) -> float:
-    """Return the hours in pedal-down of fault-free motions."""
-    return float(free["golden_pedal_down_ms"].to_numpy().sum()) / 3.6e6
-
-
-def first_came(frame: pd.DataFrame, column: str) -> np.ndarray:
-    """Return whether an event came at all, bool [rows]. `column` holds the time at which it first
-    came.
-    """
-    return frame[column].to_numpy() >= 0

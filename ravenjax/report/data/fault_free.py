@@ -1,9 +1,8 @@
 """Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
 its folder fault_free.
 
-Rates count first alarms: each motion counts once, with the time until its first alarm. So many
-short motions and one long motion give the same rate, and a cue that flickers after it first came
-does not raise it.
+Each motion counts once, with the time until its first alarm, so that a cue that flickers after it
+first came does not raise the rate.
 """
 
 from __future__ import annotations
@@ -31,9 +30,7 @@ _ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 
 
 class Motions(NamedTuple):
-    """Different fault-free motions. Golden runs of one robot and operator are one computation and
-    count once.
-    """
+    """Different fault-free motions. Golden runs of one robot and operator count once."""
 
     # Holds the table TABLE: operator, length_ms, the columns golden_..., and first alarms of
     # detectors.
@@ -49,9 +46,7 @@ class Motions(NamedTuple):
         return count
 
     def came(self, column: str) -> int:
-        """Return the number of motions in which an event came. `column` holds the time at which it
-        first came.
-        """
+        """Return in how many motions an event came. `column`: the time at which it first came."""
         return self.with_event(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
@@ -76,9 +71,7 @@ class Motions(NamedTuple):
 
 
 def fault_free_command(folder: Path, manifest: Manifest, hours: float) -> str | None:
-    """Return the command that computes this many hours of fault-free motion; None if no further
-    motion can be generated.
-    """
+    """Return the command that computes these hours of motion; None if none can be generated."""
     operator = manifest.config.get("operator") or {}
     if operator.get("file") or operator.get("motion") in UNVARIED:
         return None
@@ -132,9 +125,6 @@ def make_fault_free_table(
 
 
 def _beside(name: str, available: set[str]) -> str:
-    """Return a column of motions as an expression over fault-free runs, which are their own golden
-    runs.
-    """
     own = name.removeprefix("golden_")
     if name not in available and own in available:
         return quote_name(own)

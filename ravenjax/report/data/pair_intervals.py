@@ -25,9 +25,7 @@ def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
 
 
 def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
-    """Return a share of pairs: with Wilson's interval if every pair has a different fault, else by
-    resampling faults.
-    """
+    """Return a share of pairs: Wilson's if each pair has its own fault, else by resampling."""
     if among is None:
         return share_of_cells(int(hit.sum()), len(hit))
     if among.count == len(hit):
@@ -51,18 +49,14 @@ def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
 
 
 def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Return the mean of `after` minus `before`, with an interval by resampling faults. A single
-    pair has no interval.
-    """
+    """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
     if among is None or len(after) < 2:
         return Estimate(_mean(after - before), math.nan, math.nan)
     return _resampled(after - before, among)
 
 
 def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    """Return the exact p-value that both are alike, by McNemar's test or by exchanging both fault
-    by fault; NaN if nothing was drawn.
-    """
+    """Return the exact p-value that both are alike; NaN if nothing was drawn."""
     if among is None:
         return math.nan
     if among.count == len(after):

@@ -16,9 +16,8 @@ import pandas as pd
 from ravenjax.outcomes import events
 from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data import fault_free as fault_free_motions
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.fault_free import Motions
+from ravenjax.report.data.fault_free import Motions, make_fault_free_table
 from ravenjax.stats.latency import NONE, Delays
 from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
@@ -39,30 +38,24 @@ _Answer = TypeVar("_Answer")
 
 
 class Runs:
-    """The runs of one campaign. The tables `results` (as stored) and `facts` (as in
-    `facts.define_facts`) both have a column `row`.
-    """
+    """The runs of one campaign: the tables `results` and `facts`, which share the column `row`."""
 
     def __init__(
         self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
     ) -> None:
-        """Take a `table` that has `results` with a column `row`. `beside`: additional fault-free
-        motion.
-        """
+        """Take a `table` with `results` and a column `row`. `beside`: further fault-free motion."""
         self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
         # When a run ended, in ms: one number for all runs, or the column of facts that has it for
         # each run.
         self.end = schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
-        self._beside = beside
+        self.beside = beside
         self._drawn_groups = draws.drawn_groups(manifest.config)
         self.names = list(self.types)
         run_facts.define_facts(table, run_facts.recorded_choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
         self.rows = self.count("true")
-        self._motions: Motions | None = None
         self._answers: dict[Any, Any] = {}
-        self._cube: pd.DataFrame | None = None
 
     @staticmethod
     def open(folder: Path, manifest: Manifest) -> Runs:
@@ -93,9 +86,7 @@ class Runs:
 
     @property
     def cue_leads(self) -> bool:
-        """Return whether there are cues, and whether it is a finding that the cue that the verdicts
-        use comes before the motion.
-        """
+        """Return whether it is a finding that the verdicts' cue comes before the motion."""
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
@@ -105,12 +96,10 @@ class Runs:
 
     def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
         """Return the number of rows that fulfil each condition, in one query."""
+        if not conditions:
+            return []
         columns = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
-        return (
-            list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}"))
-            if conditions
-            else []
-        )
+        return list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}"))
 
     def sampled(self, groups: Collection[str] | None = None) -> bool:
         """Return whether the faults of these groups, or of all groups with faults, were drawn.
@@ -124,9 +113,7 @@ class Runs:
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str) -> dict[str, set[str]]:
-        """Return the groups that have faults of each class. `kind`: the column of facts whose
-        values are the classes.
-        """
+        """Return the groups that have faults of each value of a column of facts."""
         rows = self.table.rows(
             f'SELECT DISTINCT {quote_name(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
         )
@@ -136,17 +123,8 @@ class Runs:
         return classes
 
     def cube(self) -> pd.DataFrame:
-        """Return counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded,
-        plain and sample.
-        """
-        if self._cube is None:
-            words = ("group", "response", "hazard", "outcome")
-            names = ", ".join(
-                map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
-            )
-            frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
-            self._cube = frame.astype(dict.fromkeys(words, "str"))
-        return self._cube
+        """Return counts (`runs`) by the words and flags of facts."""
+        return self.once(_count_cube)
 
     def groups(self) -> list[str]:
         """Return the names of the groups that have runs."""
@@ -180,17 +158,10 @@ class Runs:
         """Return the different fault-free motions: golden runs of plain runs, and additional motion
         of the result folder.
         """
-        if self._motions is None:
-            source = self.those("plain") if self.count("NOT plain") else RESULTS
-            self._motions = fault_free_motions.make_fault_free_table(
-                self.table, self.names, source, self.end, self._beside
-            )
-        return self._motions
+        return self.once(_fault_free_motions)
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
-        """Return these rows in their order, with all columns of `results` and the columns of
-        `facts` whose names differ.
-        """
+        """Return these rows in their order, with all columns of `results` and of `facts`."""
         if not rows:
             return []
         listed = ", ".join(map(str, rows))
@@ -201,31 +172,36 @@ class Runs:
         )
         return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
-    def drawn(
-        self, columns: str, where: str, most: int, by: str = "row", of: str = ""
-    ) -> pd.DataFrame:
+    def drawn(self, columns: str, where: str, most: int, by: str = "row") -> pd.DataFrame:
         """Return joined rows of `results` and `facts` in order: all rows that fulfil a condition,
         or about `most` of them.
 
-        `by`: rows with equal values here are drawn together or not at all. `of`: a query to use
-        instead of `facts`.
+        `by`: rows with equal values here are drawn together or not at all.
         """
-        (n,) = self.counts([where])
-        some = (
-            "true"
-            if n <= most
-            else f"hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
-        )
+        share = min(1.0, most / max(1, self.count(where)))
         return self.table.frame(
-            f"SELECT {columns} FROM {RESULTS} JOIN ({of or f'SELECT * FROM {FACTS} WHERE {where}'})"
-            f" AS {FACTS} USING (row) WHERE {some} ORDER BY row"
+            f"SELECT {columns} FROM {RESULTS} JOIN (SELECT * FROM {FACTS} WHERE {where}) AS {FACTS}"
+            f" USING (row) WHERE hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * share)}"
+            " ORDER BY row"
         )
+
+
+def _count_cube(runs: Runs) -> pd.DataFrame:
+    words = ("group", "response", "hazard", "outcome")
+    names = ", ".join(
+        map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
+    )
+    frame = runs.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
+    return frame.astype(dict.fromkeys(words, "str"))
+
+
+def _fault_free_motions(runs: Runs) -> Motions:
+    source = runs.those("plain") if runs.count("NOT plain") else RESULTS
+    return make_fault_free_table(runs.table, runs.names, source, runs.end, runs.beside)
 
 
 def after_onset(event: str) -> str:
-    """Return SQL for a time of facts, -1 if it lies before the fault's first effect: the event then
-    has another cause.
-    """
+    """Return SQL for a time of facts; -1 before the first effect, as another cause had it then."""
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
@@ -261,9 +237,6 @@ def _more(manifest: Manifest) -> dict[str, str]:
 
 
 def _own_checks(manifest: Manifest) -> dict[str, str]:
-    """Return the columns own<n>_ms and built_in_told_ms. `own<n>_ms` is the time at which a
-    user-defined check first acted differently from the golden run.
-    """
     own = manifest.shape.own_checks
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
     times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(own)}

@@ -28,6 +28,8 @@ DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
     "near_ms:",
 )
 """Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
+NEVER = np.iinfo(np.int32).max
+"""Takes the place of -1 where the earliest of several times is sought."""
 HARMS = {
     "unintended motion": "unintended_first_ms",
     "loss of motion": "loss_first_ms",
@@ -102,17 +104,13 @@ class Chain(NamedTuple):
 
     @property
     def first(self) -> ChainLink | None:
-        """Return the first signal that became visible, or None. Ties within a tick are resolved by
-        the robot's order.
-        """
+        """Return the first signal that became visible, or None; the robot's order decides ties."""
         visible = [link for link in self.links if link.leaves_ms >= 0]
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
 
 def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
-    """Return every signal in the robot's order. `ticks`: columns of explained runs, arrays [runs]
-    or numbers.
-    """
+    """Return every signal in the robot's order. `ticks`: columns, arrays [runs] or numbers."""
     runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
     for place in list_crossings(robot.seams, arms):
@@ -141,10 +139,8 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
 def trace_chain(
     row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
 ) -> Chain:
-    """Return the chain of one run.
-
-    `row`: from the result table. `ticks`: columns of the explained runs. `cue`: number of the
-    haptic set of the verdict.
+    """Return the chain of one run, from its row of the result table and of the explained runs.
+    `cue`: number of the haptic set of the verdict.
     """
     hazard, name = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
@@ -160,9 +156,9 @@ def trace_chain(
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
         links=[
-            link
-            for one in list_signals(ticks, robot, arms)
-            if (link := _link(one, harm)) is not None
+            _link(signal, harm)
+            for signal in list_signals(ticks, robot, arms)
+            if signal.differs[0] >= 0
         ],
         checks=_checks(row, ticks, robot),
     )
@@ -173,13 +169,9 @@ def chain_table(
 ) -> pd.DataFrame:
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
-    Rows are sorted by run, then in the robot's order. Columns:
-
-    - run_id, index, layer, seam; arm is "" if the signal belongs to no arm
-    - differs_ms, differs_in: when it differed, and the number that differed first
-    - leaves_ms, leaves_in: the same for its range; -1 and "" if it never left its range
-    - harm_ms: when the run's hazard began; -1: never
-    - left_ms: from leaves_ms to harm_ms; NaN if either is missing
+    Rows are sorted by run, then in the robot's order. arm is "" if the signal belongs to no arm.
+    differs_in and leaves_in name the number that was first. A time is -1 for never; left_ms, from
+    leaves_ms to harm_ms, is NaN if either is missing.
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():
@@ -210,16 +202,13 @@ def chain_table(
     return whole.drop(columns=["run", "place"])
 
 
-def _link(one: SignalTicks, harm: int) -> ChainLink | None:
-    """Return the signal of a single run; None if it never differs."""
-    differs, leaves = int(one.differs[0]), int(one.leaves[0])
-    if differs < 0:
-        return None
+def _link(one: SignalTicks, harm: int) -> ChainLink:
+    leaves = int(one.leaves[0])
     return ChainLink(
         one.layer,
         one.name,
         one.meaning,
-        differs,
+        int(one.differs[0]),
         one.channels[int(one.differing[0])],
         leaves,
         one.channels[int(one.leaving[0])] if leaves >= 0 else "",
@@ -240,21 +229,15 @@ def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> l
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
     """Return columns as int32 [columns, runs]; missing columns mean never."""
-    there = [
-        np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None
-        for name in names
-    ]
-    return np.stack([np.full(runs, -1, np.int32) if part is None else part for part in there])
+    columns = [np.broadcast_to(ticks.get(name, -1), runs) for name in names]
+    return np.stack(columns).astype(np.int32)
 
 
 def _late(ticks: np.ndarray) -> np.ndarray:
-    """Map never (-1) to the latest possible time."""
-    return np.where(ticks < 0, np.iinfo(np.int32).max, ticks)
+    return np.where(ticks < 0, NEVER, ticks)
 
 
 def earliest_time(ticks: np.ndarray) -> np.ndarray:
-    """Return the first of several times, [.., runs] -> [runs]. Each time, and the result, is -1 for
-    never.
-    """
+    """Return the first of several times, [.., runs] -> [runs]; -1 is never."""
     first = _late(ticks).min(axis=0)
-    return np.where(first == np.iinfo(np.int32).max, -1, first)
+    return np.where(first == NEVER, -1, first)

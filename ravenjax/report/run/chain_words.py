@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -23,18 +21,6 @@ ROW = 15  # px per signal
 LETTERS = 92  # characters per line above the drawing
 # least margin of the time axis before the first and after the last event
 MARGIN_MS = 8
-LINKS, CHECKS = (
-    ("signal", "layer", "differs from", "out of its range from", "before harm"),
-    (
-        "check",
-        "margin before the first harm",
-        "golden run's",
-        "least at",
-        "trips at",
-        "what it does",
-    ),
-)
-"""Columns of the table of links and of the table of checks."""
 
 
 def chain_title(one: Chain) -> str:
@@ -43,58 +29,8 @@ def chain_title(one: Chain) -> str:
 
 
 def chain_sentences(one: Chain) -> list[str]:
-    """Return the chain as sentences, one per line. The last says where a check could have detected
-    the fault.
-    """
+    """Return the chain as sentences. The last says where a check could detect the fault."""
     return wording.fill_template("chain.txt.j2", chain=one)
-
-
-def link_rows(one: Chain) -> list[tuple[str, ...]]:
-    """Return the chain as a table with columns LINKS. A layer is named only in its first row."""
-    rows, layer = [], ""
-    for link in one.links:
-        left = link.left_ms
-        rows.append(
-            (
-                link.signal,
-                link.layer if link.layer != layer else "",
-                f"{_ms(link.differs_ms)}, {link.differs_in}",
-                f"{_ms(link.leaves_ms)}, {link.leaves_in}" if link.leaves_ms >= 0 else "",
-                ("" if left is None else _ms(left) if left > 0 else "after it"),
-            )
-        )
-        layer = link.layer
-    return rows
-
-
-def check_rows(one: Chain) -> list[tuple[str, ...]]:
-    """Return the checks as a table with columns CHECKS."""
-    return [
-        (
-            check.check,
-            (
-                f"{wording.format_number(check.margin)} {check.unit}".strip()
-                if np.isfinite(check.margin)
-                else wording.DASH
-            ),
-            wording.format_number(check.golden),
-            _ms(check.ms) if check.ms >= 0 else wording.DASH,
-            _ms(check.tripped_ms) if check.tripped_ms >= 0 else "never",
-            check.does,
-        )
-        for check in one.checks
-    ]
-
-
-def as_dict(one: Chain) -> dict[str, Any]:
-    """Return the chain as plain values for JSON."""
-    first = one.first
-    return {
-        **{name: value for name, value in one._asdict().items() if name not in ("links", "checks")},
-        "visible": None if first is None else first._asdict(),
-        "links": [link._asdict() for link in one.links],
-        "checks": [check._asdict() for check in one.checks],
-    }
 
 
 def chain_timeline(one: Chain) -> Chart | None:
@@ -105,51 +41,59 @@ def chain_timeline(one: Chain) -> Chart | None:
     """
     if not one.links:
         return None
-    places = np.arange(len(one.links), dtype=float)
     differs = np.array([link.differs_ms for link in one.links], float)
-    leaves = np.array([link.leaves_ms for link in one.links], float)
-    marks = {
-        "fault": one.fault_ms,
-        "cue": one.cue_ms,
-        "alarm": one.told_ms,
-        one.hazard: one.harm_ms,
-    }
-    marks = {name: ms for name, ms in marks.items() if ms >= 0}
-    every = np.concatenate([differs, leaves[leaves >= 0], list(marks.values())])
+    leaving = [(place, link) for place, link in enumerate(one.links) if link.leaves_ms >= 0]
+    places, leaves, since = (
+        np.array([(place, link.leaves_ms, link.differs_ms) for place, link in leaving], float)
+        .reshape(-1, 3)
+        .T
+    )
+    moments = [
+        ("fault", one.fault_ms, "series3"),
+        ("cue", one.cue_ms, CUE),
+        ("alarm", one.told_ms, RESPONSE),
+        (one.hazard, one.harm_ms, "series6"),
+    ]
+    moments = [moment for moment in moments if moment[1] >= 0]
+    every = np.concatenate([differs, leaves, [ms for _, ms, _ in moments]])
     margin = max(MARGIN_MS, 0.04 * float(every.max() - every.min()))
     low, high = max(0.0, float(every.min()) - margin), float(every.max()) + margin
     upright = np.array([-0.5, len(one.links) - 0.5])
-    colours = {"fault": "series3", "cue": CUE, "alarm": RESPONSE}
-    outside = leaves >= 0
-    tips = {
-        name: tuple(f"{link.signal}, {text(link)}" for link in one.links)
-        for name, text in _TIPS.items()
-    }
+    layers = ["", *(link.layer for link in one.links)]
+    names = (
+        link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
+        for link, layer in zip(one.links, layers, strict=False)
+    )
     return Chart(
         chain_title(one),
         ChartAxis("time, ms", low, high, unit="ms"),
-        ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(_names(one))),
+        ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(names)),
         (
             *(
-                Curve(
-                    f"{name}, {_ms(ms)}",
-                    colours.get(name, "series6"),
-                    np.array([ms, ms], float),
-                    upright,
-                )
-                for name, ms in marks.items()
+                Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), upright)
+                for name, ms, colour in moments
             ),
-            Dots("differs in any bit", SAME, differs, places, tips=tips["differs"]),
+            Dots(
+                "differs in any bit",
+                SAME,
+                differs,
+                np.arange(len(one.links), dtype=float),
+                tips=tuple(
+                    f"{link.signal}, {link.differs_in} differs at {_ms(link.differs_ms)}"
+                    for link in one.links
+                ),
+            ),
             Dots(
                 "leaves its normal range",
                 "series2",
-                leaves[outside],
-                places[outside],
+                leaves,
+                places,
                 tips=tuple(
-                    tip for tip, there in zip(tips["leaves"], outside, strict=True) if there
+                    f"{link.signal}, {link.leaves_in} out of its range at {_ms(link.leaves_ms)}"
+                    for _, link in leaving
                 ),
-                x_low=differs[outside],
-                x_high=leaves[outside],
+                x_low=since,
+                x_high=leaves,
                 diamond=True,
             ),
         ),
@@ -157,14 +101,13 @@ def chain_timeline(one: Chain) -> Chart | None:
     )
 
 
-def draw_timeline(one: Chain, path: Path) -> Path | None:
-    """Write the timeline as a file (.svg, .png or .pdf); return None if no signal differs."""
+def draw_timeline(one: Chain, path: Path) -> bool:
+    """Write the timeline as a file (.svg, .png or .pdf); return False if no signal differs."""
     with matplotlib.rc_context(STYLE):
         drawing = timeline_figure(one)
-        if drawing is None:
-            return None
-        save_figure(drawing, path)
-    return path
+        if drawing is not None:
+            save_figure(drawing, path)
+    return drawing is not None
 
 
 def timeline_figure(one: Chain) -> Figure | None:
@@ -183,20 +126,6 @@ def timeline_figure(one: Chain) -> Figure | None:
     axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
     drawing.legend(loc="outside lower left", ncols=3, fontsize=8)
     return drawing
-
-
-_TIPS = {
-    "differs": lambda link: f"{link.differs_in} differs at {_ms(link.differs_ms)}",
-    "leaves": lambda link: f"{link.leaves_in} out of its range at {_ms(link.leaves_ms)}",
-}
-
-
-def _names(one: Chain) -> Iterator[str]:
-    """Return the row names: signals, with the layer's name on the first signal of each layer."""
-    layer = ""
-    for link in one.links:
-        yield link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
-        layer = link.layer
 
 
 def _ms(value: int) -> str:

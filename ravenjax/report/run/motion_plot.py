@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -44,13 +45,12 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
         for axes in grid[-1]:
             axes.set_xlabel("time in the recording, s")
         handles = {
-            label: h
+            label: handle
             for axes in grid.flat
-            for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(
-            list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8
-        )
+        names, drawn = list(handles), list(handles.values())
+        figure.legend(drawn, names, loc="outside lower center", ncols=5, fontsize=8)
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
         paths = [out / f"{name}.{kind}" for kind in ("svg", "png")]
         for path in paths:
@@ -59,32 +59,20 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
 
 
 def _draw(grid: np.ndarray, course: TipCourse) -> None:
-    before = np.column_stack([course.recorded, _speed(course.recorded_s, course.recorded)]) * 1e3
+    before = _place_and_speed(course.recorded_s, course.recorded)
     replayed = len(course.replayed_s) > 0
     # A part may be played backwards after it ends; only the way forward is drawn.
     last = int(np.argmax(course.replayed_s)) + 1 if replayed else 0
     after_s = course.replayed_s[:last]
-    after = (
-        np.column_stack(
-            [course.replayed[:last], _speed(np.arange(last) * TICK_S, course.replayed[:last])]
-        )
-        * 1e3
-    )
+    after = _place_and_speed(np.arange(last) * TICK_S, course.replayed[:last])
     spans = [(times[0], times[-1]) for times in (course.recorded_s, after_s) if len(times)]
     for row, columns in enumerate(grid):
         columns[0].set_ylabel(f"{course.arm} {ROWS[row]}" if row == 0 else ROWS[row])
         for axes, (begin, end) in zip(columns, spans, strict=True):
             near = (course.recorded_s >= begin - NEAR_S) & (course.recorded_s <= end + NEAR_S)
             style = "o-" if near.sum() <= DOTS else "-"
-            axes.plot(
-                course.recorded_s[near],
-                before[near, row],
-                style,
-                ms=2,
-                lw=0.8,
-                color=SOFT,
-                label="recorded",
-            )
+            look: Any = {"ms": 2, "lw": 0.8, "color": SOFT, "label": "recorded"}
+            axes.plot(course.recorded_s[near], before[near, row], style, **look)
             if replayed:
                 colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
                 axes.plot(
@@ -95,7 +83,6 @@ def _draw(grid: np.ndarray, course: TipCourse) -> None:
 
 
 def _mark(axes: Axes, course: TipCourse) -> None:
-    """Mark the samples that cannot be replayed."""
     limits = axes.get_xlim()
     for begin, end in course.outside:
         axes.axvspan(begin, end, color=OUTSIDE, alpha=0.2, lw=0, label="outside the joint limits")
@@ -106,9 +93,10 @@ def _mark(axes: Axes, course: TipCourse) -> None:
     axes.set_xlim(limits)
 
 
-def _speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the speed at each sample in m/s, from the difference to the previous sample."""
-    if len(time_s) < 2:
-        return np.zeros(len(time_s))
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(time_s)
-    return np.concatenate([speed[:1], speed])
+def _place_and_speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return [samples, 4] in mm and mm/s; the speed is since the previous sample."""
+    speed = np.zeros(len(time_s))
+    if len(time_s) > 1:
+        speed[1:] = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(time_s)
+        speed[0] = speed[1]
+    return np.column_stack([place, speed]) * 1e3

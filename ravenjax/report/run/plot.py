@@ -1,8 +1,4 @@
-"""Draws one run: distance of the tip, haptic force, motor commands and states over time.
-
-Two tips are drawn: the true one, which the virtual robot's links have, and the reported one, from
-which the cue is computed.
-"""
+"""Draws one run: distance of the true and the reported tip, force, commands and states."""
 
 from __future__ import annotations
 
@@ -45,11 +41,8 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    - series: as `store.logs.trace.log.write_trace` takes them. For each arm, the plot shows the
-      distances of `tip` (true) and `position` (reported) from `model_position`, and `haptic_force`
-      and `current_cmd`, where present. It also shows `runlevel`, `pedal` and `fault_active` [T].
-    - threshold_mm: threshold of the cue whose force is drawn.
-    - events: {label: time in ms} of vertical markers (cue, response). Negative times are left out.
+    series: as `store.logs.trace.log.write_trace` takes them. threshold_mm: of the cue whose force
+    is drawn. events: {label: time in ms} of vertical markers; negative times are left out.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     arms = {
@@ -129,14 +122,10 @@ def _draw_force(axes: Axes, time_s: np.ndarray, arrays: Series, arms: Mapping[st
             axes.fill_between(time_s, size, color=colour, alpha=0.25, lw=0)
             axes.plot(time_s, size, color=colour, lw=1.1)
     axes.set_ylabel("haptic force,\ndevice units")
-    if _peak(axes) > 0.0:
-        axes.set_ylim(0.0, 1.15 * _peak(axes))
-    else:
-        axes.set_ylim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.15 * _peak(axes) or 1.0)
+    if not _peak(axes):
         axes.set_yticks([0.0])
-        axes.text(
-            0.01, 0.5, "none", fontsize=8, color="#5b6470", va="center", transform=axes.transAxes
-        )
+        _note(axes, "none", (0.01, 0.5), (0, 0), "#5b6470", xycoords="axes fraction", va="center")
 
 
 def _draw_dac(axes: Axes, time_s: np.ndarray, command: np.ndarray, names: Sequence[str]) -> None:
@@ -150,12 +139,10 @@ def _draw_dac(axes: Axes, time_s: np.ndarray, command: np.ndarray, names: Sequen
 
 
 def _peak(axes: Axes) -> float:
-    """Return the largest number drawn; 0 if nothing was drawn."""
     return axes.dataLim.ymax if np.isfinite(axes.dataLim.ymax) else 0.0
 
 
 def _add_legend(axes: Axes) -> None:
-    """Add a legend to the right of the axes if they have any named curve."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, handlelength=1.4, loc="upper left", bbox_to_anchor=(1.0, 1.03))
 
@@ -168,9 +155,7 @@ def _note(
     colour: str,
     **look: Any,
 ) -> None:
-    """Write a short text beside a place, `offset` in points. The y of `at` is a share of the axes'
-    height.
-    """
+    """Write text beside a place, `offset` in points; the y of `at` is a share of the height."""
     look = {"xycoords": ("data", "axes fraction")} | look
     axes.annotate(
         text, at, xytext=offset, textcoords="offset points", fontsize=8, color=colour, **look

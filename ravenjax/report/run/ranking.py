@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError, suggest_name
@@ -21,35 +21,16 @@ class Ranking(NamedTuple):
     """A measure by which one run is worse than another."""
 
     name: str
-    # Larger is worse; NULL or 0 excludes the run. {cue} is the cue of the rules.
     sql: str
     unit: str
     meaning: str
 
 
 RANKINGS = {
-    ranking.name: ranking
-    for ranking in (
-        Ranking(
-            "unintended", "unintended_mm", "mm", "unintended motion of the true tip while live"
-        ),
-        Ranking("loss", "loss_mm", "mm", "loss of motion while live"),
-        Ranking("report", "false_report_mm", "mm", "reported tip off the true one"),
-        Ranking(
-            "tissue",
-            "tissue_depth_mm - golden_tissue_depth_mm",
-            "mm",
-            "deeper in the tissue than the golden run",
-        ),
-        Ranking("cue", "cue{cue}_ms", "ms", "time with a haptic cue"),
-        Ranking(
-            "response",
-            "CASE WHEN response_ms >= 0 AND first_active_ms >= 0 THEN response_ms -"
-            " first_active_ms END",
-            "ms",
-            "time from the fault's first effect to the check that responded",
-        ),
-    )
+    name: Ranking(name, **measure)
+    for name, measure in tomllib.loads(
+        Path(__file__).with_name("rankings.toml").read_text(encoding="utf-8")
+    ).items()
 }
 
 
@@ -83,9 +64,7 @@ def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun
 
 
 def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
-    """Return the `most` worst runs, worst first. `cases`: the table or query to select from;
-    `value`: an expression over its columns.
-    """
+    """Return the `most` worst runs of a table or query, by an expression over its columns."""
     rows = table.rows(
         f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}"
     )
@@ -112,10 +91,8 @@ def faulty_rows(folder: Path, group: str | None = None) -> list[int]:
     `query.open_folder` does.
     """
     with query.open_folder(folder) as table:
-        groups = [
-            name
-            for (name,) in table.rows(f'SELECT DISTINCT "group"::VARCHAR FROM {RESULTS} ORDER BY 1')
-        ]
+        rows = table.rows(f'SELECT DISTINCT "group"::VARCHAR FROM {RESULTS} ORDER BY 1')
+        groups = [name for (name,) in rows]
         if group is not None and group not in groups:
             raise UserError(
                 f"--group {group!r}: unknown, expected"
@@ -132,9 +109,7 @@ def faulty_rows(folder: Path, group: str | None = None) -> list[int]:
 
 
 def count_changed(folder: Path, results: pd.DataFrame) -> int:
-    """Return how many of these runs are stored with a different outcome. Runs that are not stored
-    do not count.
-    """
+    """Return how many of these runs are stored with a different outcome."""
     names = [name for name in COMPARED if name in results]
     listed = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:
@@ -142,12 +117,8 @@ def count_changed(folder: Path, results: pd.DataFrame) -> int:
         stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({listed})").set_index(
             "row"
         )
-    own = results.set_index("index").loc[stored.index, names]
-    differs = np.zeros(len(own), bool)
-    for name in names:
-        before, after = stored[name], own[name]
-        if before.dtype.kind == "f":
-            differs |= ~np.isclose(before, after, rtol=0, atol=0, equal_nan=True)
-        else:
-            differs |= (before.astype(str) != after.astype(str)).to_numpy()
-    return int(differs.sum())
+    words = {name: str for name in ("response", "hazard") if name in names}
+    computed = results.set_index("index").loc[stored.index, names].astype(words)
+    stored = stored.astype(words)
+    alike = (stored == computed) | (stored.isna() & computed.isna())
+    return int((~alike.all(axis=1)).sum())

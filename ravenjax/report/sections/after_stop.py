@@ -34,9 +34,7 @@ class StopRow(NamedTuple):
 
 
 def stop_rows(runs: Runs) -> list[StopRow]:
-    """Return a row for all stops, then one for each check that stopped, most frequent first; no
-    rows without a stop.
-    """
+    """Return a row for all stops, then one for each check that stopped, most frequent first."""
     causes = sorted(_of(runs, "response_cause::VARCHAR"), key=lambda row: (-row.n, row.cause))
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]

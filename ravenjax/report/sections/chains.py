@@ -4,7 +4,6 @@ runs.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,15 +33,6 @@ from ravenjax.store.manifest import Manifest
 
 MOST = 3
 """Number of chains that are shown."""
-COLUMNS = (
-    "signal",
-    "layer",
-    "differs before harm",
-    "out of range before harm",
-    "median lead",
-    "visible there first",
-)
-"""Columns of the table in a terminal."""
 NAMES = 3
 """Number of groups that are named if only some are explained, and of first places that are named.
 """
@@ -54,38 +44,6 @@ def chain_sentences(one: Propagation) -> list[str]:
     return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
 
 
-def chain_table(one: Propagation) -> list[tuple[str, ...]]:
-    """Return rows of COLUMNS in the robot's order. A layer is named only in its first row."""
-    rows, layer = [], ""
-    for row in one.carriers:
-        shows = ["no range", "", ""]
-        if row.ranged:
-            lead = (
-                "" if math.isnan(row.lead_ms.value) else wording.format_estimate(row.lead_ms, "ms")
-            )
-            shows = [wording.format_rate(row.shows), lead, wording.format_rate(row.first)]
-        layer_name = row.layer if row.layer != layer else ""
-        rows.append((row.seam, layer_name, wording.format_percent(row.carries.value), *shows))
-        layer = row.layer
-    return rows
-
-
-def as_dict(one: Propagation) -> dict[str, Any]:
-    """Return the summary as plain values for JSON."""
-    return one._asdict() | {
-        "hidden": one.hidden._asdict(),
-        "lead_ms": one.lead_ms._asdict(),
-        "sentences": chain_sentences(one),
-        "carriers": [
-            {
-                name: value._asdict() if isinstance(value, Rate | Estimate) else value
-                for name, value in row._asdict().items()
-            }
-            for row in one.carriers
-        ],
-    }
-
-
 def seam_graph(one: Propagation) -> Chart | None:
     """Return a chart of the seams in the robot's order; None without runs.
 
@@ -94,45 +52,38 @@ def seam_graph(one: Propagation) -> Chart | None:
     """
     if not one.carriers:
         return None
-    place = {row.seam: number for number, row in enumerate(one.carriers)}
-    ranged = [(row, row.shows) for row in one.carriers if row.ranged]
-    carrying = [(row, row.carries) for row in one.carriers]
-    return Chart(
+    return _signal_chart(
         "Which signals carry and show the faults that evade",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
-        _rows(one.carriers),
+        one.carriers,
+        ("differs before harm", "series3", [row.carries for row in one.carriers]),
         (
-            _dots("differs before harm", "series3", carrying, place, False),
-            _dots("leaves its normal range before harm", "series2", ranged, place, True),
+            "leaves its normal range before harm",
+            "series2",
+            [row.shows if row.ranged else None for row in one.carriers],
         ),
-        height=ROW * len(one.carriers),
     )
 
 
 def lead_chart(one: Propagation) -> Chart | None:
-    """Return a chart of the median time from a signal's leaving its range to harm; None if no
-    signal leaves its range before harm.
-    """
+    """Return a chart of the median lead of each signal over harm; None if no signal leads."""
     rows = [row for row in one.carriers if row.shows.k]
     if not rows:
         return None
-    place = {row.seam: number for number, row in enumerate(rows)}
     most = max(max(row.lead_ms.value, float(np.nan_to_num(row.lead_ms.high))) for row in rows)
-    showing = [(row, row.lead_ms) for row in rows]
-    return Chart(
+    return _signal_chart(
         "How long before harm a signal leaves its range",
         ChartAxis("median, ms before harm", 0.0, 1.05 * most, unit="ms"),
-        _rows(rows),
-        (_dots("of the faults that it shows", "series2", showing, place, True),),
-        height=ROW * len(rows),
+        rows,
+        ("of the faults that it shows", "series2", [row.lead_ms for row in rows]),
     )
 
 
-def draw_charts(one: Propagation, path: Path) -> Path | None:
-    """Write both charts side by side as a file (.svg, .png or .pdf); return None without runs."""
+def draw_charts(one: Propagation, path: Path) -> bool:
+    """Write both charts side by side as a file (.svg, .png or .pdf); return False without runs."""
     charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
     if not charts:
-        return None
+        return False
     with matplotlib.rc_context(STYLE):
         figure = Figure(
             figsize=(5.4 * len(charts), 1.5 + 0.2 * len(one.carriers)), layout="constrained"
@@ -146,33 +97,28 @@ def draw_charts(one: Propagation, path: Path) -> Path | None:
             axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), fontsize=8)
         save_figure(figure, path)
-    return path
+    return True
 
 
-def _rows(carriers: Sequence[Carrier]) -> ChartAxis:
+def _signal_chart(
+    title: str,
+    axis: ChartAxis,
+    carriers: Sequence[Carrier],
+    *marks: tuple[str, str, Sequence[Rate | Estimate | None]],
+) -> Chart:
+    """Return a chart with a row for each seam. A mark has a name, a colour and a value a row;
+    the last is a diamond."""
+    dots = []
+    for name, colour, values in marks:
+        known = [(place, value) for place, value in enumerate(values) if value is not None]
+        places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
+        value, low, high = ends.reshape(-1, 3).T
+        tips = (f"{carriers[at].seam}: {_words(v)}, {carriers[at].meaning}" for at, v in known)
+        y, is_last = np.array(places, float), values is marks[-1][2]
+        dots.append(Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last))
     names = tuple(row.seam for row in carriers)
-    return ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
-
-
-def _dots(
-    name: str,
-    colour: str,
-    rows: Sequence[tuple[Carrier, Rate | Estimate]],
-    place: dict[str, int],
-    diamond: bool,
-) -> Dots:
-    """Return one mark per row, with intervals where they exist."""
-    value, low, high = (np.array([one[end] for _, one in rows], float) for end in (-3, -2, -1))
-    return Dots(
-        name,
-        colour,
-        value,
-        np.array([place[row.seam] for row, _ in rows], float),
-        x_low=low,
-        x_high=high,
-        tips=tuple(f"{row.seam}: {_words(one)}, {row.meaning}" for row, one in rows),
-        diamond=diamond,
-    )
+    signals = ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
+    return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))
 
 
 def _words(value: Rate | Estimate) -> str:
@@ -183,9 +129,6 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    """Return the runs that `ravenjax explain` stored beside a result; None if it stored none of
-    this campaign.
-    """
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -205,9 +148,6 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the explained runs that evade and went farthest; if none evades, those that went
-    farthest.
-    """
     manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
@@ -347,9 +287,7 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
 
 
 def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not
-    before harm.
-    """
+    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not before."""
     if not seams:
         return np.zeros((0, len(harm)), np.int64)
     return np.stack(

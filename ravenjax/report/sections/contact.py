@@ -32,9 +32,7 @@ class ContactRow(NamedTuple):
 
 
 def contact_rows(runs: Runs) -> list[ContactRow]:
-    """Return a row for all faults, then one for each group in the order of their names; no rows
-    without contact or without a fault.
-    """
+    """Return a row for all faults, then one for each group; none without contact or faults."""
     if not runs.manifest.shape.contact:
         return []
     groups = _of(runs, '"group"')
@@ -44,8 +42,8 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _of(runs: Runs, by: str) -> list[ContactRow]:
-    parts = ("", "vessel_", "instruments_")[: 1 + len(runs.manifest.shape.arms)]
-    names = [f"contact_{part}peak_n" for part in parts]
+    parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
+    names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
     listed = ", ".join(
         f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names
     )

@@ -1,9 +1,8 @@
 """Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
 the data choose.
 
-Here a hazard is an unintended motion. It is missed if its run had no cue, or only one that the
-golden run had by then too: such a cue comes from the motion and not from the fault. A false cue is
-the first cue of a fault-free motion. Rates are over one run of each fault.
+A hazard, an unintended motion, is missed if its run had no cue, or only one that the golden run
+had by then too. A false cue is the first cue of a fault-free motion. Each fault counts once.
 
 A single threshold is named if the intervals of missed hazards and false cues decide it
 (`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours
@@ -100,30 +99,29 @@ class Choice(NamedTuple):
 
 
 def cue_rows(runs: Runs) -> list[CueRow]:
-    """Return one row per haptic set, sorted by threshold and gain. Intervals exist only if all
-    faults were drawn.
-    """
+    """Return one row per haptic set, sorted by threshold and gain."""
     free, cues = runs.motions(), runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
     result = []
     for k, cue in enumerate(cues):
-        delay, lead = tables.event_times(runs, f"warned{k}_ms")
+        times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
+        hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         result.append(
             CueRow(
                 k,
                 cue,
-                tables.of_faults(runs, lead.n - lead.alarmed, lead.n),
+                tables.of_faults(runs, hazards - times.alarmed, hazards),
                 tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
                 free.cue_rate(k),
                 tables.of_faults(runs, felt[k], harmless),
                 False,
                 cue_leads(runs.manifest, k),
-                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
-                tables.without_interval_unless_sampled(runs, lead.before),
-                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
+                times.half_ms,
+                times.before,
+                times.lead_ms,
                 *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
             )
         )
@@ -150,16 +148,13 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
-    """Return the hours of fault-free motion that would decide every limit of false cues per hour,
-    or else the next weight; 0 if more hours would decide nothing.
-    """
+    """Return hours that would decide every limit, or else the next weight; 0 if none would."""
     able = [one for one in of if math.isfinite(one.hours)]
     limits = [one.hours for one in able if one.rule.startswith(_LIMIT.partition("{")[0])]
     return max(limits) if limits else min((one.hours for one in able), default=0.0)
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
-    """Return which of the same hazards each set misses, and how many false cues each has."""
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
     # Count joint patterns: each set's own misses do not show which hazards one set misses and
     # another catches.
@@ -208,10 +203,8 @@ def _choice(
     hours: float,
     end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule.
-
-    `possible`: sets that may be best. `keeps`: sets that certainly keep the rule. `hours`: hours
-    that would decide more. `end`: sets that may be best after endless hours.
+    """Return the choice under one rule. `possible`: sets that may be best; `end`: after endless
+    hours. `keeps`: sets that certainly keep the rule. `hours` would decide more.
     """
     sure = np.flatnonzero(possible & keeps).tolist()
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
@@ -230,12 +223,10 @@ def _choice(
 
 
 def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
-    """Return the different thresholds of some sets, mm, in order."""
     return sorted({row.cue.threshold_mm for row, is_one in zip(rows, which, strict=True) if is_one})
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    """Return thresholds in words: 2, 3 or 5 mm; 2 to 8 mm if there are many; "" without any."""
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"

@@ -1,16 +1,15 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's own checks and the haptic cue of the verdicts are listed beside the campaign's
-detectors, as two detectors with a single threshold. Rates and times are over one run of each fault.
-Curves are over every run, or over a drawn subset of them. If faults were drawn, intervals are over
-faults, and bands resample faults. Enumerated faults have neither.
+The robot's own checks and the haptic cue of the verdicts count as two detectors with a single
+threshold. Rates and times are over one run of each fault, curves over every run or a drawn subset.
+If faults were drawn, bands resample faults. Enumerated faults have no bands and no intervals.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,9 +51,7 @@ TELLING = "share of alarms with an unintended motion"
 
 
 class DetectorThreshold(NamedTuple):
-    """What one threshold of a detector does. `threshold` is in the unit of the score, NaN for a
-    check or a cue.
-    """
+    """One threshold of a detector, in the unit of its score; NaN for a check or a cue."""
 
     detector: str
     threshold: float
@@ -75,9 +72,7 @@ class DetectorThreshold(NamedTuple):
 
 
 class ThresholdAlarms(NamedTuple):
-    """When a detector first gave an alarm at one threshold, in every run of the table; -1:
-    never.
-    """
+    """First alarms of a detector at one threshold in every run."""
 
     name: str
     threshold: float
@@ -101,9 +96,7 @@ class DetectorRow(NamedTuple):
 
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
-    """Return every source of alarms at each threshold: the campaign's detectors, the checks, and
-    the cue that the verdicts use.
-    """
+    """Return every source of alarms at each threshold: detectors, the checks, the cue."""
     manifest, free, result = runs.manifest, runs.motions(), []
     for d, detector in enumerate(manifest.detectors):
         score = f"golden_detector{d}_score"
@@ -133,55 +126,40 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
 
 
 def knowledge_sql(runs: Runs) -> str:
-    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
-
-    It is the time of the cue, a check, or a detector at its lowest threshold without a false alarm.
-    An alarm before the fault had any effect does not count. The expression is over columns of
-    facts.
+    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never:
+    by the cue, a check, or a detector at its lowest threshold without a false alarm.
     """
-    return _first(runs, lambda one: True)
+    return _first_alarm(runs)
 
 
 def before_motion(runs: Runs) -> str:
     """Return the SQL of `knowledge_sql` without alarms that cannot come before the motion by
     definition: cues and tip errors at its limit or beyond.
-
-    For the remaining alarms it is a finding whether they come before the motion.
     """
-    return _first(runs, lambda one: one.leads)
+    return _first_alarm(runs, leading=True)
 
 
-def _first(runs: Runs, chosen: Callable[[ThresholdAlarms], bool]) -> str:
+def _first_alarm(runs: Runs, leading: bool = False) -> str:
     trusted = [
-        one
-        for one in runs.once(list_alarms)
-        if (one.quiet or one.free is None or math.isnan(one.threshold)) and chosen(one)
+        f"({after_onset(alarms.column)})"
+        for alarms in runs.once(list_alarms)
+        if alarms.quiet or alarms.free is None or math.isnan(alarms.threshold)
+        if alarms.leads or not leading
     ]
-    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in trusted))
+    return run_facts.first_sql(*trusted)
 
 
 def detector_rows(runs: Runs) -> list[DetectorRow]:
     """Return one row per detector, then the rows of the checks and the cue."""
     found, detectors = runs.once(list_alarms), runs.manifest.detectors
-    by_name = {
-        name: _shown([one for one in found if one.name == name])
-        for name in dict.fromkeys(one.name for one in found)
-    }
-    each = iter(threshold_rows(runs, [one for own in by_name.values() for one in own]))
     result = []
-    for number, (name, own) in enumerate(by_name.items()):
-        scored = number < len(detectors)
-        roc, recall = _bands(runs, number) if scored else (None, None)
-        result.append(
-            DetectorRow(
-                name,
-                _what(detectors[number]) if scored else "",
-                [next(each) for _ in own],
-                roc,
-                recall,
-                roc.area if roc else None,
-            )
-        )
+    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in found)):
+        shown = _shown([alarms for alarms in found if alarms.name == name])
+        what, roc, recall = "", None, None
+        if number < len(detectors):
+            what, (roc, recall) = _what(detectors[number]), _bands(runs, number)
+        auc = roc.area if roc else None
+        result.append(DetectorRow(name, what, threshold_rows(runs, shown), roc, recall, auc))
     return result
 
 
@@ -192,7 +170,7 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     result = []
     for one, hits, misses in zip(found, counts[::2], counts[1::2], strict=True):
-        delay, lead = tables.event_times(runs, one.column)
+        times = tables.event_times(runs, after_onset(one.column))
         result.append(
             DetectorThreshold(
                 one.name,
@@ -201,9 +179,9 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
                 tables.of_faults(runs, misses, others),
                 tables.of_faults(runs, hits, hits + misses),
                 one.false,
-                tables.without_interval_unless_sampled(runs, delay.quantile_interval(0.5)),
-                tables.without_interval_unless_sampled(runs, lead.before),
-                tables.without_interval_unless_sampled(runs, lead.quantile(0.5)),
+                times.half_ms,
+                times.before,
+                times.lead_ms,
                 one.quiet,
                 one.leads,
             )
@@ -236,10 +214,6 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    """Return the ROC and precision-recall curve of the drawn runs.
-
-    There are no curves if the runs do not differ in the outcome, or are all of one fault.
-    """
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"
@@ -254,7 +228,6 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
 
 
 def _bare(band: CurveBand) -> CurveBand:
-    """Return a curve without its band."""
     none = np.full(len(band.grid), np.nan)
     curve = band.curve._replace(low=none, high=none)
     return CurveBand(band.grid, curve, band.area._replace(low=np.nan, high=np.nan))
@@ -270,16 +243,10 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
     return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
 
 
-def _share(title: str) -> ChartAxis:
-    return ChartAxis(title, 0.0, 1.0, share=True)
-
-
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
-    """Return curves with bands, and marks for the thresholds. A detector with a single threshold
-    has only a mark.
-    """
+    """Return curves with bands, and marks for the thresholds."""
     areas = {
         number: getattr(row, kind).area.value
         for number, row in enumerate(rows)
@@ -316,7 +283,8 @@ def _chart(
             )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
-    return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)
+    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (across, up))
+    return Chart(title, x_axis, y_axis, tuple(marks), HEIGHT)
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

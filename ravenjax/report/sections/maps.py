@@ -1,9 +1,8 @@
 """Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
 that matter most.
 
-The axes of a map are the two inputs that explain most of the outcome. Inputs with many values are
-binned. Faults of one site and effect have their own map if there are enough of them. All faults
-together have a map by site and effect.
+The axes of a map are the two inputs that explain most of the outcome. Faults of one site and effect
+have their own map if there are enough of them.
 """
 
 from __future__ import annotations
@@ -11,7 +10,8 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,19 +42,8 @@ UNTIL_END = -1
 TO_THE_END, UNSET, OTHERS = "to the end", "not set", "others"
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
-SLOT_INPUTS = {
-    "value": "value",
-    "duration_ms": "duration, ms",
-    "start_ms": "onset, ms",
-    "channel": "channel",
-    "arm": "arm",
-    "every_ms": "again every, ms",
-    "period_ms": "period, ms",
-    "trigger": "onset counts from",
-}
-"""Columns of a fault slot that may be an axis, with their titles. If no input explains more than
-another, the first ones are taken.
-"""
+_FILE = tomllib.loads(Path(__file__).with_name("maps.toml").read_text(encoding="utf-8"))
+SLOT_INPUTS = _FILE["inputs"]
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
 """Inputs that have the same meaning at every site."""
 
@@ -63,24 +52,16 @@ class MapMeasure(NamedTuple):
     """Something that happened in a run or did not."""
 
     name: str
-    # SQL over columns of facts.
-    sql: str
     title: str
-    # Words that follow a count, as in "3 of 12 ...".
     words: str
+    sql: str
+    free_sql: str = ""  # in a campaign without any fault; "" leaves the measure out
 
 
-MEASURES = (
-    MapMeasure("unintended", "unintended", "Unintended motion", "had an unintended motion"),
-    MapMeasure("told", "told", "A check raised an alarm", "had an alarm by a check"),
-    MapMeasure("cue", "cued", "The cue came", "had the cue"),
-    MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
+MEASURES = tuple(MapMeasure(**measure) for measure in _FILE["measures"])
+FREE_MEASURES = tuple(
+    measure._replace(sql=measure.free_sql) for measure in MEASURES if measure.free_sql
 )
-"""Measures of runs with a fault. The leading one is the first that came in some runs and not in
-others.
-"""
-FREE_MEASURES = (MEASURES[1], MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"))
-"""Measures of a campaign without any fault."""
 
 
 class MapAxis(NamedTuple):
@@ -151,10 +132,8 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     """Return the map of all faults if they are of several sites and effects, then the map of each,
     most unintended motion first.
 
-    One run of each fault counts. Each item has: name, n, unit, rates (for each measure: title,
-    words, rate), panels. A panel shows one measure over two inputs: name, title, words, rate,
-    across and up (titles of the axes), columns (labels), rows (label and cells, highest first). A
-    cell is a Rate, or None if it has no run. Only measures that came in some runs and not in others
+    An item has name, n, unit, rates and panels. A panel shows one measure over two inputs. Its
+    cells are rates, or None without a run. Only measures that came in some runs and not in others
     have panels.
     """
     swept = summarize_sweep(runs)
@@ -172,7 +151,6 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
-    """Return axes for those inputs that vary among the faults."""
     varied = [name for name in swept.titles if len(swept.faults[name].unique()) > 1]
     n = len(swept.faults)
     # In a grid of two inputs, a cell holds one run.
@@ -214,11 +192,8 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
 
 
 def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapAxis:
-    """Return an axis with one bin per word: the words of `order` first, then the others
-    alphabetically.
-
-    If there are more than MOST_VALUES words, the most frequent have bins, and one bin holds the
-    others.
+    """Return an axis with one bin per word, those of `order` first. Of more than MOST_VALUES words
+    the most frequent have bins, and one bin holds the others.
     """
     words, counts = np.unique(values, return_counts=True)
     if len(words) > MOST_VALUES:
@@ -231,14 +206,12 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
 
 
 def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
-    """Return an axis with those labels that occur, in their order."""
     there = set(labels.tolist())
     names = [name for name in dict.fromkeys(order) if name in there]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
 
 
 def _edges(low: float, high: float, wanted: int) -> np.ndarray:
-    """Return round edges of about `wanted` bins, from at most `low` to at least `high`."""
     if low > 0 and high / low > 30:
         step = math.ceil(math.log2(high / low) / (wanted + 2))
         return 2.0 ** np.arange(math.floor(math.log2(low)), math.log2(high) + step + 1e-9, step)
@@ -247,16 +220,14 @@ def _edges(low: float, high: float, wanted: int) -> np.ndarray:
 
 def compact_number(value: float) -> str:
     """Shorten a number for an axis label: 12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12."""
-    for least, size, letter in ((1e6, 1e6, "M"), (1e4, 1e3, "k"), (1e3, 1, "")):
-        if abs(value) >= least:
-            return f"{value / size:.{4 if size == 1 else 3}g}{letter}".replace("-", "−")
-    return f"{value:.3g}".replace("-", "−")
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(value) >= max(size, 1e4):
+            return f"{value / size:.3g}{letter}".replace("-", "−")
+    return f"{value:{'.4g' if abs(value) >= 1e3 else '.3g'}}".replace("-", "−")
 
 
 def _by_block(swept: Sweep) -> PairCounts:
-    """Return counts of all faults by site and effect, and by the input that explains most among
-    COMMON.
-    """
+    """Return counts by site and effect, and by the input of COMMON that explains most."""
     hit = swept.faults[swept.measures[0].name].to_numpy(float)
     shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
@@ -277,7 +248,6 @@ def _by_block(swept: Sweep) -> PairCounts:
 
 
 def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
-    """Return counts by the two inputs that explain most; None if nothing varies."""
     pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
     return max((_counts(swept, *pair) for pair in pairs), key=prediction_gain, default=None)
 
@@ -318,38 +288,24 @@ def prediction_gain(counts: PairCounts) -> float:
 
 
 def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
-    """Return the map of some faults. `sampled`: the faults were drawn."""
     rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
-    n, hits = len(swept.faults), [int(k.sum()) for k in counts.k]
-    rates = [
-        one._asdict() | {"rate": rate_in(k, n)} for one, k in zip(swept.measures, hits, strict=True)
-    ]
-    panels = [
-        _panel(rate, counts, k, rate_in)
-        for rate, k in zip(rates, counts.k, strict=True)
-        if 0 < k.sum() < n
-    ]
+    n, rates, panels = len(swept.faults), [], []
+    for measure, k in zip(swept.measures, counts.k, strict=True):
+        rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
+        if 0 < k.sum() < n:
+            cells = np.stack([k, counts.n], axis=2).tolist()
+            rows = [
+                {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in row]}
+                for label, row in zip(counts.up.labels, cells, strict=True)
+            ]
+            axes = {
+                "across": counts.across.title,
+                "up": counts.up.title,
+                "columns": counts.across.labels,
+            }
+            # Numbers increase upwards.
+            panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
     return {"name": name, "n": n, "unit": swept.unit, "rates": rates, "panels": panels}
-
-
-def _panel(
-    measure: Mapping[str, Any], counts: PairCounts, k: np.ndarray, rate_in: Callable[..., Rate]
-) -> dict[str, Any]:
-    """Return one panel. `k`: number of faults in each cell in which the measure came."""
-    rows = [
-        {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in cells]}
-        for label, cells in zip(
-            counts.up.labels, np.stack([k, counts.n], axis=2).tolist(), strict=True
-        )
-    ]
-    return {
-        **measure,
-        "across": counts.across.title,
-        "up": counts.up.title,
-        "columns": counts.across.labels,
-        # Numbers increase upwards.
-        "rows": rows if counts.up.words else rows[::-1],
-    }
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:

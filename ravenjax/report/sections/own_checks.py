@@ -1,8 +1,7 @@
 """Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-Rates are over one run of each fault. Times are over faults with an unintended motion, as for
-detectors. A check counts as tripped if it trips more often than in the golden run, or sooner. Its
-trips in fault-free motion are its false alarms.
+A check counts as tripped if it trips more often than in the golden run, or sooner. Its trips in
+fault-free motion are its false alarms.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
                 alarms.detector,
                 str(section.get("at", "")),
                 checks[number].does,
-                _threshold(section, *_varied(runs, alarms.detector)),
+                _threshold(runs, section, alarms.detector),
                 tables.of_faults(runs, tripped, total),
                 tables.of_faults(runs, only, tripped),
                 alarms,
@@ -69,26 +68,14 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     return result
 
 
-def _varied(runs: Runs, check: str) -> tuple[float | None, float | None]:
-    """Return the least and largest threshold among the runs behind the rates; None if it is the
-    same in the whole campaign.
-    """
-    name = f"param:checks.threshold.{check}"
-    if name not in runs.names:
-        return None, None
-    least, most = runs.table.row(
-        f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}'
-    )
-    return least, most
-
-
-def _threshold(section: dict[str, Any], least: float | None, most: float | None) -> str:
-    value = least if least is not None else float(section.get("threshold", 1.0))
-    words = (
-        f"above {value:g}"
-        if most is None or most == value
-        else f"above {value:g} to {most:g}, together"
-    )
+def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
+    name, value = f"param:checks.threshold.{check}", float(section.get("threshold", 1.0))
+    least, most = value, value
+    if name in runs.names:
+        least, most = runs.table.row(
+            f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}'
+        )
+    words = f"above {least:g}" + (f" to {most:g}, together" if most != least else "")
     in_a_row = section.get("consecutive", 1)
     return f"{words}, {in_a_row} ms in a row" if in_a_row > 1 else words
 
@@ -110,9 +97,9 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    own_checks = own_check_rows(runs) if runs.manifest.shape.own_checks else []
-    # Without a judged fault the section has no content.
-    return {"own_checks": own_checks} if runs.count("sample AND faulty") and own_checks else None
+    if not runs.manifest.shape.own_checks or not runs.count("sample AND faulty"):
+        return None
+    return {"own_checks": own_check_rows(runs)}
 
 
 SECTIONS = (Section("own_checks", "Your checks", 100, _content),)

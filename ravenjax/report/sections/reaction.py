@@ -2,8 +2,7 @@
 operator's reaction to the cue.
 
 A pair is two runs that differ only in crossed parameters, and in one of which the operator does not
-react. If a fault was run several times, the first pair counts. If other parameters are crossed too,
-a fault has one pair for each of their values.
+react. A fault has one pair for each value of other crossed parameters.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import pair_intervals as intervals
-from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.facts import ACTION, FACTS
+from ravenjax.report.data.fault_free import MS_PER_HOUR
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
@@ -55,9 +54,7 @@ class Pairs(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """A comparison of pairs. Differences are with the reaction minus without it, so a negative
-    difference means that the reaction helps.
-    """
+    """A comparison of pairs, with minus without the reaction: negative if it helps."""
 
     action: str  # in words
     # Which pairs: all, a layer, or a value of a crossed parameter.
@@ -90,30 +87,23 @@ class Idle(NamedTuple):
 
 
 def sample_runs(runs: Runs) -> pd.DataFrame:
-    """Return about MOST runs of a table, with some columns of results and facts. Runs of one pair
-    are drawn together.
-    """
+    """Return about MOST runs with the needed columns. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
+    facts = ("failed", "faulty", "activated", "action", "unintended", '"distinct"')
     columns = [
         *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
-        *(f"{FACTS}.{name}" for name in ("failed", "faulty", "activated", "action", "unintended")),
-        *(
-            f"{FACTS}.{quote_name(name)}::VARCHAR AS {quote_name(name)}"
-            for name in ("group", "layer")
-        ),
-        f'{FACTS}."distinct"',
+        *(f"{FACTS}.{name}" for name in facts),
+        *(f'{FACTS}."{name}"::VARCHAR AS "{name}"' for name in ("group", "layer")),
     ]
     return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 
 
 def has_pairs(runs: pd.DataFrame) -> bool:
-    """Return whether there are pairs: runs in which nobody reacts, and runs in which
-    somebody does.
-    """
+    """Return whether somebody reacts in some runs and nobody in others."""
     actions = runs["action"].unique().tolist()
-    return run_facts.ACTION in runs and len(actions) > 1 and 0 in actions
+    return ACTION in runs and len(actions) > 1 and 0 in actions
 
 
 def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
@@ -131,8 +121,9 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
 
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
-    """Return comparisons for each action: over all pairs, then by layer, then by each value of
-    other crossed parameters. Faults that changed no bit in either run are left out.
+    """Return comparisons by action: all pairs, by layer, and by other crossed parameters.
+
+    Faults that changed no bit in either run are left out.
     """
     found = []
     for number, action in _actions(runs):
@@ -148,17 +139,17 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
-    """Return what each action does to fault-free motion: to the golden runs of all runs with this
-    action.
-    """
+    """Return what each action does to the golden runs of all runs with it."""
     result = []
     for number, action in _actions(runs):
-        free = run_facts.golden_runs(runs, runs["action"].to_numpy() == number)
-        acted = int(run_facts.first_came(free, "golden_reaction_ms").sum())
-        hours = run_facts.fault_free_hours(free)
+        # Runs that share robot and operator share one golden run, so it counts once.
+        names = [name for name in runs if name == "operator" or name.startswith("golden_")]
+        free = runs.loc[runs["action"] == number, names].drop_duplicates()
+        acted = int((free["golden_reaction_ms"] >= 0).sum())
+        hours = float(free["golden_pedal_down_ms"].to_numpy().sum()) / MS_PER_HOUR
         mine = paired_runs(runs, number, faulty=False)
         lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()
-        lost = lost[run_facts.first_came(mine.with_, "reaction_ms")]
+        lost = lost[mine.with_["reaction_ms"].to_numpy() >= 0]
         result.append(
             Idle(
                 MEANINGS[action],
@@ -176,10 +167,7 @@ def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
-    """Return the parameters other than the action that differ within pairs, because they are
-    crossed with it.
-    """
-    names = [name for name in frame if name.startswith("param:") and name != run_facts.ACTION]
+    names = [name for name in frame if name.startswith("param:") and name != ACTION]
     pair = frame["pair"]
     return [
         name
@@ -206,7 +194,7 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 def _difference(action: str, among: str, mine: Pairs, sampled: bool, inactive: int) -> Difference:
     """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
     after, before = (part["unintended"].to_numpy() for part in mine)
-    acted = run_facts.first_came(mine.with_, "reaction_ms")
+    acted = mine.with_["reaction_ms"].to_numpy() >= 0
     faults = intervals.pair_faults(mine.with_["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],

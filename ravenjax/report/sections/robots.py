@@ -1,14 +1,13 @@
 """Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
 `ravenjax calibrate`.
 
-Such a file holds draws from the posterior distribution of a robot's parameters, given a log. The
-sampled unit is the robot: the interval is for the rate of one more robot, whatever the
-number of faults on each.
+The sampled unit is the robot: the interval is for the rate of one more robot, whatever the number
+of faults on each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
@@ -53,9 +52,7 @@ def robot_questions(runs: Runs) -> dict[str, tuple[str, str]]:
 
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return rates over one run of each fault and robot, for `robot_questions`; none if robots
-    were not drawn whole.
-    """
+    """Return rates for `robot_questions`, one run of each fault and robot."""
     robots = drawn_whole(runs)
     if not robots:
         return []
@@ -80,17 +77,15 @@ def drawn_whole(runs: Runs) -> list[str]:
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
-    """Return the columns of the parameters that make up a robot, for a campaign as stored in its
-    manifest.
-    """
-    return list(dict.fromkeys(f"param:{path}" for path in _paths(config)))
-
-
-def _paths(config: Mapping[str, Any]) -> Iterator[str]:
-    for table in (config, *config.get("group", ())):
-        for path, value in table.get("parameters", {}).items():
-            if isinstance(value, Mapping) and _WHOLE in value:
-                yield path
+    """Return the columns of the parameters of a robot that a stored campaign draws whole."""
+    return list(
+        dict.fromkeys(
+            f"param:{path}"
+            for table in (config, *config.get("group", ()))
+            for path, value in table.get("parameters", {}).items()
+            if isinstance(value, Mapping) and _WHOLE in value
+        )
+    )
 
 
 SECTIONS = (

@@ -18,12 +18,12 @@ import pandas as pd
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.sections import Section
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
-from ravenjax.stats.latency import Delays, Incidence, Lead
-from ravenjax.store.access.query import RESULTS, quote_text
+from ravenjax.stats.latency import Delays, Incidence
+from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
@@ -33,22 +33,13 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 @functools.lru_cache(maxsize=10_000)
 def rate_of(k: int, n: int) -> Rate:
-    """Return the Wilson rate of k in n. It is cached, because the cells of a page repeat the same
-    few counts.
-    """
+    """Return the Wilson rate of k in n, cached because cells repeat the same counts."""
     return wilson_interval(k, n)
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """Return k of n distinct faults of these groups, or of all, without an interval if their values
-    were enumerated.
-    """
+    """Return k of n distinct faults of these groups, without an interval if enumerated."""
     return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
-
-
-def without_interval_unless_sampled(runs: Runs, value: _Interval) -> _Interval:
-    """Return the value, without its interval if the campaign's faults were not drawn."""
-    return value if runs.sampled() else without_interval(value)
 
 
 def without_interval(value: _Interval) -> _Interval:
@@ -69,34 +60,40 @@ def quantiles_sql(column: str) -> str:
     return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
 
 
-def event_times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
-    """Return an event's delay after the first effect and its lead over the motion, for faults with
-    an unintended motion.
+class EventTimes(NamedTuple):
+    """When an event came in some faults. Intervals exist only if all faults were drawn."""
 
-    `column` is a column of facts. An event before the fault had any effect counts as never, because
-    it has another cause.
+    delay: Incidence  # from the fault's first effect
+    half_ms: Estimate  # by which half of the faults had the event
+    before: Rate  # faults with the event before the motion
+    lead_ms: Estimate  # over the motion, median
+    alarmed: int  # faults with the event
+
+
+def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTENDED) -> EventTimes:
+    """Return when an event came after the first effect, and how long before the motion.
+
+    `event` is an expression over columns of facts, -1 for never. `leading`: the event that may come
+    before the motion, if it is another one. `where`: the faults, each with an unintended motion.
     """
-    event = after_onset(column)
     delay, lag = (
-        runs.delays(event, start, runs.end, UNINTENDED)[""]
-        for start in ("active_ms", "unintended_ms")
+        runs.delays(sql, start, runs.end, where)[""]
+        for sql, start in ((event, "active_ms"), (leading or event, "unintended_ms"))
     )
-    return latency.incidence_curve(delay), latency.lead_time(lag)
+    delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
+    times = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
+    if not runs.sampled():
+        times = without_interval(times[0]), without_interval(times[1]), without_interval(times[2])
+    return EventTimes(delays, *times, lead.alarmed)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
 
-    - evaded, felt, unseen, evaded_limited: faults that evaded; of these, those with the cue,
-      without the cue, and with a limit by a check.
-    - loss, misreport: hazards that no check reported.
-    - halted: losses of motion whose only reason is that the robot was not live.
-    - inactive: valid runs whose fault never changed a bit. They are in no rate.
-    - repeats: further valid runs of these faults.
-    - reacting: runs in which an operator reacts to the cue, if nobody does in other runs. They are
-      in no rate.
-    - faulty, failed: runs with a fault, and runs without a valid outcome, of all runs.
-    - false_cue: of fault-free motions.
+    Hazards that no check reported: loss, misreport; halted is a loss only because the robot was not
+    live. inactive: valid runs whose fault never changed a bit. repeats: further valid runs of these
+    faults. reacting: runs in which an operator reacts, if nobody does in others. faulty, failed: of
+    all runs. false_cue: of fault-free motions.
     """
     both = "warned_ms >= 0 AND told_ms >= 0"
     conditions = {
@@ -112,7 +109,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "both": both,
         "cue_first": f"{both} AND warned_ms < told_ms",
         "same_ms": f"{both} AND warned_ms = told_ms",
-        **{name: f"outcome = {quote_text(name)}" for name in OUTCOMES},
+        **{name: f"outcome = '{name}'" for name in OUTCOMES},
     }
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
@@ -126,9 +123,8 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
         f" AND {both}"
     )
-    plain = ("unintended_told", "felt", "unseen", "phantom", "evaded_limited", "halted", "late")
     return {
-        **{name: n[name] for name in (*plain, "same_ms")},
+        **n,
         **{
             name: of_faults(runs, n[name], total)
             for name in ("evaded", "unintended", "loss", "misreport")
@@ -154,19 +150,18 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    """Return the verdict matrix of valid runs. `sampled`: their faults were drawn."""
     rate_in = rate_of if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
-    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"]
-    counts = counts.sum()
+    counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
     rows = []
     for response in verdict.RESPONSES:
         cells = [
             {
+                "response": response,
                 "hazard": hazard,
-                "cue": cued,
-                "rate": rate_in(int(counts.get((response, hazard, cued), 0)), total),
+                "cue": "cue" if cued else "no cue",
+                "share": rate_in(int(counts.get((response, hazard, cued), 0)), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
@@ -175,16 +170,14 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             {
                 "name": response,
                 "cells": cells,
-                "total": rate_in(sum(cell["rate"].k for cell in cells), total),
+                "total": rate_in(sum(cell["share"].k for cell in cells), total),
             }
         )
     return rows
 
 
 def jump_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per jump rule: the distinct faults with such a jump, and which hazards they
-    had.
-    """
+    """Return one row per jump rule: the faults with such a jump, and which hazards they had."""
     outcomes = runs.manifest.config.get("outcomes") or {}
     step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
     rules = {
@@ -192,32 +185,18 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
         "jump_text": f"true tip: over {large:g} mm within 2 ms",
     }
-    source = f"{RESULTS} JOIN {FACTS} USING (row)"
     rows = []
     for name, words in rules.items():
         conditions = ["true", name, f"{name} AND unintended", f"{name} AND misreport"]
-        n, k, unintended, misreport = runs.counts(conditions, source, "sample AND faulty")
-        rate = of_faults(runs, k, n)
-        rows.append({"rule": words, "rate": rate, "unintended": unintended, "misreport": misreport})
+        source = f"{RESULTS} JOIN {FACTS} USING (row)"
+        n, k, *hazards = runs.counts(conditions, source, "sample AND faulty")
+        hazard = dict(zip(("unintended", "misreport"), hazards, strict=True))
+        rows.append({"rule": words, "rate": of_faults(runs, k, n), **hazard})
     return rows
 
 
 def _count(cube: pd.DataFrame) -> int:
     return int(cube["runs"].to_numpy().sum())
-
-
-def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the cells of a verdict matrix as a list."""
-    return [
-        {
-            "response": row["name"],
-            "hazard": cell["hazard"],
-            "cue": "cue" if cell["cue"] else "no cue",
-            "share": cell["rate"],
-        }
-        for row in rows
-        for cell in row["cells"]
-    ]
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
@@ -274,21 +253,17 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
 
 
 def check_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per built-in check: in how many distinct faults it tripped, and how close it
-    came in silent ones.
-    """
+    """Return one row per built-in check: faults in which it tripped, and its least margin."""
     manifest = runs.manifest
     own = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in own]
-    columns = ["count(*)"]
-    for check in names:
-        margin = f"check_{check}_margin"
-        columns.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
-        columns.append(
-            f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))"
-        )
+    columns = [
+        f"count(*) FILTER (check_{name}_first_ms >= 0), min(check_{name}_margin) FILTER (response ="
+        f" 'silent' AND NOT isnan(check_{name}_margin::DOUBLE))"
+        for name in names
+    ]
     total, *numbers = runs.table.row(
-        f"SELECT {', '.join(columns)} FROM {runs.those('sample AND faulty')}"
+        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.those('sample AND faulty')}"
     )
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
@@ -307,12 +282,8 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return which check decided the response to distinct faults, by response, most
-    frequent first.
-    """
-    counts = ", ".join(
-        f"count(*) FILTER (response = {quote_text(name)}) AS {name}" for name in CAUSED
-    )
+    """Return which check decided the response to faults, most frequent first."""
+    counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
         "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
@@ -384,10 +355,9 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
-    manifest, matrix = runs.manifest, verdict_matrix(runs)
+    manifest = runs.manifest
     return {
-        "matrix_rows": matrix,
-        "matrix_csv": matrix_cells(matrix),
+        "matrix_rows": verdict_matrix(runs),
         "jumps": jump_rows(runs),
         "overloads": overload_rows(runs),
         "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
@@ -16,61 +17,8 @@ MOST = 5
 """Number of runs of each kind."""
 
 
-class WorstKind(NamedTuple):
-    """An outcome, and the measure by which its runs are ranked."""
-
-    name: str
-    title: str
-    where: str  # SQL over columns of facts
-    # SQL over columns of results. {cue} is the number of the haptic set of the verdicts; NULL
-    # excludes the run.
-    far: str
-    measured: str  # what the value measures
-    unit: str = "mm"
-    decimals: int = 1
-
-
-KINDS = (
-    WorstKind(
-        "evaded",
-        "Unintended motion without an alarm",
-        "evaded",
-        "unintended_mm",
-        "distance off course",
-    ),
-    WorstKind(
-        "told",
-        "Unintended motion with an alarm",
-        "unintended AND told",
-        "unintended_mm",
-        "distance off course",
-    ),
-    WorstKind(
-        "loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "distance behind"
-    ),
-    WorstKind(
-        "halted", "Loss of motion: not live", "halted", "halted_ms", "time not live", "ms", 0
-    ),
-    WorstKind(
-        "misreport", "False report", "misreport", "false_report_mm", "distance from the true tip"
-    ),
-    WorstKind(
-        "phantom",
-        "Cue without a hazard",
-        "cued AND hazard = 'none'",
-        "cue{cue}_ms",
-        "time with the cue",
-        "ms",
-        0,
-    ),
-    WorstKind(
-        "depth",
-        "Deeper in the tissue than the golden run",
-        "true",
-        "CASE WHEN tissue_depth_mm > golden_tissue_depth_mm THEN tissue_depth_mm END",
-        "tissue depth",
-    ),
-)
+KINDS = tomllib.loads(Path(__file__).with_name("worst.toml").read_text(encoding="utf-8"))
+"""Outcomes by name, in the order of the page."""
 
 
 def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
@@ -80,15 +28,15 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     `folder`: of the result, for the commands.
     """
     kinds, manifest = [], runs.manifest
-    for kind in KINDS:
-        if ("{cue}" in kind.far and not manifest.cues) or (
-            kind.name == "depth" and not manifest.robot.tissue
+    for name, kind in KINDS.items():
+        if ("{cue}" in kind["far"] and not manifest.cues) or (
+            name == "depth" and not manifest.robot.tissue
         ):
             continue
-        far = kind.far.format(cue=manifest.verdict_cue)
+        far = kind["far"].format(cue=manifest.verdict_cue)
         cases = (
-            f"{runs.those(f'sample AND faulty AND ({kind.where})')} WHERE NOT"
-            f" isnan(({far})::DOUBLE)"
+            runs.those(f"sample AND faulty AND ({kind['where']})")
+            + f" WHERE NOT isnan(({far})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
         worst = rank_runs(runs.table, cases, far, MOST)
@@ -97,17 +45,8 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             _row(manifest.robot, row, one.value, folder)
             for row, one in zip(numbered, worst, strict=True)
         ]
-        kinds.append({**kind._asdict(), "n": n, "rows": lines})
+        kinds.append({"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": lines})
     return kinds
-
-
-def flatten_worst(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return every run of every kind as rows, for a file."""
-    return [
-        {"kind": kind["title"], "measured": kind["measured"], **row}
-        for kind in kinds
-        for row in kind["rows"]
-    ]
 
 
 def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
@@ -129,7 +68,12 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     worst = worst_rows(runs, folder)
-    return {"worst": worst, "worst_csv": flatten_worst(worst)}
+    every_row = [
+        {"kind": kind["title"], "measured": kind["measured"], **row}
+        for kind in worst
+        for row in kind["rows"]
+    ]
+    return {"worst": worst, "worst_csv": every_row}
 
 
 SECTIONS = (Section("worst", "Worst runs", 140, _content),)

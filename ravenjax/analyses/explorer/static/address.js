@@ -9,7 +9,7 @@ export function written(state) {
   out.set("map", `${state.across}~${state.up}`);
   if (state.motion) out.set("motion", state.motion);
   for (const [path, value] of Object.entries(state.changes)) out.set(`set.${path}`, value);
-  if (state.open) out.set("ms", Math.round(state.ms));
+  if (state.open) out.set("ms", String(Math.round(state.ms)));
   return `#${out}`;
 }
 

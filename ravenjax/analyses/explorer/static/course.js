@@ -67,15 +67,16 @@ function path(values, low, high, height) {
 export function signal({ title, unit, curves, limit, acts, height = 84 }) {
   let [low, high] = [Infinity, -Infinity];
   for (const { values } of curves) for (const value of values) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
+  const range = `${text(low)} to ${text(high)} ${unit}`;
   if (limit !== undefined) [low, high] = [Math.min(low, 0), Math.max(high, limit * 1.15)];
   if (!(high > low)) [low, high] = [low - 1, high + 1];
   const lines = curves.map(({ values, look }) => svg("path", { d: path(values, low, high, height), class: look, "vector-effect": "non-scaling-stroke" })).join("");
   const at = limit === undefined ? "" : height - ((limit - low) / (high - low)) * height;
   const bar = limit === undefined ? "" : svg("line", { x1: 0, x2: WIDE, y1: at, y2: at, class: "limit", "vector-effect": "non-scaling-stroke" });
   const shade = acts ? svg("rect", { x: acts[0] * WIDE, width: Math.max(2, (acts[1] - acts[0]) * WIDE), y: 0, height, class: "acts" }) : "";
-  return `<figure class="signal"><figcaption><b>${title}</b> <span>${text(low)} to ${text(high)} ${unit}</span></figcaption>${svg(
+  return `<figure class="signal"><figcaption><b>${title}</b> <span>${range}</span></figcaption>${svg(
     "svg",
-    { viewBox: `0 0 ${WIDE} ${height}`, preserveAspectRatio: "none", style: `height:${height}px`, role: "img", "aria-label": `${title}, ${text(low)} to ${text(high)} ${unit}` },
+    { viewBox: `0 0 ${WIDE} ${height}`, preserveAspectRatio: "none", style: `height:${height}px`, role: "img", "aria-label": `${title}, ${range}` },
     shade + bar + lines,
   )}<i class="now"></i></figure>`;
 }

@@ -212,7 +212,7 @@ class Pool {
       const worker = new Worker(this.url);
       const one = { worker, task: null };
       worker.addEventListener("message", ({ data }) => this.done(one, data));
-      worker.addEventListener("error", (event) => this.done(one, { error: event.message || "a worker of this page does not run" }));
+      worker.addEventListener("error", (event) => this.done(one, { result: null, error: event.message || "a worker of this page does not run" }));
       return one;
     });
   }
@@ -361,7 +361,11 @@ class Engine {
   }
 }
 
-/** An engine of `threads` workers; all cores but one, if left out. description: from `program.describe_program`, parsed. */
+/**
+ * An engine of `threads` workers; all cores but one, if left out. description: from `program.describe_program`, parsed.
+ * @param {object} description
+ * @param {{threads?: number}} options
+ */
 export async function openEngine(description, { threads } = {}) {
   const count = threads ?? Math.max(1, (navigator.hardwareConcurrency ?? 2) - 1);
   const { programs, motions, worker } = description;

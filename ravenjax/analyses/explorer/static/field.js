@@ -35,6 +35,10 @@ export class Field {
     this.whole = true;
     this.dots = [];
     this.at = null;
+    /** @type {any} */
+    this.across = null; // axes of the map, as from `axisOf`
+    /** @type {any} */
+    this.up = null;
     this.wanted = false;
     let finger = false; // a finger that comes down may only want to scroll
     canvas.addEventListener("pointerdown", (event) => {

@@ -4,7 +4,7 @@
 
 /** An ArrayBuffer of base64. */
 function bytes(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text).buffer;
+  if (Uint8Array["fromBase64"]) return Uint8Array["fromBase64"](text).buffer;
   return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
 }
 

@@ -107,8 +107,7 @@ function tabulate() {
   rows = new Table(campaign, table, (fault, changes) => {
     Object.assign(state, { changes, motion: null });
     change(fault, true);
-    open();
-    $("run").scrollIntoView({ block: "start" });
+    open().then(reveal);
   });
   rows.show();
   field.dot(axes.across, axes.up, rows.dots(state.fault, axes));
@@ -243,8 +242,13 @@ function spot() {
 function choose(i, j) {
   const fault = at(i, j);
   change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
-  open();
+  opening = open();
 }
+
+let opening = Promise.resolve();
+const reveal = () => $("run").scrollIntoView({ block: "start" });
+// While a hand draws across the map the window stays; it scrolls to the run when the hand lets go.
+$("field").addEventListener("click", () => opening.then(reveal));
 
 let replaying = null;
 /** Shows the chosen run. */

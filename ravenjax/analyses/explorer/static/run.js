@@ -76,8 +76,8 @@ export class Run {
     $("time").value = this.ms;
     const arm = this.campaign.arms[0];
     const apart = this.replay.faulty[`${arm}/deviation_mm`]?.[this.ms];
-    $("now").textContent = `${millis(this.ms)} · tip ${length(apart)} from where it would be`;
-    $("time").setAttribute("aria-valuetext", `${this.ms} ms, tip ${length(apart)} from where it would be`);
+    $("now").textContent = `${millis(this.ms)} · tip ${length(apart)} from where it is without the fault`;
+    $("time").setAttribute("aria-valuetext", `${this.ms} ms, tip ${length(apart)} from where it is without the fault`);
     $("run").style.setProperty("--now", this.ms / this.campaign.duration_ms);
     this.figure?.show(this.positions(this.replay.faulty), this.positions(this.replay.golden), apart);
     this.heard.moved(this.ms);
@@ -121,7 +121,7 @@ export class Run {
     const width = campaign.joints.length;
     const of = (name, k, n) => (series) => (n === 1 ? series[name] : column(series[name], k, n));
     const wanted = [
-      { title: "Distance of the tip from where it would be", unit: "mm", name: `${arm}/deviation_mm`, n: 1, limit: campaign.limit_mm },
+      { title: "Distance of the tip from where it is without the fault", unit: "mm", name: `${arm}/deviation_mm`, n: 1, limit: campaign.limit_mm },
       { title: `Motor command, ${named}`, unit: "counts", name: `${arm}/dac_cnt`, k: joint, n: width },
       { title: `True joint position, ${named}`, unit: joint === 2 ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
       { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.cues.cap.length },

@@ -1,7 +1,7 @@
 // Finds the smallest harmful value of a fault, starting from no change: by doubling, then by bisection.
 
 const FIRST = 64; // of a span: the least step that is tried first
-const FINE = 12; // halvings
+const FINE = 40; // halvings at most: they end at neighbours, of whole numbers or of numbers of four digits
 
 /**
  * {value, outcome, runs, safe} or null where none in the span is harmful. ask(values): outcomes of those values, in order;
@@ -11,7 +11,7 @@ export async function smallest(ask, from, to, whole, harmful) {
   const span = to - from;
   const steps = [];
   for (let part = FIRST; part >= 1; part /= 2) steps.push(from + span / part);
-  const rounded = (value) => (whole ? Math.round(value) : Number(value.toPrecision(6)));
+  const rounded = (value) => (whole ? Math.round(value) : Number(value.toPrecision(4)));
   const tried = [...new Set(steps.map(rounded))];
   const outcomes = await ask(tried);
   let runs = tried.length;

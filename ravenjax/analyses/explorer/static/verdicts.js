@@ -53,8 +53,13 @@ const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
 export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
 /** A count with its noun. */
 export const whole = (things) => things.toLocaleString("en");
-/** A length as a person reads it. */
-export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;
+/** A length as a person reads it. Beside a limit it has the digits that tell the two apart. */
+export function length(mm, limit = Number.NaN) {
+  const apart = (shown) => mm === limit || (shown !== limit && shown < limit === mm < limit);
+  const plain = mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10;
+  const shown = [plain, ...[2, 3, 4, 5, 6].map((digits) => Number(mm.toFixed(digits)))].find((candidate) => Number.isNaN(limit) || apart(candidate)) ?? mm;
+  return `${new Intl.NumberFormat("en", { maximumSignificantDigits: 8 }).format(shown).replace("-", "−")} mm`;
+}
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
@@ -91,10 +96,10 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
   else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, and tells nobody.");
   else sentences.push("No check notices this fault.");
-  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
+  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm, limit)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
-  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm))} astray at most.`);
+  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm), limit)} off course at most.`);
   if (outcome.cue) {
     const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
     const late = came > harm ? `, ${millis(came - harm)} too late` : ", in the same millisecond as the harm";

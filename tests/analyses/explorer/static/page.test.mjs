@@ -7,7 +7,7 @@ const scripts = "ravenjax/analyses/explorer/static/";
 const { levels } = await load(`${scripts}field.js`);
 const { read, toml, written } = await load(`${scripts}address.js`);
 const { smallest } = await load(`${scripts}smallest.js`);
-const { answer, classOf, count, told } = await load(`${scripts}verdicts.js`);
+const { answer, classOf, count, length, told } = await load(`${scripts}verdicts.js`);
 const { axisOf, nearest, words: faultWords } = await load(`${scripts}axes.js`);
 const { Table, shares } = await load(`${scripts}table.js`);
 const { chain, events } = await load(`${scripts}course.js`);
@@ -166,4 +166,8 @@ test("a chain begins with what differed first, of one tick in the robot's order"
 
 test("a table's cells are quoted where they need it", () => {
   assert.equal(csv(["a", "b"], [{ a: 'x "y", z', b: 1 }]), 'a,b\n"x ""y"", z",1\n');
+});
+
+test("a length beside a limit has the digits that tell the two apart", () => {
+  assert.deepEqual([length(3.004, 3), length(2.9996, 3), length(4.62, 3), length(3, 3), length(3.004)], ["3.004 mm", "2.9996 mm", "4.6 mm", "3 mm", "3 mm"]);
 });
