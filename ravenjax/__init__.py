@@ -18,8 +18,6 @@ The names in `__all__` are public. Every other module and name is internal and m
 version. Names are imported when they are first used, so `import ravenjax` is fast.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 from pathlib import Path

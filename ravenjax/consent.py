@@ -11,8 +11,6 @@ The user agrees to code in one of these ways:
 A result folder and `ravenjax check` therefore run only code that the user has run before.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

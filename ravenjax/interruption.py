@@ -8,8 +8,6 @@ where the main thread waits for other threads or begins a new step. Work that do
 long time, such as a compiler that runs for minutes, ends with the process.
 """
 
-from __future__ import annotations
-
 import concurrent.futures
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Applies a function to many items in parallel threads of this process."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Plans of any fault, and what their runs become: going on from their golden runs, and whole."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

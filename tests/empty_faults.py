@@ -1,7 +1,5 @@
 """Faults that do nothing, for ticks without a campaign."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 
 from ravenjax.faults.fault import FaultSlot

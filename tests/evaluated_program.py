@@ -1,7 +1,5 @@
 """What a function means: its operations one by one on NumPy numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -2,8 +2,6 @@
 from a number each.
 """
 
-from __future__ import annotations
-
 import copy
 import random
 import string

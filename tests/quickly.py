@@ -5,8 +5,6 @@ XLA spends most of its time on fusing operations. What is not fused gives the sa
 their last bits, some times slower.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

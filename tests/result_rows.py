@@ -1,7 +1,5 @@
 """Rows of a result table by hand: a run in which nothing happened, and what is said to differ."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

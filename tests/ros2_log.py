@@ -2,8 +2,6 @@
 only the file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

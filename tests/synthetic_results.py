@@ -2,8 +2,6 @@
 without a simulation.
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Code that a file names runs if the user agreed, and else not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

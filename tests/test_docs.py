@@ -10,8 +10,6 @@ than a reader would:
 - a session in the browser gets a free port, lasts twelve seconds and does not wait for Ctrl-C.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

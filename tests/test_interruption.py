@@ -1,7 +1,5 @@
 """Signals while threads are at work: no lock is left behind, and every wait ends."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

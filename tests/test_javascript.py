@@ -2,8 +2,6 @@
 that may be absent.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What surrounds the package: metadata, links between pages."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

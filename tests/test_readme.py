@@ -2,8 +2,6 @@
 runs as it stands.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

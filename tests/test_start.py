@@ -1,7 +1,5 @@
 """What each command imports: heavy libraries where they are used; a campaign needs no JAX."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

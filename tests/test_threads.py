@@ -1,7 +1,5 @@
 """The same work on many things: in order, in as many threads as asked for, errors first come."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """A campaign of very short runs that takes no time, for tests of whatever carries it out."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

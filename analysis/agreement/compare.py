@@ -13,8 +13,6 @@
 Without a name all five run, which takes about 15 minutes on 4 cores.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import platform

@@ -4,8 +4,6 @@ Until its fault a run equals its golden run. An engine that continues from there
 ticks after it, and with `campaign.observe_ms` only part of these.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Times whole commands from the shell, each in a separate process: the time that a user waits."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable

@@ -2,8 +2,6 @@
 with one golden run for all.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Describes the machine of a benchmark: CPUs, the limit of its control group, GPUs, versions."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import math
 import os

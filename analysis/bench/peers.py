@@ -8,8 +8,6 @@ work that they can do.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import copy
 import functools
 import time

@@ -3,8 +3,6 @@
 A failure, used memory or CPU affinity ends with the process, so the benchmark continues.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -5,8 +5,6 @@ made before the clock starts, so its losses come from shared cores, clocks and m
 losses of campaigns come from the code around the kernel.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 from typing import Any, NamedTuple

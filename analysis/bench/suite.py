@@ -4,8 +4,6 @@ Each part runs in a separate process. The most informative parts come first. If 
 last ones are left out.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

@@ -5,8 +5,6 @@ All runs share their parameters, as those of one campaign group do. Their common
 packet, the nominal model) are computed once for all of them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Callable, Sequence

@@ -8,8 +8,6 @@ torques and commands, PLC, brakes, nominal model and cue. State that is in no se
 differ, so the count is an upper bound.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -17,8 +17,6 @@ Levels before and after are medians over the middle 40 % of the strokes. A strok
 `LEAST` of the joint's range of motion in the recording.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -8,8 +8,6 @@ a separate log. If the intervals are right, the number of values inside is binom
 more. Values of one log are not independent, so the number for each log is printed too.
 """
 
-from __future__ import annotations
-
 import collections
 import sys
 

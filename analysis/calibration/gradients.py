@@ -9,8 +9,6 @@ the same tick (`jax.jvp`) on the same engine, with one lane per parameter. The t
 derivative is 0 and a small difference is chance, as the last column shows.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import time

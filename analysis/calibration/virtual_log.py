@@ -1,7 +1,5 @@
 """Makes logs of virtual robots with known parameters, to check calibrations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

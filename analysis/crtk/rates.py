@@ -8,8 +8,6 @@ Ages are measured on one clock, from the stamp of the tick to arrival in the pee
 1, a `roscore` must run.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

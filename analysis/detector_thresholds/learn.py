@@ -10,8 +10,6 @@ which applies to which variable, so 99.85 is used for all. Ticks before the peda
 first half second of a run are left out.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.campaign import loading, plan

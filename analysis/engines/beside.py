@@ -7,8 +7,6 @@ alike.
 Both run with the Python and the packages of this environment.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -8,8 +8,6 @@ table is compared. Engine xla has other last bits. For it, see the runs in which
 other word differs, and the largest difference of an outcome in mm.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

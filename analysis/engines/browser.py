@@ -6,8 +6,6 @@ code, and agreement of verdicts.
 Prints tables in Markdown; `wasm.md` keeps them.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import dataclasses

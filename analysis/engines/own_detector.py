@@ -6,8 +6,6 @@ variant's share is the median over rounds of its time divided by that of the tic
 detector, with a bootstrapped 95 % interval.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 import tempfile

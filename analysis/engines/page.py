@@ -8,8 +8,6 @@ browser it measures the longest task of the page's main thread: while the page o
 control moves, while a run opens, and while the user scrubs through time.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import statistics

@@ -8,8 +8,6 @@ collection, and the proportional resident memory (PSS) of all processes of the b
 include the worker that draws the robot.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

@@ -9,8 +9,6 @@ selects and integer operations may use other units, and its divisions and roots 
 of one. So the ratio only shows how near the tick comes to the rate of multiply-adds.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from concurrent.futures import ThreadPoolExecutor

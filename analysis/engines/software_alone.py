@@ -6,8 +6,6 @@ cycles per call, and interpreted.
 Real hardware needs 1 000 cycles per second.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

@@ -4,8 +4,6 @@ find the stages worth optimising.
     python analysis/engines/tick_operations.py
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections import Counter

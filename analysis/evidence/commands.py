@@ -1,7 +1,5 @@
 """Implements `ravenjax evidence`: writes evidence, or computes its checksums again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

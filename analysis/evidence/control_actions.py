@@ -5,8 +5,6 @@ of the robot's loop: the operator's packets at the console and network, set poin
 model, motor commands at the DAC.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any, NamedTuple
 

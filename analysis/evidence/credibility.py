@@ -6,8 +6,6 @@ Simulation in Medical Device Submissions* (November 2023). The caller provides t
 module finds each file and computes its checksum.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

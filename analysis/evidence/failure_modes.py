@@ -5,8 +5,6 @@ all of these, so the lines of one group, site and effect add up to one. Faults a
 report: the first valid run of each in which nobody reacts, by the first fault of a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

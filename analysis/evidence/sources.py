@@ -1,7 +1,5 @@
 """Opens the result folders that evidence is based on."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

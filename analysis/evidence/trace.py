@@ -1,7 +1,5 @@
 """Traces each hazard to its runs, and each run to the part of the result that holds it."""
 
-from __future__ import annotations
-
 import bisect
 import csv
 from collections.abc import Iterator, Sequence

@@ -2,8 +2,6 @@
 dependency.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib
 import itertools

@@ -1,7 +1,5 @@
 """Writes the folder of evidence, and checks it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

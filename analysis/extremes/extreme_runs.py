@@ -11,8 +11,6 @@ distributes all sites and parameters over campaigns that have few sites each, be
 grows with the number of sites.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import random

@@ -10,8 +10,6 @@ If two engines judge a run differently, the first engine tests whether last bits
 decide it.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator, Sequence

@@ -5,8 +5,6 @@ MuJoCo's qpos equals its jpos. Gold is written out, and green is its mirror imag
 sources: models/raven2/PROVENANCE.md.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

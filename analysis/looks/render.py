@@ -4,8 +4,6 @@
 the README: the theatre with the close-up in a corner.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 right, y away, z up; metres.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path

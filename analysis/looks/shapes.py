@@ -5,8 +5,6 @@ photograph. The shapes themselves are new. Green gets every shape mirrored by th
 frame.
 """
 
-from __future__ import annotations
-
 import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Callable

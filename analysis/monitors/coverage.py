@@ -11,8 +11,6 @@ Then follows the test for a shift: with fresh operators of the same robots, draw
 shifted robots. Prints one table and writes nothing.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import NamedTuple

@@ -8,8 +8,6 @@ and packets are drawn, but no property of the robot), `shifted` (drawn robots wi
 friction of the known one). No two folders share an operator. An interrupted call can be continued.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

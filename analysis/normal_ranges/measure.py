@@ -9,8 +9,6 @@ percentile, and maximum over all ticks of all runs. Normal means that no command
 scale 0.2 the fastest moves are clipped, for up to a fifth of the time.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from pathlib import Path

@@ -12,8 +12,6 @@ The LLVM IR depends on the SIMD width of the CPU. fingerprints.json records the 
 with; on a CPU with another width the script skips the IR and compares the other two.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

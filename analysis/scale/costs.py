@@ -10,8 +10,6 @@ repeats. The campaign is one group of Sobol draws with one fault slot, the usual
 is timed empty, with one local worker: the cost for the process that starts it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

@@ -10,8 +10,6 @@ passes them in turn. At most two chunks per seat are in progress, as in the exec
 times are added: they share only the plan, which each makes, and the merge.
 """
 
-from __future__ import annotations
-
 import heapq
 import json
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ at 0, 10, 50 and 100 % of the runs. It also prints the memory of the plan, the o
 with the number of runs.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import tempfile

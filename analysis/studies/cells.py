@@ -1,7 +1,5 @@
 """Writes numbers and tables of findings as Markdown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -14,8 +14,6 @@ so that no number is typed by hand:
 In patterns for a line's quantity, a table's title, a row or a column, * matches any text.
 """
 
-from __future__ import annotations
-
 import posixpath
 import re
 import tomllib

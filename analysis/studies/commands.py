@@ -2,8 +2,6 @@
 evidence --credibility`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import ravenjax

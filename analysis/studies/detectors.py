@@ -6,8 +6,6 @@ effect on. Thresholds are chosen by false alarms per hour on fault-free motion, 
 they detect.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path

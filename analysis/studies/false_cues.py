@@ -6,8 +6,6 @@ Runs in which the overdrive check clips a command are counted apart: there the r
 model because of the check. A run counts from its pedal-down until it stops.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 

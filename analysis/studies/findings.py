@@ -3,8 +3,6 @@
 Equal findings give equal bytes. Files contain neither times nor paths.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shlex

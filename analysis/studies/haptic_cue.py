@@ -7,8 +7,6 @@ threshold costs weight x (share of hazards missed) + false cues per hour. The we
 it is swept. Kinds of faults and recordings are resampled to show how certain a choice is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ the number of kinds. Strata are the families by which groups are named: library/
 boundary/.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ It compares statics, a recorded motor's load, and the following errors of two ar
 names the folder of the recordings.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

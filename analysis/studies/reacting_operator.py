@@ -6,8 +6,6 @@ slows down slows the nominal model as well, and one who corrects pushes it away.
 applied only to reactions for which it means the same as without a reaction.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple

@@ -6,8 +6,6 @@ or "wrong". It holds both numbers, both intervals, the acceptance band if there 
 likely reason if the two differ.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import tomllib

@@ -6,8 +6,6 @@ measures the uncertainty. Where they agree or give no value, a range is an assum
 as one.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 import warnings

@@ -12,8 +12,6 @@ is active and the cue pulls. A page that is drawn in software is silent for long
 may be, so these sessions allow a longer silence.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import subprocess

@@ -11,8 +11,6 @@ mark and tip (medians), and the loop's own record of its ticks. --contact and --
 drive the scenario `touch`, with and without forces of contact.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

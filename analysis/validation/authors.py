@@ -7,8 +7,6 @@ Its third motor uses the cable tension of the *first* (a bug, enabled by `tensio
 default). It is not part of the virtual robot: see `robot`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -8,8 +8,6 @@ console_itp_packets (.parquet). The default is $RAVENJAX_DATA, then ../shared/da
 repository. `ravenjax.vocabulary.packets` states the conclusions.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -17,8 +17,6 @@ KD mvel) / KP. The arm is driven by this desired motion. For comparison with an 
 is also driven by the recording itself through a 20 Hz low-pass.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import sys

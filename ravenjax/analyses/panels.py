@@ -1,7 +1,5 @@
 """Draws several charts side by side in one SVG file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 package.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 _BUNDLED = Path(__file__).resolve().parent

@@ -8,8 +8,6 @@ What is stored is executed. So the folder must belong to the user, or to root, a
 write into it. Files of other users are deleted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

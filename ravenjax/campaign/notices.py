@@ -5,8 +5,6 @@ show them. `of_config` compares the numbers of the file's sections, `of_plan` al
 each run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Converts an engine's results to rows of the result table: names, types, response, verdict."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ The file has a table [parameters], and a table [campaign] with the keys for whic
 A parameter that the campaign itself sets takes precedence over the file.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any, NoReturn

@@ -27,8 +27,6 @@ Its outcomes are the columns of `ravenjax.store.schema`; the monitor, the checks
 provide most of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

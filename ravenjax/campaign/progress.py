@@ -5,8 +5,6 @@ a campaign. If a start was killed, its last progress.json stays, with the proces
 (`pid`, `host`) and the time (`updated`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -4,8 +4,6 @@ Every campaign can be resumed. Parts begin at multiples of the campaign's chunk 
 does not depend on chunk size, on the executor, or on what was computed before.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import shutil

@@ -1,7 +1,5 @@
 """Writes a campaign's tables as the text of a TOML file, with paths of parameters as keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

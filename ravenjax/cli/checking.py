@@ -1,7 +1,5 @@
 """The command `check`: shows what a campaign file would run, without computing it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -2,8 +2,6 @@
 do not.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ravenjax.cli import console

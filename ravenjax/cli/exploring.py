@@ -1,7 +1,5 @@
 """The command `explore`: writes a campaign as one page that simulates its robot in a browser."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Annotated

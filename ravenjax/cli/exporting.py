@@ -1,7 +1,5 @@
 """The command `export`: writes control software and virtual robot as a C library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Commands that test this machine: `bench`, `doctor`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal

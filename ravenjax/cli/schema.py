@@ -1,7 +1,5 @@
 """The command `schema`: prints the JSON Schema of the files that users write, for their editors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -4,8 +4,6 @@
 writes tables and an argument for a risk file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ravenjax.cli.console import AsJson, Engine, Switch, load_module

@@ -1,7 +1,5 @@
 """Commands of the training session: `train`, `robot`, `study`, `log`."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 from collections.abc import Iterator

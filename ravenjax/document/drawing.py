@@ -4,8 +4,6 @@ On a page, colours are custom properties of the style sheet, so that charts foll
 dark schemes. SVG groups name their series, so that the page's script can hide them.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Reads matplotlib's settings that all figures share, and those of a page's charts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

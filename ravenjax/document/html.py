@@ -2,8 +2,6 @@
 without a network.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from importlib import resources

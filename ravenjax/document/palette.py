@@ -3,8 +3,6 @@
 The colours remain distinguishable in every form of colour blindness.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import NamedTuple

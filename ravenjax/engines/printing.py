@@ -5,8 +5,6 @@ language defines the text of constants, loads, stores, operations and regions. A
 overwrites the old content of its place before that has been read.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Selects the engine: by name, or the fastest that this machine supports."""
 
-from __future__ import annotations
-
 from collections.abc import MutableMapping
 
 from ravenjax.engines.interface import Engine

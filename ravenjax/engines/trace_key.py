@@ -1,7 +1,5 @@
 """Hashes the inputs of traced and generated code, and caches that code on disk under the hash."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools

@@ -6,8 +6,6 @@ cache in this process serves a campaign in several steps, or campaigns that need
 cache on disk serves the next process, which then need not import JAX.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re

@@ -14,8 +14,6 @@ both acts on both in the same run. Any other hazard gets one group for each arm,
 arm get one group.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

@@ -5,8 +5,6 @@ Its cases state how the simulator runs the hazard; a row without cases states wh
 terms are explained in `data/terms.toml`.
 """
 
-from __future__ import annotations
-
 import tomllib
 from functools import cache
 from importlib import resources

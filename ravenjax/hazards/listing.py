@@ -1,7 +1,5 @@
 """Describes hazards in words: rows of a list, and the full description of one hazard."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

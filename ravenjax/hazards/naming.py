@@ -3,8 +3,6 @@
 Reports only have the name, so nothing else may be needed.
 """
 
-from __future__ import annotations
-
 import re
 
 from ravenjax.hazards import library

@@ -4,8 +4,6 @@
 at teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
 """
 
-from __future__ import annotations
-
 import csv
 from functools import cache
 from typing import NamedTuple

@@ -6,8 +6,6 @@ is only included if the tick has more operations without it, or if it moves a si
 operations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -17,8 +17,6 @@ Coefficients: weighted least squares driven to equal ripple (Lawson's iteration)
 float32.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

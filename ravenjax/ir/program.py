@@ -6,8 +6,6 @@ Operations have the names of `semantics`. There are three more. `input` is a num
 at one index (`detail`: the table's index).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any, NamedTuple

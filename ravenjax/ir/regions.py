@@ -6,8 +6,6 @@ printed as a block that is entered if any lane needs it. Results do not depend o
 choice itself stays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 

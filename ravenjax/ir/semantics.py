@@ -9,8 +9,6 @@ zeros of unlike sign `max` and `min` return the second; they always pass a NaN o
 to their type.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any

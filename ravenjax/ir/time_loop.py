@@ -13,8 +13,6 @@ of the state is shared until it depends on something of a lane, and it is droppe
 needs it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Set
 

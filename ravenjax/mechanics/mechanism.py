@@ -21,8 +21,6 @@ tests/mechanics/test_mechanism.py), and of a step that is not implicit in the ve
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -17,8 +17,6 @@ later operation count low; none of them changes the dynamics:
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

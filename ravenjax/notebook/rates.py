@@ -1,7 +1,5 @@
 """Computes rates of events over the distinct faults of a result, counted as in the report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pandas as pd

@@ -5,8 +5,6 @@ the factors is structure, not data: `0 * x` is `0` and `0 + x` is `x`. Products 
 constants therefore trace to nothing.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 
 from ravenjax.numbers.lazy import jnp

@@ -9,8 +9,6 @@ Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for has
 exact bias 0.174), applied to the key, then to the counter.
 """
 
-from __future__ import annotations
-
 import math
 
 from ravenjax.numbers.lazy import jnp, lax

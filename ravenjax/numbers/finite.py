@@ -1,7 +1,5 @@
 """Finds the first number of a run that is infinite or NaN, and the tick in which it became so."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterable, Mapping
 from functools import reduce

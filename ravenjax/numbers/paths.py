@@ -7,8 +7,6 @@ number per joint or axis, the next part may be the name of a joint or axis; with
 means all of them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 from collections.abc import Iterator

@@ -9,8 +9,6 @@ single precision cannot hold, and slips of the unit (degrees for radians). Withi
 parameter may make the robot as bad as a campaign wants it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import sys

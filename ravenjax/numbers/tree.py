@@ -4,8 +4,6 @@ JAX's order.
 `None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import operator

@@ -7,8 +7,6 @@ The angle is reduced by a multiple of pi/2 in three parts. Polynomials: FreeBSD 
 `k_cos.c`.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

@@ -17,8 +17,6 @@ The content of a part is the file, the modules in its folder that it imports, an
 that it loads. A campaign whose part has other content is a different campaign.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from ravenjax.numbers.lazy import jnp

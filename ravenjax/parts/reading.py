@@ -4,8 +4,6 @@ folder.
 These files count as the part's content.
 """
 
-from __future__ import annotations
-
 import builtins
 import hashlib
 import io

@@ -6,8 +6,6 @@ parameters that both campaigns have. Where one fault occurs several times, its r
 the order of the tables.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

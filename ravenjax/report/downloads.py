@@ -3,8 +3,6 @@
 A rate becomes the columns k, n, value, low and high.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

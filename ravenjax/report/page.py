@@ -1,7 +1,5 @@
 """Writes the report of a result folder as one HTML page that works without a network."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import json

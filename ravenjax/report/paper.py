@@ -1,7 +1,5 @@
 """Draws the main figures of a campaign for print, as SVG and PDF."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

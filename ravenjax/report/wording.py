@@ -1,7 +1,5 @@
 """Writes numbers, rates and faults as words, and fills templates of plain text."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta, 
 count distinct faults, or resample clusters (`bootstrap.units`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Literal, NamedTuple
 

@@ -5,8 +5,6 @@ Censoring is assumed to be uninformative: a run that a stop ended early would ha
 the others.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

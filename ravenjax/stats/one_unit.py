@@ -6,8 +6,6 @@ binomial. Its mean and the square root of its intra-class correlation have unifo
 integrated over a grid, so that an interval is wide if chance explains the differences.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ coordinate is the quantile of an independent input. g is called with batches and
 margin for the same point.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What stands in for parts of a benchmark; light, as each process that runs one imports it."""
 
-from __future__ import annotations
-
 import os
 import time
 

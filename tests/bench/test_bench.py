@@ -1,7 +1,5 @@
 """The benchmark measures what it says: every run distinct and computed."""
 
-from __future__ import annotations
-
 import jax
 import mujoco
 import numpy as np

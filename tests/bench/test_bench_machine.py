@@ -1,7 +1,5 @@
 """The machine is described by what the system tells, also where it tells little."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

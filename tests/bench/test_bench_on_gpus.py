@@ -2,8 +2,6 @@
 none.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from bench import engines, machine, process, scaling

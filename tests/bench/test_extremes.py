@@ -2,8 +2,6 @@
 say the same.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

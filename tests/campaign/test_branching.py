@@ -2,8 +2,6 @@
 early as shorter ones.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

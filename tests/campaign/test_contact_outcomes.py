@@ -2,8 +2,6 @@
 from C++ as CUDA.
 """
 
-from __future__ import annotations
-
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines

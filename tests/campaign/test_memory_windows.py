@@ -1,7 +1,5 @@
 """Rows into windows and blocks, all of them within the limits; blocks into parts."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -2,8 +2,6 @@
 changes without it.
 """
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Values without effect are noted where they stand, and values that act are not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -5,8 +5,6 @@ What reaches the robot is compared with the packets of the golden run, which dra
 the n-th packet, k packets late, must be the (n - k)-th one with all its numbers.
 """
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

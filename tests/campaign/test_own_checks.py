@@ -2,8 +2,6 @@
 identity, and errors.
 """
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 stops the robot.
 """
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 

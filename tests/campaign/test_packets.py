@@ -2,8 +2,6 @@
 them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended

@@ -1,7 +1,5 @@
 """What a plan makes of the fault table's columns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

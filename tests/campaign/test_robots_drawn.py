@@ -1,7 +1,5 @@
 """Robots of a file in a campaign: drawn whole, with what the campaign itself says going before."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Campaigns from file to table: the same rows however they are cut, stopped and resumed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -2,8 +2,6 @@
 whoever watches.
 """
 
-from __future__ import annotations
-
 import json
 import os
 

@@ -1,7 +1,5 @@
 """`ravenjax calibrate`, from a log to a campaign that draws the robots it found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bags

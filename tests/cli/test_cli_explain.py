@@ -2,8 +2,6 @@
 be explained.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """`explore`: what cannot become a page is refused in words."""
 
-from __future__ import annotations
-
 from ravenjax.cli import main
 
 

@@ -1,7 +1,5 @@
 """A chart: what it says of itself in words, and that page and print draw its values."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 

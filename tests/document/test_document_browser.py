@@ -2,8 +2,6 @@
 is shown.
 """
 
-from __future__ import annotations
-
 import pytest
 from chromium import CHROMIUM, NEEDED
 

@@ -1,7 +1,5 @@
 """A page from Markdown: one file, headings and tables named, drawings inside."""
 
-from __future__ import annotations
-
 import re
 
 from ravenjax.document import html

@@ -1,7 +1,5 @@
 """Small functions through the compiler of engine simd, on arrays of inputs."""
 
-from __future__ import annotations
-
 import ctypes
 
 import jax

@@ -1,7 +1,5 @@
 """What every compiler of printed CUDA C is checked with: operations, and a campaign."""
 
-from __future__ import annotations
-
 import numpy as np
 import operation_cases
 from compiled_program import same_bits

@@ -1,7 +1,5 @@
 """Programs of one operation each, with numbers that are hard for it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -2,8 +2,6 @@
 bits of one full block.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from cuda_as_cpp import pretend

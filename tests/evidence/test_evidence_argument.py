@@ -2,8 +2,6 @@
 that rests on it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -2,8 +2,6 @@
 are what they were.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

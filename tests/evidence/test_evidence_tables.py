@@ -1,7 +1,5 @@
 """Tables of evidence: their counts and sentences are the report's, counted again by hand."""
 
-from __future__ import annotations
-
 import collections
 import csv
 import io

@@ -1,7 +1,5 @@
 """The workbook has the cells of the tables: numbers as numbers, all else as the text that it is."""
 
-from __future__ import annotations
-
 import csv
 import re
 import sys

@@ -14,8 +14,6 @@ expressions of the link dynamics, is off in this campaign, and less than what 2 
 any of its runs.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

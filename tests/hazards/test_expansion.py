@@ -1,7 +1,5 @@
 """Groups that name hazards become plain groups that a campaign accepts."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The library's rows against the published list, and against what the robot has."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

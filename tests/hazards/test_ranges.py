@@ -1,7 +1,5 @@
 """Normal operating ranges are complete."""
 
-from __future__ import annotations
-
 from ravenjax.hazards import ranges
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.declaration import SITES

@@ -2,8 +2,6 @@
 a signal.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

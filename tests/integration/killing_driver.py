@@ -8,8 +8,6 @@ random number of parts after its runs begin, so that a busy machine does not shi
 beginning; the last line printed tells how many parts each start left behind.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -2,8 +2,6 @@
 code 2; nothing lost.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

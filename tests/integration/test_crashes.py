@@ -1,8 +1,6 @@
 """Campaigns that are killed, run out of disk, are started twice or told to stop: what is finished
 is kept, the same command goes on, and the table is that of a campaign that nobody disturbed."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

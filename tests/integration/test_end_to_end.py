@@ -2,8 +2,6 @@
 to do.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

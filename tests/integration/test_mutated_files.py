@@ -2,8 +2,6 @@
 one clear error.
 """
 
-from __future__ import annotations
-
 import pytest
 from mutations import mutant
 

@@ -5,8 +5,6 @@ Times are those of the session's clock: how long a busy machine takes for them s
 page.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 

@@ -1,7 +1,5 @@
 """The fork's dynamics-simulator build, and how a DAC command behind the checks is stored."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Runs with and without the cue: pairs that differ in the reaction alone."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

@@ -2,8 +2,6 @@
 does to a whole run.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -2,8 +2,6 @@
 pedal, read the debrief.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import signal

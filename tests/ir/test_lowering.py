@@ -1,7 +1,5 @@
 """Lowered jaxprs against JAX itself; what simplifies changes no bit; what is unknown is refused."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import jax

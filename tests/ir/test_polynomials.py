@@ -2,8 +2,6 @@
 stated for.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_program import HARD_FLOATS, pairs

@@ -2,8 +2,6 @@
 changes no bit.
 """
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -2,8 +2,6 @@
 in NumPy.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_program import same_bits

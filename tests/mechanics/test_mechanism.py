@@ -1,7 +1,5 @@
 """The time step of any tree of joints against C MuJoCo, and what it refuses."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Counter-based random numbers: distribution, independence, determinism."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

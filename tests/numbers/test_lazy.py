@@ -2,8 +2,6 @@
 whenever it comes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys

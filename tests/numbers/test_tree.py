@@ -1,7 +1,5 @@
 """Trees are taken apart as JAX takes them apart."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -1,7 +1,5 @@
 """Parts of one's own: what a file may say, and one clear error for each way of saying it wrong."""
 
-from __future__ import annotations
-
 import dataclasses
 import pickle
 import shutil

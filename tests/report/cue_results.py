@@ -2,8 +2,6 @@
 misses.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import synthetic_results as synthetic
 

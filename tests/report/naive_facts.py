@@ -6,8 +6,6 @@ from first detections, counts of milliseconds and golden runs, and neither the c
 `verdict` is read.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -2,8 +2,6 @@
 of two reactions.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import synthetic_results as synthetic

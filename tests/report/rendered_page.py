@@ -1,7 +1,5 @@
 """A report's page as tests read it: rendered from a frame, taken apart, and its words."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What happens after a stop, against plain pandas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

@@ -1,7 +1,5 @@
 """The first page's numbers against plain counts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import naive_facts

@@ -1,7 +1,5 @@
 """Explained runs in the report, against plain Python."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report's section on contact, against plain pandas; the sentence against the table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

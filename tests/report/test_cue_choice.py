@@ -1,7 +1,5 @@
 """What the data choose of the haptic sets, or what they need to choose."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

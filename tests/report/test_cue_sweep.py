@@ -1,7 +1,5 @@
 """The cue sweep against plain counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

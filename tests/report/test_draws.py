@@ -1,7 +1,5 @@
 """Which groups draw their faults, of bundled campaigns and of records by hand."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The facts of a run by SQL against plain pandas, for any table and rules."""
 
-from __future__ import annotations
-
 import naive_facts
 import numpy as np
 import pandas as pd

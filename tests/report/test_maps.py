@@ -1,7 +1,5 @@
 """Maps of whatever was swept: cells against plain pandas, axes that tell most, small samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

@@ -1,7 +1,5 @@
 """The report's table of overloaded cables, against plain pandas."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

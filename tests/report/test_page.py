@@ -1,7 +1,5 @@
 """The report: its numbers against an independent count, one file, no request, well formed."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

@@ -1,7 +1,5 @@
 """Figures for print."""
 
-from __future__ import annotations
-
 import pytest
 import reacting_results as reacting
 import synthetic_results as synthetic

@@ -1,7 +1,5 @@
 """Pairs with and without a reaction, against plain arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Detectors against plain counts of the same rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

@@ -2,8 +2,6 @@
 plain pandas.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

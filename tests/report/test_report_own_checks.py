@@ -1,7 +1,5 @@
 """What the report says of checks of one's own, recounted row by row from the raw table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Events of a run are those of its row, each at its time, in order."""
 
-from __future__ import annotations
-
 import numpy as np
 import synthetic_results as synthetic
 

@@ -1,7 +1,5 @@
 """A sample of the report's sentences, their numbers recomputed from the raw table."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The figure of one run: every panel, marker and window is drawn, the same bytes each time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

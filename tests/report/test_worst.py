@@ -1,7 +1,5 @@
 """The worst runs of each outcome against plain pandas."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The worst runs of a folder, beside a plain sort of its table."""
 
-from __future__ import annotations
-
 import pytest
 import synthetic_results as synthetic
 

@@ -1,7 +1,5 @@
 """Rates on one robot: as its own count says, and on the page only where robots were drawn whole."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

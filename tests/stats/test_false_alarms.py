@@ -1,7 +1,5 @@
 """Rates of false alarms against exact values."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

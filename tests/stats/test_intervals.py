@@ -1,7 +1,5 @@
 """Intervals against published values, closed forms and simulated coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import binom, binomtest

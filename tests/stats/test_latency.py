@@ -1,7 +1,5 @@
 """Incidence with censoring, against hand computation and simulation with a known law."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Adjusted p-values against a hand-computed example and simulated families."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pairs of runs, against hand computation and simulated coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import norm

@@ -1,7 +1,5 @@
 """The front of two costs, against the definition."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

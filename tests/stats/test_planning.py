@@ -1,7 +1,5 @@
 """Numbers of runs and hours against the intervals that they promise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

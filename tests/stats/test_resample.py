@@ -1,7 +1,5 @@
 """The bootstrap of chosen units, against scipy's own on rows and what a caller relies on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import bootstrap as rows_bootstrap

@@ -1,7 +1,5 @@
 """Two independent rates, against published values, symmetry and exact coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import binom

@@ -1,7 +1,5 @@
 """Sensitivity indices of functions whose indices are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from SALib.sample.sobol import sample as salib_sample

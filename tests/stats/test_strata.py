@@ -1,7 +1,5 @@
 """Rates over strata, against hand computation and simulated coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

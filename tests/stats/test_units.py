@@ -2,8 +2,6 @@
 and closed forms.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows of any shape with any content that the schema allows, for tests that care about neither."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

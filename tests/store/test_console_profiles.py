@@ -2,8 +2,6 @@
 one that is found.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

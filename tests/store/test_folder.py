@@ -2,8 +2,6 @@
 nothing lost.
 """
 
-from __future__ import annotations
-
 import pytest
 import synthetic_results as synthetic
 

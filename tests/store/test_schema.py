@@ -1,7 +1,5 @@
 """Schema: names once, types kept, misfits refused by name."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 by name.
 """
 
-from __future__ import annotations
-
 import made_up_rows
 import numpy as np
 import pandas as pd

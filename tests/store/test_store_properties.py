@@ -2,8 +2,6 @@
 for. One table.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

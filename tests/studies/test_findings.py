@@ -1,7 +1,5 @@
 """Running a study, its files, its targets, and the page of claims over all studies."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

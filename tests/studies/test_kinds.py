@@ -1,7 +1,5 @@
 """Kinds of faults: by the names of groups."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from studies import kinds

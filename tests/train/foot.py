@@ -5,8 +5,6 @@ On a busy machine a page is silent now and then for longer than a session waits 
 pedal then has to be seen up first, so that a key that is only held waits for ever.
 """
 
-from __future__ import annotations
-
 import waiting
 
 _STATE = "document.getElementById('pedal-state').textContent"

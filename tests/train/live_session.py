@@ -5,8 +5,6 @@ The console speaks the protocol's description alone (`itp_client`); it sends a p
 milliseconds, from a thread.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Frames of a session that runs well, to be changed by tests; and scenarios of a line or two."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.campaign.faults import design

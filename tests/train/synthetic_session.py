@@ -2,8 +2,6 @@
 answers or not.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -7,8 +7,6 @@ if, in one row, each of the three exceeds its threshold for some joint, for moto
 row and the next.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

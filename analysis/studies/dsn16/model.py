@@ -2,8 +2,6 @@
 8)?
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

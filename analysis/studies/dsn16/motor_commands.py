@@ -2,8 +2,6 @@
 checks, for 1 to 128 packets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

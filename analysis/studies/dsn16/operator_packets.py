@@ -5,8 +5,6 @@ The rates were predicted before the published ones were seen. The statements of 
 text are tested.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from studies.dsn16 import attacks, detector

@@ -8,8 +8,6 @@ variable RAVENJAX_DATA names its folder. A single recording is no sample, so err
 interval.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -2,8 +2,6 @@
 fault-free runs, and how certain are they?
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple

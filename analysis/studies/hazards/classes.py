@@ -19,8 +19,6 @@ A robot that merely stops while its golden run goes on is therefore not displace
 coasts by 3 mm after its stop is.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from ravenjax.outcomes.verdict import HALT_MS, LIMIT_MM

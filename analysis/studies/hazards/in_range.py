@@ -1,7 +1,5 @@
 """Determines whether a fault leaves its channels in their normal ranges."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

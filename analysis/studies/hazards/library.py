@@ -2,8 +2,6 @@
 hazard, class and reports.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 

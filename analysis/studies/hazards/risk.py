@@ -5,8 +5,6 @@ A hazard's runs are a design over values and times that somebody chose. So a rat
 The certainty of a pool's mean depends on its number of hazards, so its interval resamples hazards.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

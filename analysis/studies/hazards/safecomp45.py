@@ -6,8 +6,6 @@ least one activated run in ten has it. `message` alone counts as `none`, unless 
 published. Equal sets `agree`; sets with a class in common agree `partly`; others `differ`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 It compares a recording with drawn robots, and the main results with and without kinematic errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple

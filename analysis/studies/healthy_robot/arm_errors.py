@@ -7,8 +7,6 @@ kinematic errors is normal, with the spreads of MEASURED. Rows of one motion res
 each motion counts as one reading with NOISE_M.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import NamedTuple
 

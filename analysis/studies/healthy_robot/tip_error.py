@@ -9,8 +9,6 @@ first half than cameras saw there. This attributes the whole seen error to the a
 upper bound.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ events of the published size. An event lasts from the onset of the fault for EVE
 the robot stops. After a stop the nominal model continues, and the tip error has no meaning.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

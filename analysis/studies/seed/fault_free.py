@@ -6,8 +6,6 @@ the nominal model's. It is shown beside the true tip's distance, and the distanc
 tip if both had begun at the same place.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -2,8 +2,6 @@
 are generated motions.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 

@@ -1,7 +1,5 @@
 """Fits a robot's parameters to the first half of a log, and judges them on the second half."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

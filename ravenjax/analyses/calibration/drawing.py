@@ -1,7 +1,5 @@
 """Draws a calibration: following errors of log and robot, and the intervals of the parameters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

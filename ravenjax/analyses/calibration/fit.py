@@ -7,8 +7,6 @@ independent samples, by the integrated autocorrelation time. Beliefs before the 
 each enters as one more squared residual.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

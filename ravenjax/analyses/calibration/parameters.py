@@ -2,8 +2,6 @@
 distributions. Writes calibrated robots as TOML, for `[parameters] from` of a campaign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ encoders read them, optionally low-passed as in the fork of 2015, with DAC count
 numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

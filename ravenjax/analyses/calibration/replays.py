@@ -6,8 +6,6 @@ columns are the desired joints, one row per cycle. The output series of a cycle 
 the motors then show.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

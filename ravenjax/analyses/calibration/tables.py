@@ -2,8 +2,6 @@
 after the log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ The page computes the places of bodies from joint positions by the model's tree.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import base64
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Writes pages of several campaigns into one folder, with an index page."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Writes one HTML page on which a browser computes a campaign's robot, without a network."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

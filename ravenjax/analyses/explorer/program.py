@@ -20,8 +20,6 @@ in base64. `static/engine.js` reads the object of `describe_program`:
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import fnmatch

@@ -1,7 +1,5 @@
 """Writes what a page shows as JSON: names of sites, effects and checks, ranges, and the runs."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

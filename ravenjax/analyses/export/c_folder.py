@@ -4,8 +4,6 @@ The object needs no C compiler, because it is emitted like the engines' code. Li
 shared library needs the system's compiler. Without one, a program links the object itself.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Computes fault-free operations and writes the folder of a monitor."""
 
-from __future__ import annotations
-
 import dataclasses
 import fnmatch
 from collections.abc import Callable, Sequence

@@ -5,8 +5,6 @@ Operators are assigned to these three uses by their number and not by their scor
 operators do not change the use of earlier ones.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ share the operator's motion or the robot. Every term is tested, and the joint sc
 tests keep the level (Holm).
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ subtractions, divisions and comparisons: there is no sum of products that a comp
 any compiler that keeps IEEE arithmetic gives the same bits; -ffast-math does not keep it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -7,8 +7,6 @@ kept. Memory does not grow with the number of operations, and a GPU computes all
 operator side by side.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """Writes and reads the folder of a monitor."""
 
-from __future__ import annotations
-
 import dataclasses
 import tomllib
 from pathlib import Path

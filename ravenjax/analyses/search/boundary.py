@@ -9,8 +9,6 @@ The scan makes the result honest: a cell that is never or always harmful is cens
 answer changes more than once is reported as such instead of being treated as a threshold.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

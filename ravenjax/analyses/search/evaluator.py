@@ -5,8 +5,6 @@ random draws of a run (effect "random", noise) are the same in a campaign with t
 that comes again, or that an earlier start of the same search has run (`journal`), is not run again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import dataclasses

@@ -3,8 +3,6 @@
 The figure shows Sobol's indices, or mean and deviation of Morris's elementary effects.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

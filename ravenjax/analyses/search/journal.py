@@ -7,8 +7,6 @@ computes the others. Parts have the form of a campaign's parts (`store.parts`), 
 order. When the search is done, `rows.parquet` holds all runs in one file.
 """
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -7,8 +7,6 @@ often enough, both must agree. Otherwise plain Monte Carlo gives an upper bound.
 The figure shows how likely each value of the event's column is, by both methods.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -2,8 +2,6 @@
 search.html and the figure.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence

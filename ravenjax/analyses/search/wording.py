@@ -1,7 +1,5 @@
 """Writes numbers, names and cases of a search for readers."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Chooses the executor that computes the chunks of a campaign: this process, or a Ray cluster."""
 
-from __future__ import annotations
-
 from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.errors import UserError, suggest_name
 

@@ -1,7 +1,5 @@
 """Executor `local`: computes chunks in this process, whose engine uses every core or every GPU."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Sequence

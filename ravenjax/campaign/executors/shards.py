@@ -4,8 +4,6 @@ Chunk k belongs to shard k mod N. So each shard has rows of every group, and all
 the same time.
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

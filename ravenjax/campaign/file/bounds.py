@@ -4,8 +4,6 @@ This imports the records of the robot's tick, so parameters are checked when a c
 not when its file is read.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterable, Iterator

@@ -3,8 +3,6 @@
 The line numbers are computed here because tomllib does not provide them.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

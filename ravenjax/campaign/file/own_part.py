@@ -1,7 +1,5 @@
 """Finds and reads the user's Python files that a campaign names, and checks their hashes."""
 
-from __future__ import annotations
-
 import keyword
 import re
 from pathlib import Path

@@ -3,8 +3,6 @@
 Parameters are checked by `bounds`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

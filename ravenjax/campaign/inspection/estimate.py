@@ -19,8 +19,6 @@ slower than simd (`analysis/engines`). Expect the estimate to be right within a 
 the load of the machine stays the same.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -4,8 +4,6 @@ The robot's observer (`prepared`, `explained`) takes part in the tick. Runs go t
 campaign's computation like any others. Ten thousand runs of 3 s take seconds on two cores.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple

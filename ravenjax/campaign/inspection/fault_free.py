@@ -5,8 +5,6 @@ Each folder holds one motion that the campaign did not have. It is generated fro
 because the same seed begins with the same motion however long the run is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path

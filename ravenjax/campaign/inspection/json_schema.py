@@ -5,8 +5,6 @@ values, and words. Rules of several keys and ranges of parameters are only check
 check`.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from typing import Any

@@ -1,7 +1,5 @@
 """Shows what a campaign would run, for `ravenjax check`: expanded and checked, but not computed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Computes single runs again, with all signals of the tick as time series."""
 
-from __future__ import annotations
-
 import dataclasses
 import numbers
 from pathlib import Path

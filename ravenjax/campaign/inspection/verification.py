@@ -6,8 +6,6 @@ code and packages must be equal to the bit. On another engine numbers may differ
 states by how much. Runs are computed from their beginning, without fast-forward.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

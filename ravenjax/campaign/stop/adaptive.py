@@ -5,8 +5,6 @@ same decisions and gives the same bytes. `decisions.jsonl` in the result folder 
 look found.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from pathlib import Path

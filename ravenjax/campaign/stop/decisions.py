@@ -1,7 +1,5 @@
 """Reads and writes decisions.jsonl of a result folder: one line for each look of a stop rule."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

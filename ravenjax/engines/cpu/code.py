@@ -6,8 +6,6 @@ Python runs in between. A Python thread that made each call itself would wait fo
 lock every time. With many threads that takes longer than the computing.
 """
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 from collections.abc import Callable

@@ -7,8 +7,6 @@ small, every lane computes everything. Both ways give the same bits, as do all v
 lane's result depends only on its inputs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import os

@@ -1,7 +1,5 @@
 """Compiles LLVM IR to callable functions for this machine's CPU, with an optional disk cache."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import platform

@@ -11,8 +11,6 @@ lane_finish   writes their results
 numbers for each number of the program; those of groups hold one.
 """
 
-from __future__ import annotations
-
 import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence

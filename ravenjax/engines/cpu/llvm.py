@@ -7,8 +7,6 @@ WebAssembly, where `fma` rounds twice. A program that was lowered with functions
 calls them, one lane wide. They are the same functions of this process that Python's `math` calls.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -6,8 +6,6 @@ may be copied, to try something on a copy of the robot. The operator's motion ma
 row as it happens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 While lanes run through a chunk, the rows of their groups for the next one are computed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ All threads of a block begin in the same tick. A block begins with its earliest 
 its last one. Before that a lane equals its golden run; after its end it waits.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 

@@ -5,8 +5,6 @@ the compiler neither fuses nor flushes (`OPTIONS`). Therefore all devices give t
 for the payload of a NaN. Numbers have 32 bits; there is no float64.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -7,8 +7,6 @@ and their rounding are those of `simd`. Both engines therefore give the same bit
 multiply-adds.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import dataclasses

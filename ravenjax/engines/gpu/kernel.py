@@ -21,8 +21,6 @@ outputs of each tick are [tick, number, lane], or [group, tick, number] if they 
 group.
 """
 
-from __future__ import annotations
-
 import collections
 import dataclasses
 from typing import Any

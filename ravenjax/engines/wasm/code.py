@@ -4,8 +4,6 @@ import but its memory.
 LLVM writes an object file. `link_module` makes it a module that runtimes load, as a linker would.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Sequence

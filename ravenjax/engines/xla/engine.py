@@ -8,8 +8,6 @@ On a CPU a block is small, and each core runs one. On accelerators one large blo
 and `jit` divides its lanes among the devices.
 """
 
-from __future__ import annotations
-
 import collections
 import dataclasses
 import functools

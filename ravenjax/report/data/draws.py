@@ -4,8 +4,6 @@ All other groups enumerate fixed values. Their rates have no sampling interval, 
 sampled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ SQL allows a table that does not fit into memory. `define_facts` creates the tab
 database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

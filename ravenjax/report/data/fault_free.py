@@ -5,8 +5,6 @@ Each motion counts once, with the time until its first alarm, so that a cue that
 first came does not raise the rate.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import shlex

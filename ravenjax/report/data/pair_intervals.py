@@ -3,8 +3,6 @@
 All pairs of one drawn fault count together as one unit. Enumerated faults have no interval.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

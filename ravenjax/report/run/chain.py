@@ -6,8 +6,6 @@ time of its numbers. A signal is *visible* from the tick in which it leaves its 
 check of that range at that seam could have detected the fault.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple

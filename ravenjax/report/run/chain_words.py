@@ -1,7 +1,5 @@
 """Writes the chain of one run as sentences, tables and a chart."""
 
-from __future__ import annotations
-
 import textwrap
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Draws a recorded operator: the whole recording, and the part that is replayed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Draws one run: distance of the true and the reported tip, force, commands and states."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path

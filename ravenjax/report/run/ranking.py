@@ -1,7 +1,5 @@
 """Ranks the runs of a result table from worst to least bad."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import NamedTuple

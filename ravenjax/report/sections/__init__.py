@@ -4,8 +4,6 @@ Each section is a module of this package with its query and figures, and a templ
 beside it. A module lists its sections as SECTIONS; they need no other registration.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable

@@ -2,8 +2,6 @@
 moved.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.report.data import facts as run_facts

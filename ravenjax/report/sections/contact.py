@@ -1,7 +1,5 @@
 """Section "Contact": how hard faults pressed the instruments on tissue, vessel and each other."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ravenjax.report.data.facts import FACTS

@@ -9,8 +9,6 @@ A single threshold is named if the intervals of missed hazards and false cues de
 of fault-free motion that would decide more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

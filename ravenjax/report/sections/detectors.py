@@ -5,8 +5,6 @@ threshold. Rates and times are over one run of each fault, curves over every run
 If faults were drawn, bands resample faults. Enumerated faults have no bands and no intervals.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ The axes of a map are the two inputs that explain most of the outcome. Faults of
 have their own map if there are enough of them.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

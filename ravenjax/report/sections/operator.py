@@ -1,7 +1,5 @@
 """Section "Operator": what a recorded operator's file holds, and which part of it is replayed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

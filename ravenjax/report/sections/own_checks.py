@@ -4,8 +4,6 @@ A check counts as tripped if it trips more often than in the golden run, or soon
 fault-free motion are its false alarms.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

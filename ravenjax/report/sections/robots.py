@@ -5,8 +5,6 @@ The sampled unit is the robot: the interval is for the rate of one more robot, w
 of faults on each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

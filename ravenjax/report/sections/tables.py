@@ -3,8 +3,6 @@
 A rate has an interval only if faults were drawn.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

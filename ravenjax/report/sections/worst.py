@@ -1,7 +1,5 @@
 """Section "Worst runs": the worst runs of each outcome, and the commands that replay them."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ is excluded if another one is better even at the ends of the intervals that favo
 The remaining alarms may be the best.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ So a run counts once, by its highest score. The rate is per hour of fault-free o
 the alarm if it ends the run.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

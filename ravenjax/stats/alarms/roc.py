@@ -5,8 +5,6 @@ A run alarms at a threshold if its score is at least the threshold. A score of -
 Labels are bool, True for a run that should alarm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

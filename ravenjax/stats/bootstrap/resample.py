@@ -1,7 +1,5 @@
 """Bootstraps any statistic that is computed from chosen units, such as runs."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 

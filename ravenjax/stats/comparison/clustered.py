@@ -6,8 +6,6 @@ in one group. In a paired one, `first[i]` and `second[i]` are the same cluster u
 conditions.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

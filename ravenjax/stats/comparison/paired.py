@@ -1,7 +1,5 @@
 """Compares two variants run by run, over the same faults and random numbers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -16,8 +16,6 @@ share an operator or a robot are not independent. A single robot with many opera
 a robot.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ independent. Output rows must keep the design's order. For a binary outcome use 
 probability, because a 0/1 output needs many more runs.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

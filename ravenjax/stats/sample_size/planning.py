@@ -2,8 +2,6 @@
 decides when to stop.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

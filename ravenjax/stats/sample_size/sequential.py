@@ -16,8 +16,6 @@ Runs count as independent draws. A table that is itself the population, such as 
 drawn without replacement. Its intervals are therefore wider than necessary.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

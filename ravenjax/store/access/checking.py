@@ -4,8 +4,6 @@ run.
 Each check is one line of a table: what was checked, and each error in words.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Stores the explained runs of a result folder in one Parquet file, a row per run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

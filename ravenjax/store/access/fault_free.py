@@ -7,8 +7,6 @@ detectors may also be put there. The golden runs of a campaign are often a few s
 motion, which do not determine a rate of false cues per hour.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, NamedTuple

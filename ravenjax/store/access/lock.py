@@ -5,8 +5,6 @@ it. The file only names the holder. Linux passes `flock` on NFS to the server. O
 without locks the file must do: a folder is refused if its holder is on another host or still runs.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

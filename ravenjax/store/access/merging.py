@@ -5,8 +5,6 @@ The manifest is written last. The target folder counts as one more shard, so the
 repeated after an interruption, or with further shards.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

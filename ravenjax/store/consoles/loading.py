@@ -1,7 +1,5 @@
 """Reads a console profile: a TOML file, or a bundled one by name."""
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from importlib import resources

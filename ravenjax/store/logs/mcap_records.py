@@ -9,8 +9,6 @@ chunk.
 `recover_records` rewrites a truncated file with the index that other tools need.
 """
 
-from __future__ import annotations
-
 import io
 import mmap
 import re

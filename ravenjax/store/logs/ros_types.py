@@ -1,7 +1,5 @@
 """Makes, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 

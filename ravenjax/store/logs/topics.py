@@ -9,8 +9,6 @@ message of each topic, with marks in place of times and numbers, and NumPy fills
 ticks.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import re

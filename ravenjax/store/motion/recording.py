@@ -2,8 +2,6 @@
 with an optional filter.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -2,8 +2,6 @@
 frame of the hands.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

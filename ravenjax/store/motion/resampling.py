@@ -5,8 +5,6 @@ it has no corners and stays within the recorded values. For a curve with a secon
 most M, the error is at most M h**2 / 2, where h is the distance of samples.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Finds samples at which a recorded tip jumps: where, how far, and whether it returns at once."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import NamedTuple

@@ -4,8 +4,6 @@ report.
 The texts are in summary.j2.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

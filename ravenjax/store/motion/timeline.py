@@ -1,7 +1,5 @@
 """Computes the row of a recording at each millisecond of a run, and when the pedal is down."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

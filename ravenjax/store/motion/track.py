@@ -1,7 +1,5 @@
 """The content of a recording before any conversion, and checks that its units are plausible."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

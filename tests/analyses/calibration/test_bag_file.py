@@ -1,7 +1,5 @@
 """Logs of ROS: the same as a table of the same motion."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bags

@@ -1,7 +1,5 @@
 """A log of a virtual robot with other friction: its replay, and the friction found again."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

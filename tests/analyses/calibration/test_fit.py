@@ -1,7 +1,5 @@
 """The fit by itself, on predictions with a closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """One cycle of the position loop: delays, and the same loop on two engines."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import virtual_log

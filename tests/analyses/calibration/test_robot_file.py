@@ -1,7 +1,5 @@
 """The file that a campaign draws its robots from."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

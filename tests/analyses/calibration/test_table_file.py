@@ -1,7 +1,5 @@
 """Logs as tables: what the columns mean, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -2,8 +2,6 @@
 code run natively.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -2,8 +2,6 @@
 must say the same.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sysconfig

@@ -2,8 +2,6 @@
 model's.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import shutil

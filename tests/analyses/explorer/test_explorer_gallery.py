@@ -2,8 +2,6 @@
 map.
 """
 
-from __future__ import annotations
-
 import pytest
 from chromium import CHROMIUM, NEEDED, PATIENCE_MS
 

@@ -1,7 +1,5 @@
 """The page under keys, fingers and a screen reader, and the files it writes, in a real browser."""
 
-from __future__ import annotations
-
 import csv
 import io
 from xml.etree import ElementTree

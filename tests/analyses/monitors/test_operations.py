@@ -1,7 +1,5 @@
 """Fault-free operations in bulk: the same scores as a campaign's own runs, on every engine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scores as data, and that what is printed of them gives what the definitions say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """Brackets of functions whose crossings are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

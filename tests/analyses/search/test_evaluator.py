@@ -1,7 +1,5 @@
 """Points of a template are runs of an ordinary campaign, however they are batched."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs of a search on disk: taken over by the next start, whatever became of the last one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.analyses.search.evaluator import Evaluator

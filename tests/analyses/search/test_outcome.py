@@ -1,7 +1,5 @@
 """What a search asks of a run: columns and events of the result table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """A search, really killed again and again: what it finds and the runs behind it stay the same."""
 
-from __future__ import annotations
-
 import json
 import random
 import signal

@@ -1,7 +1,5 @@
 """Search files: what they may say, and what is told of those that say something else."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """A search from file to folder: each kind, small."""
 
-from __future__ import annotations
-
 import json
 import re
 

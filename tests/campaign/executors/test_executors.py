@@ -2,8 +2,6 @@
 coordinator.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import sys

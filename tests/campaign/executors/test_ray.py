@@ -1,7 +1,5 @@
 """Executor `ray`: the same table from two nodes of which one goes away on the way."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

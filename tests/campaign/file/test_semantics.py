@@ -2,8 +2,6 @@
 refused with what to write.
 """
 
-from __future__ import annotations
-
 import tomllib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The expected cost: near what was measured, and growing with what costs."""
 
-from __future__ import annotations
-
 import pytest
 
 from ravenjax.campaign.inspection.estimate import CostFactors, estimate_cost, measure_speed

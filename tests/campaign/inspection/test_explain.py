@@ -2,8 +2,6 @@
 no run.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

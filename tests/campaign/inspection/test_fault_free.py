@@ -2,8 +2,6 @@
 asked.
 """
 
-from __future__ import annotations
-
 import copy
 
 import pandas as pd

@@ -2,8 +2,6 @@
 should mark is not.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

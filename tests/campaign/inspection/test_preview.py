@@ -1,7 +1,5 @@
 """What `ravenjax check` says of a campaign is what a run would do, and nothing is computed."""
 
-from __future__ import annotations
-
 import pytest
 import tiny_campaign as tiny
 

@@ -1,7 +1,5 @@
 """Finding a run by what a user types; several runs again, planned and compiled once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tiny_campaign

@@ -2,8 +2,6 @@
 again are the same.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

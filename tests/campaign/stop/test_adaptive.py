@@ -1,7 +1,5 @@
 """A campaign that stops by itself: as far as its rule asks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic

@@ -2,8 +2,6 @@
 stay the same.
 """
 
-from __future__ import annotations
-
 import json
 import random
 import signal

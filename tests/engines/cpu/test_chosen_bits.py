@@ -1,8 +1,6 @@
 """Choices between bits of several numbers, through vector code: of some, LLVM 22.1 makes one
 instruction for AVX-512 that takes the wrong bits (`LlvmPrinter._chosen_apart`)."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled code gives the bits that each operation means, at every vector width."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_program import HARD_FLOATS, compiled, pairs, same_bits

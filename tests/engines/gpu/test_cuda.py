@@ -1,7 +1,5 @@
 """Engine cuda on a real GPU; skipped, with one line, where there is none."""
 
-from __future__ import annotations
-
 import pytest
 from cuda_cases import CASES, SOURCE, check, check_engines, cut
 

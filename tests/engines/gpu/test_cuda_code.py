@@ -1,7 +1,5 @@
 """Engine cuda without a GPU: its kernels compiled as C++, everything else as it is."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -2,8 +2,6 @@
 operation.
 """
 
-from __future__ import annotations
-
 import pytest
 from cuda_as_cpp import Library
 from cuda_cases import CASES, SOURCE, check

@@ -1,7 +1,5 @@
 """Linked functions call those that they name, and what the linker does not know it refuses."""
 
-from __future__ import annotations
-
 import pytest
 
 from ravenjax.engines.wasm import code

@@ -2,8 +2,6 @@
 product and a sum.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_program import printed, same_bits

@@ -1,7 +1,5 @@
 """Engines xla and mjx: link dynamics by MuJoCo, lanes among devices, and segments."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

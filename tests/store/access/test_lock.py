@@ -1,7 +1,5 @@
 """One writer a folder: the second is told who the first is; a lock dies with its process."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

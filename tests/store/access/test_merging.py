@@ -2,8 +2,6 @@
 named.
 """
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from pathlib import Path

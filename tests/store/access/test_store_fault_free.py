@@ -1,7 +1,5 @@
 """Which folders of fault-free motion count for a campaign, and why the others do not."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

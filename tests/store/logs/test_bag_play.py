@@ -1,7 +1,5 @@
 """Debian's `rosbag play` plays a bag written here: a node that subscribes hears every message."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Recovery of MCAP files that were cut short anywhere or damaged."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

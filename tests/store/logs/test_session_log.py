@@ -1,7 +1,5 @@
 """session.mcap, read back as other tools read it, and by the package itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import ros2_log

@@ -1,7 +1,5 @@
 """Time series as CSV, and what every series is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """MCAP traces, read back as other tools read them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

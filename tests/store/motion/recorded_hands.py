@@ -1,7 +1,5 @@
 """Made-up recordings of hands near the home tips, and what a motion of them does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -2,8 +2,6 @@
 link that is read.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import struct
 

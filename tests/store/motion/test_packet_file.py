@@ -1,7 +1,5 @@
 """Recorded packets as a motion: compared with sums of the raw fields."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Runs of the targeted attacks without simulation: made-up result tables of a small grid."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

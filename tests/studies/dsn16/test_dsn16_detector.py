@@ -1,7 +1,5 @@
 """Thresholds and alarms of the published detector on logs that are made up."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from studies.dsn16.detector import Log, pooled_interval, run_alarms

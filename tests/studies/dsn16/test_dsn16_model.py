@@ -1,7 +1,5 @@
 """The dynamic model against the recording: with it and without it."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Which joints make a jump, on joints that are made up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """How long packets last: measured where the answer is known, and again in the public recordings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """When packets come, beside what runs receive; windows and levers in packets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

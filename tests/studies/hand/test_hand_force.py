@@ -2,8 +2,6 @@
 reaction times.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

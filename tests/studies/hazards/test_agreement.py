@@ -1,7 +1,5 @@
 """Verdicts on made-up runs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

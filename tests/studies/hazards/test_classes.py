@@ -1,7 +1,5 @@
 """Outcome classes of rows made by hand, each with a class that is known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

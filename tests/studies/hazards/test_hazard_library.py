@@ -1,7 +1,5 @@
 """The study of the hazard library: its tables on made-up runs, and the whole on the simulator."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

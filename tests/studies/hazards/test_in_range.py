@@ -1,7 +1,5 @@
 """What normal ranges say of a fault's values."""
 
-from __future__ import annotations
-
 import pytest
 
 from ravenjax.hazards.ranges import ChannelRange

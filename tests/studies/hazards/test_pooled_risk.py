@@ -1,7 +1,5 @@
 """Risk tables of rows made by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

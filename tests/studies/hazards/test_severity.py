@@ -1,7 +1,5 @@
 """Severities of rows made by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

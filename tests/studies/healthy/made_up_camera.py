@@ -1,7 +1,5 @@
 """Logs of a camera that looks at an arm whose errors are known."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 from scipy.spatial.transform import Rotation

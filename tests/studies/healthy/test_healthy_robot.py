@@ -1,7 +1,5 @@
 """The study of a healthy robot's report: words, and headlines of made-up runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

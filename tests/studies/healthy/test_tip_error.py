@@ -1,7 +1,5 @@
 """The tip error of drawn arms, and what is fitted of it, on logs of arms whose errors are known."""
 
-from __future__ import annotations
-
 import jax
 import made_up_camera
 import numpy as np

@@ -1,7 +1,5 @@
 """The study of mechanics: statics by hand and by robot, words of its tables."""
 
-from __future__ import annotations
-
 import jax
 import pytest
 

@@ -2,8 +2,6 @@
 or the other.
 """
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

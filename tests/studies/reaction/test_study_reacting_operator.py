@@ -2,8 +2,6 @@
 answers, and the whole.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from types import SimpleNamespace

@@ -2,8 +2,6 @@
 constant is chosen.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

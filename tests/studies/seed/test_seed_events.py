@@ -1,7 +1,5 @@
 """Bursts measured on made series whose answers are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

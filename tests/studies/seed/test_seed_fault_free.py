@@ -2,8 +2,6 @@
 segments.
 """
 
-from __future__ import annotations
-
 import json
 
 import pytest

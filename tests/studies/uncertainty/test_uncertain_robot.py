@@ -2,8 +2,6 @@
 and the whole.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

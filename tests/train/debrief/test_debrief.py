@@ -1,7 +1,5 @@
 """The debrief: what it says, what it leaves open, and that it opens offline."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil

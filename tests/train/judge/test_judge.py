@@ -2,8 +2,6 @@
 tick.
 """
 
-from __future__ import annotations
-
 import pytest
 from made_frames import kinds, made, running
 

@@ -2,8 +2,6 @@
 made-up courses.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

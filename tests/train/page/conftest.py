@@ -1,7 +1,5 @@
 """A browser, and a session without its physics, for the tests of a module."""
 
-from __future__ import annotations
-
 import pytest
 from fake_session import FakeSession
 from page_visit import CHROMIUM, FLAT

@@ -5,8 +5,6 @@ It answers commands the way a session would (pedal, E-stop, hazards, phases), so
 be tested alone.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import threading
 import time

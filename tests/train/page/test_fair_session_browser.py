@@ -2,8 +2,6 @@
 who drives, and when.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 

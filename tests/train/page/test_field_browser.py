@@ -2,8 +2,6 @@
 every size of screen.
 """
 
-from __future__ import annotations
-
 import pytest
 from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
 from page_visit import BROWSER, Visit, click, until

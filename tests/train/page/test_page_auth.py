@@ -1,7 +1,5 @@
 """Who may come in: host, origin and token of requests."""
 
-from __future__ import annotations
-
 import pytest
 from websockets.datastructures import Headers
 from websockets.http11 import Request

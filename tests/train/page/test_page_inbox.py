@@ -1,7 +1,5 @@
 """What a browser may say: everything else is dropped before it reaches the session."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The page's process with a session of its own: who gets what, and what reaches the session."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import time

@@ -2,8 +2,6 @@
 session is blinded.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 stereo side by side.
 """
 
-from __future__ import annotations
-
 import pytest
 import waiting
 from fake_session import FakeSession

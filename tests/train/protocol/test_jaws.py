@@ -1,7 +1,5 @@
 """The point where jaws close: that of the software's kinematics, and of the jaws that are drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The recorder as a process: what it writes, and what is left of it when it is killed."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

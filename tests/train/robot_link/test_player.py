@@ -1,7 +1,5 @@
 """Recorded packets sent again: byte by byte, in their order, with the pedal up ahead of them."""
 
-from __future__ import annotations
-
 import socket
 import threading
 

@@ -2,8 +2,6 @@
 campaigns they make.
 """
 
-from __future__ import annotations
-
 import pytest
 from made_frames import made
 

@@ -1,7 +1,5 @@
 """One console drives, the others watch; a pedal counts after it was seen up."""
 
-from __future__ import annotations
-
 from ravenjax.train.session.console_arbiter import ConsoleArbiter
 
 

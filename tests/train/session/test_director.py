@@ -1,7 +1,5 @@
 """When hazards are let loose and taken back."""
 
-from __future__ import annotations
-
 import pytest
 from made_frames import made, running
 

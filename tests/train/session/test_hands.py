@@ -2,8 +2,6 @@
 packets.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import tempfile

@@ -1,7 +1,5 @@
 """Scripted and recorded operators, alone and in a whole session."""
 
-from __future__ import annotations
-
 import pytest
 from made_frames import TIPS, made, running
 

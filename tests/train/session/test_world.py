@@ -1,7 +1,5 @@
 """The scene in plain numbers agrees with the robot's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_frames import from_world

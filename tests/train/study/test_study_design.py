@@ -2,8 +2,6 @@
 reaches with the largest effect there is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

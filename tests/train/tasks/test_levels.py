@@ -2,8 +2,6 @@
 go.
 """
 
-from __future__ import annotations
-
 import pytest
 from made_frames import TIPS, kinds, made, put, running
 

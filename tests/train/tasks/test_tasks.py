@@ -1,7 +1,5 @@
 """Tasks of a session, with tips that are put where they should go."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_frames import TIPS, kinds, made, put, running

@@ -1,7 +1,5 @@
 """Defines the question of a counterfactual, and its candidates as detectors of a campaign."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Finds the set of checks that would have detected evading faults, and confirms it in a new run."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Callable

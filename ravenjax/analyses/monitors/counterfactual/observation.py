@@ -2,8 +2,6 @@
 of each motion, and the lead of each alarm before harm.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ The figure shows the share of faults that are detected at least a given number o
 before harm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

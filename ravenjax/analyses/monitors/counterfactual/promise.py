@@ -7,8 +7,6 @@ nor candidates. The *stated* numbers are alarms in motions with no other use, an
 part in the selection.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ A text has one of these forms:
 - `response = stopped`: an event, the word of a column.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import re

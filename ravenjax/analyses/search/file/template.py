@@ -6,8 +6,6 @@ number or a parameter that has a distribution in the file. A point is a case wit
 input. It denotes one run: that of an ordinary campaign with these values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

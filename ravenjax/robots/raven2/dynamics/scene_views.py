@@ -1,7 +1,5 @@
 """Views of the scene: the endoscopes, and the cameras of the MuJoCo model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ravenjax.robots.raven2.dynamics import arm_model

@@ -5,8 +5,6 @@ The file is replaced atomically, so that a reader never sees an incomplete one. 
 until the session is over.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

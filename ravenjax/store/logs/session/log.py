@@ -21,8 +21,6 @@ A block of rows is one chunk, which is passed to the operating system at once. A
 loses only what it had not yet written. What a power failure loses depends on the operating system.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -21,8 +21,6 @@ are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on
 fields of the flat message on /ravenjax/signals. So do the true tip and the golden run's tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

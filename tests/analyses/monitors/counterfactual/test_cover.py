@@ -1,7 +1,5 @@
 """Greedy cover beside every set that there is, on small random instances."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

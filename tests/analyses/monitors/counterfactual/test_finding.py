@@ -1,7 +1,5 @@
 """From a campaign to a set of checks that keeps its promise, and what cannot be asked."""
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as ElementTree

@@ -1,7 +1,5 @@
 """Margins and stated rates against closed forms, and what they promise against simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
