@@ -78,20 +78,15 @@ def user_folder(variable: str, usual: str) -> Path | None:
 
 
 def is_private(folder: Path) -> bool:
-    """Create a folder if needed, and return whether nobody else may write into it.
-
-    Files of others that are in it from earlier are deleted.
-    """
+    """Create a folder if needed, and return whether nobody else may write, or wrote, into it."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
-        if status.st_uid not in OWNERS or status.st_mode & 0o022:
-            return False
+        owners = {status.st_uid}
         for path in folder.iterdir():
-            # Another process may delete the same files.
+            # Another process may delete a file meanwhile.
             with contextlib.suppress(FileNotFoundError):
-                if path.is_file() and path.stat().st_uid not in OWNERS:
-                    path.unlink()
+                owners.add(path.lstat().st_uid)
     except OSError:
         return False
-    return True
+    return owners <= {*OWNERS} and not status.st_mode & 0o022

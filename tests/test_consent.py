@@ -4,6 +4,7 @@ import contextlib
 import os
 import sys
 import time
+import types
 
 import pytest
 
@@ -116,10 +117,14 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):
 
 def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv(compile_cache.VARIABLE, str(tmp_path))
+    assert consent.is_private(tmp_path)
     (tmp_path / "foreign").touch()
-    # The folder belongs to a known user; then no more users are known.
-    monkeypatch.setattr(consent, "OWNERS", iter([os.geteuid()]))
-    assert consent.is_private(tmp_path) and not (tmp_path / "foreign").exists()
+    lstat = consent.Path.lstat
+    monkeypatch.setattr(
+        consent.Path, "lstat", lambda path: types.SimpleNamespace(st_uid=lstat(path).st_uid + 1)
+    )
+    assert not consent.is_private(tmp_path)
+    (tmp_path / "foreign").unlink()
     tmp_path.chmod(0o770)
     with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
         compile_cache.object_cache()

@@ -4,8 +4,8 @@ once.
 Two processes may use the folder at the same time. A damaged file counts as absent. When the folder
 grows too large, the files that were used longest ago are deleted.
 
-What is stored is executed. So the folder must belong to the user, or to root, and nobody else may
-write into it. Files of other users are deleted.
+What is stored is executed. So the folder and its files must belong to the user, or to root, and
+nobody else may write into it.
 """
 
 import contextlib
@@ -57,9 +57,9 @@ def cache_folder(kind: str) -> Path | None:
             # A run is possible without a cache.
             return None
         raise UserError(
-            f"{place}: others may write into this cache, and what is in it is executed. Delete it,"
-            f" or take their right away (chmod go-w), name another folder in {VARIABLE}, or set"
-            f" {VARIABLE}=off"
+            f"{place}: others may write into this cache, or have done so, and what is in it is"
+            f" executed. Delete it, take their right away (chmod go-w), name another folder in"
+            f" {VARIABLE}, or set {VARIABLE}=off"
         )
     return base / kind
 
