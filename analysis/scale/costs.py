@@ -80,7 +80,7 @@ def main(folder: Path) -> dict[str, Any]:
     engine = selection.select_engine(
         "simd", ready.program.setup.precision, compile_cache.object_cache()
     )
-    record = runner._manifest(ready, engine)
+    record = runner.make_manifest(ready, engine)
     pack = partial(parts.encode_part, shape=record.shape, config_hash=record.config_hash)
     work = Work(ready, engine, pack, lambda finished: None, Progress("", 0, 0, 1, None))
     head = ray_cluster.make_head(work, [range(CHUNKS[-1])], 1)

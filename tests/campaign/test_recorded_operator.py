@@ -118,7 +118,7 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     changed.write_text(hands.read_text().replace("-77.9", "-77.8"))
     plans = [plan.make_plan(rj.load_campaign(tables(file))) for file in (hands, elsewhere, changed)]
     engine = selection.select_engine("xla", plans[0].program.setup.precision)
-    records = [runner._manifest(one, engine) for one in plans]
+    records = [runner.make_manifest(one, engine) for one in plans]
     assert records[0].config["operator"]["file"] != records[1].config["operator"]["file"]
     assert records[0].config_hash == records[1].config_hash != records[2].config_hash
     assert records[0].differences(records[1]) == []

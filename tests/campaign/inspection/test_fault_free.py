@@ -54,7 +54,7 @@ def result(tmp_path_factory):
     ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
     manifest.write_manifest(
         path,
-        runner._manifest(ready, selection.select_engine("simd", ready.program.setup.precision)),
+        runner.make_manifest(ready, selection.select_engine("simd", ready.program.setup.precision)),
     )
     return path
 
