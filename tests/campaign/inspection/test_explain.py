@@ -187,7 +187,8 @@ def spread(config, runs):
         for site, group in table.groupby("fault0_site", observed=True)
         if site
     ]
-    assert len(by_site) == len(SITES)
+    # No bundled campaign changes a parameter.
+    assert len(by_site) == len(SITES) - 1
     each = -(-runs // len(by_site))
     rows = np.concatenate(
         [some[np.linspace(0, len(some) - 1, min(each, len(some))).astype(int)] for some in by_site]
