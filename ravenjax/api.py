@@ -34,12 +34,12 @@ def run(
     executor: str | None = None,
     workers: int | None = None,
 ) -> pd.DataFrame:
-    """Run a campaign and return one row per run, with the columns of results/README.md.
+    """Run a campaign and return a table with one row per run.
 
-    The table's `attrs` hold units and meanings of the columns. out: result folder, which is resumed
-    if it holds a part of this campaign; None: a temporary folder. executor: "local" (this process)
-    or "ray". workers: number of parallel tasks; the table does not depend on it. Raises UserError,
-    and StoreError for errors of `out`.
+    docs/reference/columns.md describes the columns; the table's `attrs` hold their units and
+    meanings. out: result folder; a partial result of this campaign in it is continued. None: a
+    temporary folder. executor: "local" (this process) or "ray". workers: number of parallel tasks;
+    the table does not depend on it. Raises UserError, and StoreError for errors of `out`.
     """
     results = run_config(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
@@ -63,10 +63,10 @@ def simulate(
     """Return the time series of one run of a campaign, one tick per millisecond, as an
     xarray.Dataset.
 
-    There is one variable per quantity (listed in `store.logs.time_series`), with attrs units and
-    long_name. Coordinates are time (s), arm, joint, axis, fault and cue: `simulate(c,
-    42)["tip"].sel(arm="gold", axis="z")`. attrs of the dataset state which run it is and its
-    outcomes. run: index, run id, or the beginning of a run id. Raises UserError.
+    The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
+    (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
+    attrs hold the run's index, id and outcomes. run: index, run id, or the beginning of a run id.
+    Raises UserError.
     """
     config = _config(campaign)
     again = replay_run(config, run, engine)
@@ -93,13 +93,13 @@ def explain(
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Show how faults propagate, tick by tick compared with the golden run: one row per run and
-    signal that differs, ordered by run, then in the robot's order of signals.
+    """Return how faults propagate through the signals.
 
-    Columns: run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit,
-    and differs_in, in which number; leaves_ms and leaves_in, when it first left its normal range
-    (-1: never); harm_ms, when the run's hazard began (-1: there was none), and left_ms, how long
-    before that the signal left its range. attrs name the engine.
+    One row per run and signal that differs from the golden run, ordered by run, then in the robot's
+    order of signals. Columns: run_id, index, layer, arm, seam; differs_ms, when the signal first
+    differed in any bit, and differs_in, in which number; leaves_ms and leaves_in, when it first
+    left its normal range (-1: never); harm_ms, start of the run's hazard (-1: no hazard); left_ms,
+    harm_ms minus leaves_ms (NaN if either is missing). attrs name the engine.
 
     campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of a run id,
     or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
@@ -123,12 +123,13 @@ def counterfactual(
     seed: int = 0,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Select a few checks that would have detected the faults that evade the robot's checks: one
-    row per candidate, as in `counterfactual.csv`; column `chosen` marks the selected set.
+    """Select a small set of additional checks that would have detected the faults that evade the
+    robot's checks.
 
-    attrs: "sentences" with the findings, and "files" that were written. campaign: as for `run`, or
-    a result folder. out: folder for the table, a figure, and a campaign with the selected checks as
-    detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
+    Returns one row per candidate, as in `counterfactual.csv`; column `chosen` marks the selected
+    set. attrs: "sentences" (the findings) and "files" (the written files). campaign: as for `run`,
+    or a result folder. out: folder for the table, a figure, and a campaign with the selected checks
+    as detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
     UserError and StoreError.
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
@@ -164,12 +165,12 @@ def calibrate_monitor(
     seed: int = 0,
     engine: str = "auto",
 ) -> dict[str, Any]:
-    """Set thresholds that keep a false-alarm rate with a stated confidence, as `ravenjax monitor
-    calibrate` does.
+    """Calibrate a monitor: thresholds whose false-alarm rate is at most the given one, with the
+    given confidence (`ravenjax monitor calibrate`).
 
     Writes monitor.toml, monitor.py, C code and a test vector into `out`, and returns the tables of
-    monitor.toml. hours: fault-free operation in total; None: what rate and confidence need. An
-    interrupted call can be repeated and continues. Raises UserError and StoreError.
+    monitor.toml. hours: total fault-free operation to simulate; None: as much as rate and
+    confidence require. Repeat an interrupted call to continue it. Raises UserError and StoreError.
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
@@ -194,12 +195,13 @@ def check_monitor(
     level: float = 0.05,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Test whether fresh fault-free operations are like those of a monitor's calibration: one row
-    per score, the joint one first.
+    """Test whether the scores of new fault-free operations have the distribution of a monitor's
+    calibration.
 
-    Columns: score, place (median position among the calibration's scores, 0 to 1), p, adjusted (p
-    adjusted for all scores together), martingale, shifted. sources: as `ravenjax monitor check`
-    takes them. attrs: units, operations, hours, alarms, level. Raises UserError and StoreError.
+    Returns one row per score, the joint score first. Columns: score, place (median position among
+    the calibration's scores, 0 to 1), p, adjusted (p adjusted for all scores together), martingale,
+    shifted. sources: as `ravenjax monitor check` takes them. attrs: units, operations, hours,
+    alarms, level. Raises UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

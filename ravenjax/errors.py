@@ -8,16 +8,16 @@ from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
-    """Bad input: a file, a key or a value. The message names it, states what was expected and what
-    to write instead.
+    """Raised for an error in the user's input: a file, a key or a value. The message names it, the
+    expected values, and what to write instead.
 
     The command line prints the message without a traceback and exits with code 2.
     """
 
 
 class StoreError(Exception):
-    """A result folder or file that cannot be used. The message names it, states the problem and
-    what to do.
+    """Raised for a result folder or file that cannot be used. The message names the file, the
+    problem, and what to do.
     """
 
 

@@ -6,15 +6,15 @@
     golden = model.rollout(params, no_faults)
     run = model.rollout(params, faults, golden.series)
 
-Parameters are a dict of path -> number, faults a record of numbers. Both are pytrees.
-`Model.params` and `Model.faults` hold those of all runs of the campaign, each leaf [runs], so
-`jax.vmap` computes the campaign. Parts of a Raven-II also work alone: `nominal` (`init`, `step`,
-`track_target`), `control` (`init`, `control_cycle`) and `inject`. They take `Model.setup` and the
-parts of `Model.record`.
+Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
+`Model.params` and `Model.faults` hold the values of all runs of the campaign, with leaves of shape
+[runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II alone:
+`nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`. They
+take `Model.setup` and the parts of `Model.record`.
 
-Encoder counts and DAC commands are whole numbers, whose derivative is 0 in JAX. So a derivative is
-exact for the nominal model and for what follows the DAC within a tick. It does not pass through the
-control software.
+Derivatives are exact for the nominal model, and for the stages after the DAC within one tick. They
+do not pass through the control software, because encoder counts and DAC commands are integers,
+whose derivative is 0 in JAX.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = ["Model", "Rollout", "control", "inject", "load", "nominal"]
 
 
 class Rollout(NamedTuple):
-    """A run, or its first ticks."""
+    """Outcomes, series and signals of one run, or of its first ticks, from `Model.rollout`."""
 
     outcomes: dict[str, Any]  # columns of the result table before the verdict
     # Numbers with which runs that have this golden run are compared, [ticks, numbers]. For each arm
@@ -55,7 +55,7 @@ class Rollout(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Model:
-    """Robot, software, operator and haptics of a campaign. No method changes it."""
+    """The model of a campaign: robot, software, operator and haptics. It is immutable."""
 
     program: TickProgram
     motion: tuple[Any, ...]  # columns of the operator's motion, each [ticks]
@@ -75,9 +75,9 @@ class Model:
         return {key: i + 1 for i, key in enumerate(injection.channel_keys(self.setup))}
 
     def record(self, params: Mapping[str, Any]) -> Any:
-        """Return every parameter of the robot, those in `params` at these values.
+        """Return all parameters of the robot, with the values in `params` where given.
 
-        Raises KeyError for an unknown path, as all methods do.
+        All methods raise KeyError for an unknown path.
         """
         return self._with(params).params_of(list(params.values()))
 
@@ -105,8 +105,8 @@ class Model:
     ) -> Rollout:
         """Compute a run from its beginning.
 
-        golden: `Rollout.series` of its golden run; None: it is a golden run. ticks: static, ms;
-        None: as long as `golden`, or the campaign's runs.
+        golden: `Rollout.series` of the golden run; None: the run is itself a golden run. ticks:
+        number of milliseconds (static); None: the length of `golden`, or of the campaign's runs.
         """
         if golden is None:
             length = self.program.loop.series_length(self.setup)
@@ -134,8 +134,9 @@ def load(
 ) -> Model:
     """Return the functions and inputs of a campaign.
 
-    vary: paths of further parameters for `Model.params`, at the campaign's values. precision: for
-    float64, set `jax_enable_x64` too. Raises UserError for a campaign that cannot be run.
+    vary: paths of additional parameters for `Model.params`; they have the campaign's values.
+    precision: float64 also requires `jax_enable_x64`. Raises UserError for a campaign that cannot
+    be run.
     """
     config = campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)
     plan = make_plan(config, precision)
@@ -150,10 +151,11 @@ def load(
 def inject(
     setup: Any, faults: Faults, state: FaultState, tick: Any, site: str, signal: Any
 ) -> tuple[FaultState, Any]:
-    """Return the faults' state and the signal of a Raven-II's site after the faults in one tick.
+    """Apply the faults of one site of the Raven-II in one tick.
 
-    state: at first `Model.init(params).faults`. Every trigger's clock starts at tick 0. signal: as
-    `loop.tick` and `loop.control` pass it, for example DAC counts, 7 int32 for each arm.
+    Returns the new state of the faults and the changed signal. state: `Model.init(params).faults`
+    before the first tick. All triggers count from tick 0. signal: as the tick has it at the site,
+    for example DAC counts, 7 int32 for each arm.
     """
     clocks = TriggerClocks(tick, tick + 1, tick)
     injector = RavenInjector(setup, faults, open_windows(setup, faults, state, clocks), clocks)

@@ -31,9 +31,9 @@ def load_campaign(
     has them.
 
     overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out. Paths of
-    files that a campaign names are relative to its file's folder. runs: whether the user asks to
-    compute the campaign, and so agrees to run the code in its folder (`ravenjax.consent`).
-    Raises UserError that names each error and its place.
+    files that a campaign names are relative to its file's folder. runs: True allows ravenjax to run
+    Python files beside the campaign, if its path is given (see docs/how-to/files-of-others.md).
+    Raises UserError, which names each error with its place.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)

@@ -40,7 +40,7 @@ def calibrate(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Set thresholds that keep a false-alarm rate with a stated confidence.
+    """Calibrate a monitor: thresholds that keep a false-alarm rate with the given confidence.
 
     The thresholds come from fault-free operations. Each operator has another motion, and each
     of its operations another robot, drawn as the campaign's [parameters], noise and packets
@@ -138,7 +138,7 @@ def check(
     seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
-    """Test whether fresh fault-free operations are like those of the calibration.
+    """Test whether new fault-free operations have the calibration's distribution of scores.
 
     The exit code is 1 for a shift. The first operation of each operator, result folder or log
     counts.

@@ -16,12 +16,12 @@ Form: TypeAlias = dict[str, Any]
 
 
 def uniform(low: float, high: float) -> Form:
-    """Draw a number from low to high, uniformly; integers include both ends."""
+    """Draw a number uniformly from low to high. Integers include both ends."""
     return {"uniform": [low, high]}
 
 
 def loguniform(low: float, high: float) -> Form:
-    """Draw a number from low to high, both above 0, uniformly in its logarithm."""
+    """Draw a number whose logarithm is uniform from log(low) to log(high). Both must be above 0."""
     return {"loguniform": [low, high]}
 
 
@@ -31,24 +31,24 @@ def normal(mean: float, standard_deviation: float) -> Form:
 
 
 def choice(values: Sequence[Any]) -> Form:
-    """Draw one of some values, each equally likely."""
+    """Draw one of the values with equal probability."""
     return {"choice": list(values)}
 
 
 def together(values: Sequence[float]) -> Form:
-    """Draw one of some values, jointly with all other parameters that use `together`.
+    """Draw one of the values together with all other parameters that use `together`.
 
-    All take their n-th value in the same run.
+    In each run, all of them take the value of the same index.
     """
     return {"together": list(values)}
 
 
 def phase(name: str, share: float | Sequence[float] | None = None) -> Form:
-    """Return a position in a phase of the operation, for `start_ms`: 0 is its first millisecond, 1
-    its last.
+    """Return a time within a phase of the operation, for `start_ms`.
 
-    share: one or several positions; several are a list of levels. None: draw each millisecond of
-    the phase with equal probability.
+    share: position in the phase, from 0 (its first millisecond) to 1 (its last), or a list of
+    positions, which the group's design uses as any list of values. None: draw a millisecond of the
+    phase with equal probability.
     """
     if share is None:
         return {"phase": name}

@@ -52,10 +52,10 @@ class Campaign:
         )
         results = campaign.run()
 
-    The keys are those of a campaign file. It is checked by the same rules when it is made:
-    UserError names each key that is wrong, what was found and what to write. Two campaigns with the
-    same content are equal, however they were written. A campaign is frozen; `replace` returns a
-    changed one. Paths of files are relative to the working directory.
+    The keys and rules are those of a campaign file. The constructor raises UserError, which names
+    each wrong key, its value and the allowed values. Two campaigns with the same content are equal,
+    however they were written. A campaign is immutable; `replace` returns a copy with other values.
+    Paths of files are relative to the working directory.
     """
 
     config: CampaignConfig
@@ -76,7 +76,7 @@ class Campaign:
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """Return the campaign of a TOML file, of a bundled one by name, or of a TOML text of
+        """Return the campaign from a TOML file, a bundled campaign's name, or a TOML text of
         several lines.
 
         overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises
@@ -120,11 +120,11 @@ class Campaign:
         return text
 
     def plain(self) -> dict[str, Any]:
-        """Return the campaign's tables as a TOML file has them."""
+        """Return the campaign as nested dicts, with the tables and keys of a TOML file."""
         return toml_value(self._tables)
 
     def replace(self, **keys: Any) -> Campaign:
-        """Return a copy with other values of these keys; None removes a key."""
+        """Return a copy in which the given keys have new values; None removes a key."""
         other = {key: table for key, table in self._tables.items() if key != SECTION}
         return Campaign(**{**self._tables[SECTION], **other, **keys})
 

@@ -63,10 +63,9 @@ _WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
 class CampaignResults:
     """Results of a campaign, one row per run, as `Campaign.run` and `open_results` return them.
 
-    Nothing is read before it is needed, and the table may be larger than memory, because DuckDB
-    does the counting. All counts are of distinct faults, as in the report: of a fault that was run
-    several times, the first valid run in which nobody reacts counts. Raises StoreError if a part is
-    missing or damaged.
+    The table may be larger than memory: methods read only what they need. All counts are of
+    distinct faults, as in the report. If a fault was run several times, only its first valid run
+    without a reaction counts. Raises StoreError if a part is missing or damaged.
     """
 
     def __init__(self, folder: str | Path, results: Results | None = None) -> None:
@@ -103,7 +102,7 @@ class CampaignResults:
         )
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """Return the table, or some of its columns, as `run` returns it; its attrs hold units and
+        """Return the table, or some of its columns, as a DataFrame; its attrs hold units and
         meanings.
         """
         frame = self._results.frame(columns)
@@ -115,11 +114,11 @@ class CampaignResults:
         return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """Run an SQL query over `results`, the table, and `facts`, which the report derives from
-        it.
+        """Run an SQL query over two tables: `results` (the columns of the result) and `facts` (what
+        the report derives from them).
 
-        Both have the column `row`: `results.query("SELECT site, count(*) AS n FROM facts WHERE
-        evaded GROUP BY site")`. Raises UserError if DuckDB refuses the query.
+        Join them on the column `row`. Example: `results.query("SELECT site, count(*) AS n FROM
+        facts WHERE evaded GROUP BY site")`. Raises UserError if DuckDB refuses the query.
         """
         import duckdb
 
@@ -142,16 +141,15 @@ class CampaignResults:
     def rates(
         self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
     ) -> pd.DataFrame:
-        """Return how often an event occurred: one row per class of distinct faults, with k, n,
-        rate, low and high.
+        """Return rates of events, over distinct faults: one row per event and class, with k (faults
+        with the event), n (faults), rate, low and high.
 
-        event: one or several of those for `[stop] rates`. by: one or several names of classes. They
-        are group, site, layer, block (site and effect), response, hazard, outcome, a key of the
-        first fault, such as effect, the path of a varied parameter, or any column. () takes all
-        faults together. low
-        and high are the 95 % Wilson interval if faults were drawn. They are NaN if faults were
-        enumerated, because such a share has no sampling error. Raises UserError for an unknown
-        name.
+        event: one or several names of events, as in `[stop] rates`. by: one or several columns that
+        define the classes: group, site, layer, block (site and effect), response, hazard, outcome,
+        a key of the first fault, such as effect, the path of a varied parameter, or any column; ():
+        one class with all faults. low and high are the 95 % Wilson interval if faults were drawn.
+        They are NaN if faults were enumerated, because such a share has no sampling error. Raises
+        UserError for an unknown name.
         """
         from ravenjax.notebook import rates
 
@@ -162,8 +160,8 @@ class CampaignResults:
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
         """Return the n worst valid runs with a fault, the worst first; fewer if fewer runs qualify.
 
-        by: unintended, loss, report, tissue, cue or response. The last column holds that quantity,
-        and attrs its unit and meaning. Raises UserError.
+        by: quantity that orders the runs: unintended, loss, report, tissue, cue or response. The
+        last column holds this quantity; attrs hold its unit and meaning. Raises UserError.
         """
         import pandas as pd
 
@@ -196,9 +194,7 @@ class CampaignResults:
     def explain(
         self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto"
     ) -> pd.DataFrame:
-        """Show how faults propagate, signal by signal, compared with the golden run; see the
-        function `explain`.
-        """
+        """Return how faults propagate, signal by signal, as the function `explain` does."""
         from ravenjax.notebook import explaining
 
         return explaining.explain_table(self.folder, runs, engine)
@@ -210,21 +206,25 @@ class CampaignResults:
         return self._figure(paper.verdict_figure, "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot how soon after a fault's first effect the cue comes, a check announces it, and
-        anyone could know.
+        """Plot the delay from a fault's first effect to the cue, to the first alarm or stop by a
+        check, and, for unintended motions, to the first sign of any kind.
         """
         from ravenjax.report import paper
 
         return self._figure(paper.how_soon, "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Plot detected hazards over false alarms, for each detector and threshold."""
+        """Plot the share of unintended motions with an alarm over the share of other runs with an
+        alarm, for each detector and threshold.
+        """
         from ravenjax.report import paper
 
         return self._figure(paper.roc_figure, "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
-        """Plot missed hazards over false cues, for each haptic set."""
+        """Plot the share of unintended motions without a cue over the false cues per hour, for each
+        haptic set.
+        """
         from ravenjax.report import paper
 
         nothing = "no fault-free motion stands beside the faults"

@@ -19,12 +19,12 @@ from ravenjax.vocabulary.detectors import DetectorUse
 
 @dataclasses.dataclass(frozen=True)
 class Precision:
-    """Widths of floating-point numbers; static.
+    """Floating-point types of a simulation.
 
-    The original control software stores float32 and evaluates many expressions in double: `narrow`
-    is the width that it stores, `wide` the width that it evaluates in. `real` is the width of
-    everything else: plant, nominal model, haptics, monitor. Campaigns use float32 for all three.
-    Control software that is driven alone, or checked against the original, has float64 as `wide`.
+    `narrow` is the type in which the control software stores numbers, `wide` the type in which it
+    evaluates expressions (the original: float32 and double). `real` is the type of everything else:
+    plant, nominal model, haptics, monitor. Campaigns use float32 for all three. `ControlSoftware`
+    has wide = float64 by default, as the original.
     """
 
     narrow: str = "float32"

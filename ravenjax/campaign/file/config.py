@@ -37,7 +37,9 @@ from ravenjax.vocabulary.robot import Robot
 
 
 class CampaignConfig(Section):
-    """A whole campaign file."""
+    """A validated campaign with every key and its default, as `load_campaign` and `Campaign.config`
+    return it.
+    """
 
     campaign: CampaignSection
     parameters: dict[str, Number] = Field(default_factory=dict)

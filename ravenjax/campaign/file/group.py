@@ -114,8 +114,8 @@ else:
 
 
 class Fault(Section):
-    """[[group.fault]]: one fault slot. Each key but site takes a value, a list or a
-    distribution.
+    """[[group.fault]]: one fault of each run in the group. Each key except site takes a value, a
+    list or a distribution.
     """
 
     site: str
@@ -176,7 +176,9 @@ class Fault(Section):
 
 
 class Run(Section):
-    """[[group.run]]: one run of design "list": what differs from the group, single values only."""
+    """[[group.run]]: one run of a group with design = "list": the keys that differ from the
+    group's, with single values.
+    """
 
     fault: tuple[
         dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...
@@ -192,7 +194,7 @@ class Run(Section):
 
 
 class Group(Section):
-    """[[group]]: runs that share a design. Without faults: fault-free runs."""
+    """[[group]]: runs that share a design. A group without faults has fault-free runs."""
 
     name: str = Field(min_length=1)
     """names the group in tables and report"""

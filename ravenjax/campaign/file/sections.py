@@ -165,8 +165,8 @@ _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
 class Detector(Section):
-    """[[detector]]: an observer that is scored. Lists of `fusion` and `consecutive` make one
-    detector of each pair.
+    """[[detector]]: a detector that observes the runs and is scored. If `fusion` or `consecutive`
+    is a list, each pair of their values is one detector.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60)
@@ -251,7 +251,7 @@ class Detector(Section):
 
 
 class OwnCheck(Section):
-    """[[check]]: a check of your own at a seam of the tick; it acts in the same millisecond."""
+    """[[check]]: a check of your own inside the control loop. It acts in the same millisecond."""
 
     name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
     """what it is called in tables, where its columns are check_own_NAME_.."""
@@ -291,7 +291,7 @@ class OwnCheck(Section):
 
 
 class Outcomes(Section):
-    """[outcomes]: which of the recorded outcomes the headline verdict uses."""
+    """[outcomes]: the haptic set and the limit that decide the verdict, and the rule for jumps."""
 
     jump: Literal["code", "text"] = "code"
     """code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text:
@@ -307,8 +307,8 @@ class Outcomes(Section):
 
 
 class Stop(Section):
-    """[stop]: compute the table by looks that are planned here, and stop once every rate is known
-    well enough.
+    """[stop]: stop the campaign early, at one of the planned looks, when every rate is precise
+    enough.
 
     Groups without faults are computed as a whole and not judged.
     """

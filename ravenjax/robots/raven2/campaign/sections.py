@@ -175,8 +175,8 @@ _Wrist = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
 class Start(Section):
-    """[operator.start]: joints at the start of a generated motion; omitted joints are as after
-    homing.
+    """[operator.start]: joint positions at the start of a generated motion. Omitted joints start at
+    the home pose.
     """
 
     shoulder_deg: _Shoulder | None = None
@@ -209,7 +209,9 @@ GENERATED = ("seed",)
 
 
 class Operator(Section):
-    """[operator]: the operator's motion, generated or recorded, or a user's file."""
+    """[operator]: a generated or recorded motion, and optionally a Python file that decides what
+    the hands make of it.
+    """
 
     motion: Annotated[str, OneOf("motion", MOTIONS)] | None = None
     """a generated motion"""
@@ -394,8 +396,8 @@ class Limits(Section):
 
 
 class Reaction(Section):
-    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and
-    so on.
+    """[reaction]: how the operator reacts to the cue of the first haptic set. Its parameters are
+    reaction.delay_ms and so on.
     """
 
     action: Literal["none", "release", "slow", "correct"] = "release"
@@ -413,7 +415,8 @@ class Reaction(Section):
 
 
 class Hand(Section):
-    """[hand]: a hand that the force of the first haptic cue moves; varied as hand.grip and so on.
+    """[hand]: a hand that the force of the first haptic set moves. Its parameters are hand.grip and
+    so on.
 
     Robot and nominal model follow the moved hand alike.
     """
@@ -425,8 +428,8 @@ class Hand(Section):
 
 
 class OwnStages(Section):
-    """[controller]: a Python file of yours in place of a stage; its parameters are
-    control.own.STAGE...
+    """[controller]: Python files that replace stages of the control software. Their parameters are
+    control.own.STAGE.NAME.
     """
 
     motor_control: Path | None = None

@@ -54,12 +54,12 @@ def inverse_kinematics(
     """Return the joints jpos_d [..., 7] that reach the pose, and the status [...].
 
     position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp:
-    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints. The solution nearest to `jpos_ref`
-    is taken. Joint limits are not applied.
+    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints. Returns the solution nearest to
+    `jpos_ref`, without joint limits.
 
-    Status 0: taken. Status -1: rejected by the control software's rules; the software would hold
-    its last jpos_d, and the returned jpos_d is NaN. Status -2: taken although the wrist is at the
-    remote centre, with the angles that the control software would use.
+    Status 0: valid. Status -1: rejected by the control software, which would keep its last jpos_d;
+    the returned jpos_d is NaN. Status -2: the wrist is at the remote centre, a singularity; the
+    angles are those that the control software would use.
     """
     places, turns, openings, measured = _rows(
         arm,
@@ -78,22 +78,24 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return motor angles [..., 7] (rad) at the joints `jpos` [..., 7], with cable coupling."""
+    """Return motor angles [..., 7] (rad) for joint positions `jpos` [..., 7] (rad; insertion m),
+    with cable coupling.
+    """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return joints [..., 7] at the motor angles `mpos` [..., 7] (rad), with cable coupling."""
+    """Return joint positions [..., 7] (rad; insertion m) for motor angles `mpos` [..., 7] (rad),
+    with cable coupling.
+    """
     (motors,) = _rows(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
-    """Return the capstan torque [..., 3] (Nm) with which the software compensates gravity at `jpos`
-    [..., 7].
-
-    It holds shoulder, elbow and insertion.
+    """Return the torques [..., 3] (Nm) at the capstans of shoulder, elbow and insertion with which
+    the software compensates gravity at `jpos` [..., 7].
     """
     (joints,) = _rows(arm, jpos=(jpos, (7,)))
     with _numpy():

@@ -182,12 +182,13 @@ class Reading:
 
 
 class VirtualRobot:
-    """A Raven-II after its USB boards that runs one millisecond per `step`. It starts at rest,
-    brakes on.
+    """The hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links,
+    encoders.
 
-    Arms are in mechanism order, gold first. Joints are in the order shoulder, elbow, insertion,
-    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software reads before the first
-    step.
+    One `step` is one millisecond. It starts at rest with the brakes on. The gold arm comes before
+    the green one. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist, grasp1,
+    grasp2. `reading` holds the outputs of the last step or, before the first step, those of the
+    start state.
     """
 
     def __init__(

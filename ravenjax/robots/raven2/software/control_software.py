@@ -53,13 +53,13 @@ class ControlSoftware:
 
     It starts as if homing had just completed, in cartesian mode. raven2 starts in run level 0 and
     waits for the PLC. The 2015 fork starts in pedal-down, because its simulator builds have no PLC.
-    Arms are in mechanism order, gold first. Joints are in the order shoulder, elbow, insertion,
+    The gold arm comes before the green one. Joints are in the order shoulder, elbow, insertion,
     tool_roll, wrist, grasp1, grasp2.
 
-    It starts at the home pose, or at the pose that `jpos`, `encoders` or `state` give. The first
-    pedal-down then commands the present pose. Give one of them for a robot in another pose.
-    Otherwise its jaws would jump to the opening of the home pose, because the original takes over a
-    measured opening only if it is more than 45 deg off.
+    It starts at the home pose, or at the pose given by `jpos`, `encoders` or `state`, which the
+    first pedal-down then commands. For a robot in another pose, pass one of them. Otherwise its
+    jaws jump to the opening of the home pose: as in the original, a measured opening replaces the
+    desired one only if they differ by more than 45 deg.
     """
 
     def __init__(
@@ -179,10 +179,10 @@ class ControlSoftware:
 
         `encoders`: [arms, 7] counts as unpacked from USB, integers; an int32 array is the fastest.
         `packet`: packets since the last cycle, as 124-byte ITP datagrams (shorter ones are dropped,
-        as in the robot) or `Packet`s. `pins`: input byte of each board (one number: for all
-        boards); bits 7..6 are the PLC's run level. `read_ok`: whether each board's read succeeded;
-        after a failed read the board's last encoders and pins are used again. Raises UserError,
-        which names the wrong argument; the state is then unchanged.
+        as in the robot) or `Packet`s. `pins`: input byte of each board, or one byte for all boards;
+        bits 7 and 6 are the PLC's run level. `read_ok`: whether the USB read of each board
+        succeeded. After a failed read, the software uses the board's previous encoders and pins.
+        Raises UserError, which names the wrong argument; the state is then unchanged.
         """
         row, arms = self._row, len(self.setup.arms)
         counts = checked.parse_counts("encoders", encoders, (arms, 7))
@@ -205,10 +205,10 @@ class ControlSoftware:
         same results.
 
         `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry per cycle, each as
-        for `step`; None: no packets. `pins` and `read_ok`: one value for all, [cycles] or [cycles,
-        arms]. Returns `dac` [cycles, arms, 7], `output_pins` [cycles] and `signals`, whose numbers
-        are arrays [cycles]: half a kilobyte per cycle and arm. Raises UserError, which names the
-        wrong argument; the state is then unchanged.
+        for `step`; None: no packets. `pins` and `read_ok`: one value for all cycles, or an array
+        [cycles] or [cycles, arms]. Returns `dac` [cycles, arms, 7], `output_pins` [cycles] and
+        `signals`, whose leaves are arrays [cycles]. They take half a kilobyte of memory per cycle
+        and arm. Raises UserError, which names the wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
         counts = checked.parse_counts("encoders", encoders, (None, arms, 7))
