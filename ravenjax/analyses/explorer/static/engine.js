@@ -175,7 +175,7 @@ function failure(description, measures) {
 export function judge(description, measures, golden, faulty) {
   const rules = description.verdict;
   const { diverged_ms: diverged, failed_ms: _ms, failed_signal: _signal, ...own } = measures;
-  const out = { ...own, ...failure(description, measures), activated: measures.active_ticks > 0, diverged: faulty && diverged >= 0 };
+  const out = { restart_ms: -1, ...own, ...failure(description, measures), activated: measures.active_ticks > 0, diverged: faulty && diverged >= 0 };
   for (const rule of ["code", "text", "tip"]) {
     const ms = measures[`jump_${rule}_ms`];
     delete out[`jump_${rule}_ms`];
