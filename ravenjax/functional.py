@@ -150,10 +150,12 @@ def load(
 def inject(
     setup: Any, faults: Faults, state: FaultState, tick: Any, site: str, signal: Any
 ) -> tuple[FaultState, Any]:
-    """Return the faults' state and the signal of a Raven-II's site after the faults in one tick.
+    """Apply the faults to the signal of one site of a Raven-II in one tick.
 
-    state: at first `Model.init(params).faults`. Every trigger's clock starts at tick 0. signal: as
-    `loop.tick` and `loop.control` pass it, for example DAC counts, 7 int32 for each arm.
+    Returns the faults' new state and the changed signal. state: that of the tick before; in the
+    first tick `Model.init(params).faults`. Every trigger's clock starts at tick 0. signal: in the
+    form in which `loop.tick` and `loop.control` pass it, for example DAC counts, 7 int32 for each
+    arm.
     """
     clocks = TriggerClocks(tick, tick + 1, tick)
     injector = RavenInjector(setup, faults, open_windows(setup, faults, state, clocks), clocks)
