@@ -65,14 +65,17 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
         )
 
 
-def user_folder(variable: str, usual: str) -> Path | None:
-    """Return the folder of ravenjax in the place that an XDG variable names, or else in `usual` of
-    the home folder; None for a user without a home.
+def user_folder(variable: str, default: str) -> Path | None:
+    """Return ravenjax's own folder for one kind of the user's files.
+
+    It is inside the folder that the XDG variable `variable` names. If the variable is not set, it
+    is inside `default`, a path relative to the home folder. In this case the result is None for a
+    user who has no home folder.
     """
     given = Path(os.environ.get(variable, ""))
     try:
         # The specification says to ignore a relative path.
-        return (given if given.is_absolute() else Path.home() / usual) / "ravenjax"
+        return (given if given.is_absolute() else Path.home() / default) / "ravenjax"
     except RuntimeError:
         return None
 

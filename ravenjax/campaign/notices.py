@@ -1,8 +1,8 @@
-"""Finds what a campaign declares but what cannot act: without effect, never reached, or always on.
+"""Finds what a campaign declares in vain: what has no effect, is never reached, or is always on.
 
 Such values are valid, so they are no errors. The terminal, `check`, the manifest and the report
-show them. `of_config` compares the numbers of the file's sections, `of_plan` also the faults of
-each run.
+show them as notices. `of_config` looks at the sections of the file. `of_plan` also looks at the
+parameters and faults of each run.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from ravenjax.numbers import paths
 from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
 
 MOST_COMPARED = 2**20
-"""Largest number of runs of which equal ones are looked for, which takes seconds from there on."""
+"""Equal runs are looked for among at most so many runs. Among more, that takes seconds."""
 NAMED = 4
 """Number of groups that a notice names."""
 
@@ -45,7 +45,7 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
             if value >= largest:
                 yield (
                     key,
-                    f"{value:g} mm is never reached: two places of the tip are at most"
+                    f"{value:g} mm is never reached: two positions of the tip are at most"
                     f" {largest:g} mm apart",
                 )
             elif value <= lowest:
@@ -78,15 +78,21 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
 
 def _of_parameters(plan: Plan) -> Iterator[str]:
     program = plan.program
-    free = ~(plan.faults["code"] > 0).any(axis=1)
+    fault_free = ~(plan.faults["code"] > 0).any(axis=1)
     for path, values in table.varied_parameters(plan.rows).items():
-        own = list(paths.named_numbers(program.params, program.setup, path).values())
-        same = np.isnan(values) | np.all([np.float32(values) == np.float32(n) for n in own], axis=0)
-        if same.all():
-            yield f"parameters.{path}: {float(own[0]):g} is what the robot has without it"
-        elif count := int((free & ~same).sum()):
+        # One path may name several numbers of the robot. NaN: the run does not set the parameter.
+        usual = list(paths.named_numbers(program.params, program.setup, path).values())
+        unchanged = np.isnan(values) | np.all(
+            [np.float32(values) == np.float32(number) for number in usual], axis=0
+        )
+        if unchanged.all():
             yield (
-                f"parameters.{path}: differs from the robot's own value in {count} runs without a"
+                f"parameters.{path}: {float(usual[0]):g} is already the robot's value, so this"
+                " entry changes nothing"
+            )
+        elif count := int((fault_free & ~unchanged).sum()):
+            yield (
+                f"parameters.{path}: differs from the robot's value in {count} runs without a"
                 " fault. Their golden runs have the same value, so no outcome shows its effect"
             )
     if program.ends and bool((plan.ends == program.ticks).all()):
@@ -221,6 +227,6 @@ def find_copies(plan: Plan) -> np.ndarray:
 def _of_copies(plan: Plan) -> Iterator[str]:
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
         yield (
-            f"group: {count} of {plan.runs} runs have the inputs of an earlier run and come out the"
-            " same; they count once"
+            f"group: {count} of {plan.runs} runs have the inputs of an earlier run, so they have"
+            " its outcome too; equal runs count once"
         )

@@ -146,8 +146,8 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
     for some in rows:
         if some.step != 1 or (some and not 0 <= some.start < some.stop <= runs):
             raise UserError(
-                f"rows {some}: expected ranges of step 1 within 0 to {runs}, the runs of the"
-                " campaign"
+                f"rows {some}: expected contiguous ranges (step 1) between 0 and {runs} (end"
+                f" excluded), because the campaign has {runs} runs"
             )
     return manifest.join_ranges(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 

@@ -34,10 +34,11 @@ def calibrate(
 ) -> None:
     """Estimate your robot's parameters from a log of its joints.
 
-    Friction, offsets, motor constants, cables and delays. The first half of the log is fitted,
-    the second half judges the fit, beside bare rotors as a null model. Parameters that the log
-    does not determine keep their prior. A campaign with `[parameters] from = "my_robot.toml"`
-    then draws a robot for each run.
+    The parameters are friction, offsets, motor constants, cables and delays. The command fits
+    them to the first half of the log. It tests the fit on the second half, and compares it with
+    a null model. The null model is bare rotors: motors with cut cables and only viscous friction.
+    Parameters that the log does not determine keep their prior. A campaign with `[parameters]
+    from = "my_robot.toml"` then draws a robot for each run.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 without a network.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from importlib import resources
@@ -34,6 +35,7 @@ def template_environment(*packages: str) -> jinja2.Environment:
         ),
         "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
     }
+    templates.tests |= {"nan": math.isnan, "finite": math.isfinite}
     templates.filters |= {
         "drawings": _drawings,
         "values": lambda chart: escape_json(chart.values()),

@@ -3,10 +3,10 @@
 Floats follow IEEE 754 with one rounding per operation (including `fma`), integers wrap, and nothing
 raises. Edge cases are those of XLA where it defines them. Converting a float to an integer
 saturates (NaN: 0), a shift by the width or more shifts everything out, and division of an integer
-by 0 is -1. `truncate` is instead C's `(int)x` on x86: -2147483648 for what does not fit. Of two
-zeros of unlike sign `max` and `min` return the second; they always pass a NaN on. `rarely` is a
-`select` whose condition seldom holds (see `regions`). Functions are those of the C library, rounded
-to their type.
+by 0 is -1. `truncate` instead follows C's `(int)x` on x86, which gives -2147483648 for a number
+that does not fit. Of two zeros with different signs, `max` and `min` return the second; they always
+return NaN if an operand is NaN. `rarely` is a `select` whose condition seldom holds (see
+`regions`). Functions are those of the C library, rounded to their type.
 """
 
 import ctypes
@@ -52,16 +52,22 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """Return a b + c rounded once, through float64 (rounded to odd) or long double."""
+    """Return a b + c rounded once.
+
+    float64: computed in long double, see `_fma64`. float32: computed in float64, with the sum
+    rounded to odd. This means: of the two neighbours of an inexact sum, the one whose last bit is 1
+    is taken, so that the conversion to float32 rounds as the exact sum would.
+    """
     if np.asarray(a).dtype == np.float64:
         return _fma64(a, b, c)
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
     error = _sum_error(product, np.float64(c), total)
     bits = np.asarray(total).view(np.int64)
-    inexact = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
-    away = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
-    return np.where(inexact, away, bits).view(np.float64).astype(np.float32)[()]
+    is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
+    odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
+    to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
+    return to_odd.view(np.float64).astype(np.float32)[()]
 
 
 def _sum_error(a: Array, b: Array, total: Array) -> Array:

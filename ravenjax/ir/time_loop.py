@@ -19,6 +19,7 @@ from collections.abc import Iterable, Set
 from ravenjax.ir.program import Program
 
 LANE, TICK = 1, 2
+"""Bits for what a number depends on: it differs between lanes, it changes from tick to tick."""
 _FREE = ("neg", "bitcast")
 """Operations that cost nothing. A lane repeats them rather than reading them from a row."""
 
@@ -85,15 +86,17 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     own = {k: i for i, k in step.reads.items()}
     frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
     lanes = {i: 0 if grouped and i < shared else LANE for i in range(first)}
-    begins = _rates(loop.begin, lanes)
+    begins = _dependencies(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
     ticks = {
         first + loop.states + i: TICK | (0 if grouped or i == 0 else LANE) for i in loop.tick_inputs
     }
     while True:
-        rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
+        depends = _dependencies(
+            step, lanes | ticks | {first + k: bits for k, bits in state.items()}
+        )
         new = {
-            k: rate if k in frozen else rate | rates[step.outputs[k]] for k, rate in state.items()
+            k: bits if k in frozen else bits | depends[step.outputs[k]] for k, bits in state.items()
         }
         if new == state:
             break
@@ -101,7 +104,7 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
 
     results = [step.outputs[k] for k in sorted(live)] + list(step.outputs[loop.states :])
     needed = step.needed(results)
-    both = {i for i in needed if rates[i] == LANE | TICK}
+    both = {i for i in needed if depends[i] == LANE | TICK}
     row, reads = set(), set()
     queue = [o for i in sorted(both) for o in step.operations[i].operands]
     queue += step.outputs[loop.states :]
@@ -114,9 +117,9 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
         if name in _FREE:
             both.add(i)
             queue.extend(step.operations[i].operands)
-        elif rates[i] & LANE and name != "input":
+        elif depends[i] & LANE and name != "input":
             reads.add(i)
-        elif not rates[i] & LANE:
+        elif not depends[i] & LANE:
             row.add(i)
     shared_state = tuple(k for k in sorted(live) if not state[k] & LANE)
     return Split(
@@ -132,15 +135,18 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     )
 
 
-def _rates(program: Program, inputs: dict[int, int]) -> list[int]:
-    """Return what each operation depends on: LANE, TICK, both or neither."""
-    rates: list[int] = []
+def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
+    """Return on what each operation depends, as a sum of bits: LANE, TICK, both, or 0 for neither.
+
+    of_input: the same for each input of the program, by index; an absent input has 0.
+    """
+    depends: list[int] = []
     for operation in program.operations:
-        rate = inputs.get(operation.detail, 0) if operation.name == "input" else 0
+        bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0
         for operand in operation.operands:
-            rate |= rates[operand]
-        rates.append(rate)
-    return rates
+            bits |= depends[operand]
+        depends.append(bits)
+    return depends
 
 
 def _live_state(loop: TimeLoop) -> Set[int]:

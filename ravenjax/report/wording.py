@@ -198,6 +198,7 @@ def text_templates(package: str) -> jinja2.Environment:
         trim_blocks=True,
         keep_trailing_newline=True,
     )
+    templates.tests["nan"] = math.isnan
     templates.filters |= FILTERS
     return templates
 

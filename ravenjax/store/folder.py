@@ -242,6 +242,7 @@ def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
     if differences:
         raise StoreError(
             f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
-            f" differs:\n{list_lines(differences)}\nNothing was changed. To keep it, choose another"
-            f" --out; to begin again, delete the folder: rm -r {path}"
+            " differs from the campaign you are starting:\n"
+            f"{list_lines(differences)}\nNothing was changed. To keep these results, choose another"
+            f" --out. To replace them, delete the folder first: rm -r {path}"
         )

@@ -417,6 +417,7 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
+    """Start the page in its process, print the addresses of both roles, and return its port."""
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -433,11 +434,11 @@ def _open_page(
     port = serving.answer()
     if options.port not in (0, port):
         say(f"port {options.port} is in use: the page is at port {port}")
-    ask = f"&token={options.token}" if options.token else ""
+    token_query = f"&token={options.token}" if options.token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     url = f"http://{host}:{port}/?role="
-    say(f"operator: {url}operator{ask}")
-    say(f"instructor: {url}instructor{ask}&instructor_token={options.instructor_token}")
+    say(f"operator: {url}operator{token_query}")
+    say(f"instructor: {url}instructor{token_query}&instructor_token={options.instructor_token}")
     return port
 
 

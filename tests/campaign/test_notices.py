@@ -38,7 +38,7 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"reaction": {"felt_force": 1}}, "reaction.felt_force: 1 is never felt"),
         ({}, {"reaction": {"action": "none", "delay_ms": 300}}, "reaction.delay_ms: nothing reads"),
         ({}, {"parameters": {"plant.kinematic_errors.scale": 0.5}}, "scales nothing"),
-        ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is what the robot has without it"),
+        ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is already the robot's value"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: ends no run"),

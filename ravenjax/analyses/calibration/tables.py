@@ -13,8 +13,8 @@ from ravenjax.robots.raven2.arms import JOINTS
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
 """Factors from rad and m to deg and mm for display."""
 UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
-TOLD = 0.5
-"""A parameter counts as determined if the log at least halves its spread."""
+MOST_SPREAD_LEFT = 0.5
+"""A parameter counts as determined if its spread after the log is at most this share of before."""
 
 
 class Rows(NamedTuple):
@@ -26,8 +26,9 @@ class Rows(NamedTuple):
 
 
 def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """Return root mean square following errors of the log and of each model, one row per joint,
-    with each model's ratio to the log.
+    """Return one row per joint: the root mean square following error of the log and of each model.
+
+    A model's cell also holds its ratio to the log's error, and how far the model is off the log.
     """
     log, *models = rows
     cells = [
@@ -47,8 +48,10 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
 
 
 def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
-    """Return every unknown before and after the log, its 90 % interval, and the share of its spread
-    that the log leaves.
+    """Return one row for each parameter that the log was asked for.
+
+    A row holds the value before and after the fit, the ends of the 90 % interval, and the spread
+    after the log as a share of the spread before. A share above MOST_SPREAD_LEFT has a mark.
     """
     low, high = calibrated.interval
     rows = zip(
@@ -62,13 +65,13 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
     )
     cells = [
         (
-            one.path,
+            unknown.path,
             f"{before:.4g}",
             f"{after:.3g}",
-            f"{least:.3g}",
-            f"{most:.3g}",
-            f"{left:.2f}" + ("" if left <= TOLD else " (not told)"),
+            f"{lower:.3g}",
+            f"{upper:.3g}",
+            f"{spread_left:.2f}" + ("" if spread_left <= MOST_SPREAD_LEFT else " (not determined)"),
         )
-        for one, before, after, least, most, left in rows
+        for unknown, before, after, lower, upper, spread_left in rows
     ]
     return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)

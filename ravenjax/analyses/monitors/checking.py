@@ -1,8 +1,9 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Only the first operation of each operator, result folder or log counts, because its other operations
-share the operator's motion or the robot. Every term is tested, and the joint score. Together the
-tests keep the level (Holm).
+Of each operator, result folder or log, only the first operation is tested. Its other operations
+share the operator's motion or the robot, so they are not independent of the first. Each term's
+score has a test of its own, and so has the joint score. Holm's adjustment keeps the level of
+all tests together.
 """
 
 import csv
@@ -34,7 +35,7 @@ def check_exchangeability(
 
     Columns: score, place (median place among the calibration's scores, 0 to 1), p, adjusted (p over
     all tests), martingale, shifted. attrs: level (chance that any score is called shifted although
-    nothing changed), units, operations, hours, alarms (operations with one).
+    nothing changed), units, operations, hours, alarms (operations with an alarm).
 
     The monitor is the one in `folder`. `sources`: folders that `ravenjax monitor` or `ravenjax run`
     wrote, or logs as CSV. A log has the columns of test_vector.csv: live, and the monitor's inputs,
@@ -43,7 +44,7 @@ def check_exchangeability(
     if not 0 < level < 1:
         raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
     if not sources:
-        raise UserError("of which operations? Give folders of results, or logs")
+        raise UserError("there are no operations to test: give result folders or logs")
     monitor, record = writing.read_monitor(folder)
     reference = pd.read_csv(folder / writing.REFERENCE).astype(np.float32)
     some = [_fresh(source, folder, monitor, record) for source in sources]
@@ -134,12 +135,12 @@ def _of_operations(
     for key in ("signals", "segments", "code"):
         if design.get(key) != before.get(key):
             raise UserError(
-                f"{source}: has other {key} than {folder}, so its scores cannot be compared"
+                f"{source}: differs from {folder} in its {key}, so scores cannot be compared"
             )
     _require_length(source, float(design["design"]["length_s"]), record)
     if all(design["design"].get(key) == before["design"].get(key) for key in ("seed", "stream")):
         raise UserError(
-            f"{source}: its operators are those of the calibration: nothing of it is fresh"
+            f"{source}: its operators are those of the calibration, so none of them is fresh"
         )
     peaks = score_folder.read_scores(place)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
@@ -185,7 +186,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
-            f"{source}: a log is of one arm, and scores of the calibration are the larger of"
+            f"{source}: a log has one arm, but each score of the calibration is the larger one of"
             f" {' and '.join(arms)}: calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of"
             " the log"
         )
@@ -203,13 +204,13 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
         raise StoreError(f"{source}: cannot be read ({error})") from None
     except (TypeError, ValueError) as error:
         raise UserError(
-            f"{source}: line {rows.line_num} has something else than a number ({error})"
+            f"{source}: line {rows.line_num}: expected a number in each column ({error})"
         ) from None
     length = round(record["promise"]["operation_s"] * 1e3)
     if len(table) < length:
         raise UserError(
-            f"{source}: {len(table)} ms long, the calibration's operations are {length} ms; the"
-            " maximum over less time cannot be compared"
+            f"{source}: lasts {len(table)} ms and the calibration's operations {length} ms; the"
+            " maximum over a shorter time cannot be compared"
         )
     live = table[:length, 0] != 0
     inputs = {name: table[:length, k + 1].astype(np.float32) for k, name in enumerate(names[1:])}
@@ -235,8 +236,8 @@ def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) ->
         origin = one.attrs["origin"]
         if origin in first:
             raise UserError(
-                f"{source}: has the same operators as {first[origin]} ({origin}), and of each"
-                " operator one operation counts: check each by itself"
+                f"{source}: has the same operators as {first[origin]} ({origin}), and only one"
+                " operation of each operator counts: check each source by itself"
             )
         first[origin] = source
 
@@ -245,7 +246,7 @@ def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> Non
     wanted = record["promise"]["operation_s"]
     if abs(seconds - wanted) > 1e-6:
         raise UserError(
-            f"{source}: operations of {seconds:g} s, the calibration's are {wanted:g} s, and the"
-            " maximum over another time cannot be compared: run with campaign.duration_s ="
-            f" {wanted:g}"
+            f"{source}: its operations last {seconds:g} s and the calibration's {wanted:g} s."
+            " Scores are maxima, and those over different times cannot be compared: run with"
+            f" campaign.duration_s = {wanted:g}"
         )

@@ -144,7 +144,8 @@ def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         ) from None
     if differences:
         raise UserError(
-            f"{out}: holds another search, which differs:\n{list_lines(differences)}\n"
+            f"{out}: holds another search, which differs from the search you are starting:\n"
+            f"{list_lines(differences)}\n"
             "Nothing was changed. Give another folder with --out, or delete this one"
         )
     return earlier

@@ -20,21 +20,23 @@ DIGITS = 16
 def compute_run_ids(
     common: str, words: Mapping[str, pd.Categorical], numbers: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the ids of rows with these columns, uint64 [rows]. At least one column holds numbers.
+    """Return the id of each row of a table with these columns, uint64 [rows].
 
-    common: what decides the outcome of all runs alike. Numbers are converted to float64, so that 1
-    equals 1.0, and -0.0 equals 0.0. Among rows with the same content, the first one has the id of
-    the content; each further copy has a different id that depends on its position among the copies.
+    common: text that stands for everything that is equal in all runs and decides their outcomes.
+    words: columns of words. numbers: columns of numbers, at least one. Numbers are converted to
+    float64, so that 1 equals 1.0, and -0.0 is replaced by 0.0. The id of a row depends on its
+    content only. If several rows have the same content, this holds for the first of them. The ids
+    of the others also depend on how many such rows come before.
     """
-    total = np.zeros(len(next(iter(numbers.values()))), np.uint64)
+    sums = np.zeros(len(next(iter(numbers.values()))), np.uint64)
     for name, column in words.items():
-        salts = [
+        hashes = [
             _salt(f"{common}/{name}/{word}") if word else np.uint64(0) for word in column.categories
         ]
-        total += np.array(salts, np.uint64)[column.codes]
+        sums += np.array(hashes, np.uint64)[column.codes]
     for name, values in numbers.items():
-        total += _hashed(values, _salt(f"{common}/{name}"))
-    return _number_copies(mix_bits(total))
+        sums += _hashed(values, _salt(f"{common}/{name}"))
+    return _number_copies(mix_bits(sums))
 
 
 def mix_bits(numbers: np.ndarray) -> np.ndarray:
@@ -60,7 +62,9 @@ def format_run_ids(ids: np.ndarray) -> pa.Array:
 
 
 def parse_run_ids(text: Iterable[str]) -> np.ndarray:
-    """Return the ids from their hex digits, uint64 [rows]: the inverse of `text`."""
+    """Return the ids from their hex digits, uint64 [rows]: the inverse of
+    `format_run_ids`.
+    """
     return np.frombuffer(bytes.fromhex("".join(text)), ">u8").astype(np.uint64)
 
 
@@ -86,7 +90,9 @@ def _salt(text: str) -> np.uint64:
 
 
 def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
-    """Return the hash of each value, uint64 [rows], or [1] if all values are equal; 0 for NaN."""
+    """Return the hash of each value, uint64 [rows]; that of NaN is 0. If all values are equal,
+    return their one hash, [1].
+    """
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
     hashes = mix_bits(canonical.view(np.uint64) ^ salt)
@@ -95,7 +101,7 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 
 def _number_copies(ids: np.ndarray) -> np.ndarray:
-    """Return the ids with each copy of an id but the first replaced by another id."""
+    """Return the ids; where an id occurs again, it is replaced by another one."""
     if pd.Index(ids).is_unique:
         return ids
     copy = pd.Series(ids).groupby(ids).cumcount().to_numpy(np.uint64)

@@ -25,8 +25,8 @@ DISTRIBUTIONS = {
     "normal": "[mean, standard deviation]",
     "choice": "[value, value, ..], each equally likely",
     "together": (
-        "[value, value, ..], drawn in one with all parameters that say together: the n-th value of"
-        " each"
+        "[value, value, ..], drawn with every other parameter that says together: a run gets the"
+        " n-th value of each"
     ),
 }
 
@@ -353,8 +353,8 @@ def _moment(raw: Mapping[str, Any]) -> Moment:
         share = math.nan
     if len(raw) != 2 or not isinstance(phase, str) or not 0.0 <= share <= 1.0:
         raise ValueError(
-            f'got {format_value(dict(raw))}, expected {{{PHASE} = "fast", {SHARE} = 0.5}}, whose'
-            f" {SHARE} is a number from 0 to 1"
+            f"got {format_value(dict(raw))}, expected a table such as"
+            f' {{{PHASE} = "fast", {SHARE} = 0.5}}, in which {SHARE} is a number from 0 to 1'
         )
     return Moment(phase, float(share))
 

@@ -150,8 +150,9 @@ def tick_ns(work: CostFactors) -> float:
 
 
 def format_estimate(seconds: float) -> str:
-    """Return an expected time as text: `5 s`, `3 min`, `2.5 h`. Two digits at most, as it is not
-    known better.
+    """Return an expected time as text: `5 s`, `3 min`, `2.5 h`.
+
+    It has at most two digits, because the estimate is not more precise.
     """
     if seconds < 90.0:
         return f"{max(1, math.ceil(seconds)):d} s"

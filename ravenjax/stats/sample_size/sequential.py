@@ -279,20 +279,21 @@ def describe_stop(looks: Sequence[Look]) -> str:
 def stratified_rate(
     k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95
 ) -> Estimate:
-    """Return the rate sum w p over strata with k[s] hits in n[s] runs that occur in proportion to
-    weight[s].
+    """Return the rate sum of w[s] k[s]/n[s] over strata, with its confidence interval.
 
-    The arguments are arrays [strata], with each weight and each n above 0. Weights are normalised
-    to sum 1. Estimate and variance are from Powell, Martins, Arlat, Crouzet (IEEE Trans. Computers
-    44, 1995). The interval is Wilson's at the effective number of runs, that of a plain sample with
-    the same variance (Korn, Graubard, Survey Methodology 24, 1998; Dean, Pagano, J. Surv. Stat.
-    Methodol. 3, 2015). It is taken at each stratum's Wilson centre, so that it does not collapse if
-    a stratum had no hit. One stratum gives Wilson's interval itself.
+    Stratum s has k[s] hits in n[s] runs. Its share of the population is w[s]: weight[s] divided by
+    the sum of all weights. The arguments are arrays [strata]; each weight and each n is above 0.
+
+    Estimate and variance are from Powell, Martins, Arlat, Crouzet (IEEE Trans. Computers 44, 1995).
+    The interval is Wilson's at the effective number of runs (Korn, Graubard, Survey Methodology 24,
+    1998; Dean, Pagano, J. Surv. Stat. Methodol. 3, 2015). A plain sample with that number of runs
+    has the same variance. The variance is computed at each stratum's Wilson centre, so that the
+    interval does not collapse if a stratum had no hit. For one stratum the interval is Wilson's.
     """
     from scipy.stats import norm
 
-    hits, runs, share = np.asarray(k), np.asarray(n), np.asarray(weight, float)
-    share = share / share.sum()
+    hits, runs, weights = np.asarray(k), np.asarray(n), np.asarray(weight, float)
+    share = weights / weights.sum()
     z = norm.isf(alpha_of(confidence) / 2)
     centre = (hits + z**2 / 2) / (runs + z**2)
     overall = share @ centre

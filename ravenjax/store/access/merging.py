@@ -84,7 +84,10 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
     content.
     """
     if not shards:
-        raise StoreError(f"{out}: nothing to merge; name the result folders of the shards after it")
+        raise StoreError(
+            f"{out}: there is nothing to merge; name the shards' result folders after the output"
+            " folder on the command line"
+        )
     own = [out] if (out / manifests.FILE).exists() else []
     places = {folder.resolve(): folder for folder in [*shards, *own]}
     places.pop(out.resolve(), None)

@@ -1,12 +1,12 @@
 """Topics of MCAP logs that traces and sessions share: names, types and messages.
 
-Names are CRTK's as raven2 has them: gold is arm1, green arm2. Poses are in frame 0 of their arm,
-which is the frame `armN_frame0`; CRTK's `armN_base` is another. An unknown orientation is not
-published: the message is then a point.
+Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in frame 0 of their arm,
+`armN_frame0`. CRTK's `armN_base` is a different frame. If the orientation of a tip is unknown, the
+message is a point instead of a pose.
 
 Names and sizes of a log's messages do not change from tick to tick. Therefore rosbags encodes one
-message of each topic, with marks in place of times and numbers, and NumPy fills in those of all
-ticks.
+message of each topic, with marks in place of times and numbers. NumPy then replaces the marks by
+the times and numbers of every tick.
 """
 
 import functools
@@ -156,45 +156,46 @@ def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
 def standard_topics(
     robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
 ) -> Iterator[tuple[Topic, np.ndarray]]:
-    """Yield the standard-typed topics that the arms' series [T, ...] fill, and the numbers [T, k]
-    of each.
+    """Yield each topic of a standard type that the series can fill, with its numbers [T, k].
 
-    bases: base of each arm; an arm without one has its base frame as the root of its frames.
+    series: arrays [T, ...] by arm and name, such as gold/jpos. bases: the base of each arm. An arm
+    without a base has no frame above its frame 0.
     """
-    pairs: list[tuple[str, str]] = []
-    places: list[np.ndarray] = []
+    frame_pairs: list[tuple[str, str]] = []
+    transforms: list[np.ndarray] = []
     for arm in robot.arms:
-        own = {
+        of_arm = {
             name.removeprefix(f"{arm}/"): values
             for name, values in series.items()
             if name.startswith(f"{arm}/")
         }
         for name, parts in _JOINT_STATES.items():
-            if parts[0] in own:
-                values = [own[part] for part in parts if part in own]
-                present = [part in own for part in parts]
+            if parts[0] in of_arm:
+                values = [of_arm[part] for part in parts if part in of_arm]
+                present = [part in of_arm for part in parts]
                 topic = joint_state(arm, name, robot.joints, *present)
                 yield topic, np.concatenate(values, axis=1)
-        if (force := own.get(_FORCE)) is not None:
+        if (force := of_arm.get(_FORCE)) is not None:
             values = np.concatenate([force, np.zeros_like(force)], axis=1)
             yield tip_topic(arm, "haptic_cf", WRENCH), values
         poses = {}
-        for name, (place, rotation) in _TIPS.items():
-            if place in own and rotation in own:
-                turns = rotation_quaternions(own[rotation].reshape(-1, 3, 3))
-                poses[name] = np.concatenate([own[place], turns], axis=1, dtype=float)
+        for name, (position, rotation) in _TIPS.items():
+            if position in of_arm and rotation in of_arm:
+                quaternions = rotation_quaternions(of_arm[rotation].reshape(-1, 3, 3))
+                poses[name] = np.concatenate([of_arm[position], quaternions], axis=1, dtype=float)
                 yield tip_topic(arm, f"{name}_cp"), poses[name]
-            elif place in own:
-                yield tip_topic(arm, f"{name}_tip", POINT), own[place].astype(float)
+            elif position in of_arm:
+                yield tip_topic(arm, f"{name}_tip", POINT), of_arm[position].astype(float)
         tips = {name: values for name, values in poses.items() if name in _FRAMES}
         if tips and arm in bases:
-            pairs.append((WORLD, frame0_name(arm)))
-            row = np.array([*bases[arm].origin, *bases[arm].quaternion])
-            places.append(np.broadcast_to(row, (len(next(iter(tips.values()))), 7)))
-        pairs += [(frame0_name(arm), tip_frame(arm, name)) for name in tips]
-        places += tips.values()
-    if pairs:
-        yield frames_topic(tuple(pairs)), np.concatenate(places, axis=1)
+            frame_pairs.append((WORLD, frame0_name(arm)))
+            base_pose = np.array([*bases[arm].origin, *bases[arm].quaternion])
+            ticks = len(next(iter(tips.values())))
+            transforms.append(np.broadcast_to(base_pose, (ticks, 7)))
+        frame_pairs += [(frame0_name(arm), tip_frame(arm, name)) for name in tips]
+        transforms += tips.values()
+    if frame_pairs:
+        yield frames_topic(tuple(frame_pairs)), np.concatenate(transforms, axis=1)
 
 
 def signals_topic(names: Sequence[str], single: bool = False) -> Topic:

@@ -1,17 +1,18 @@
-"""Watches a session tick by tick, reports events, and writes a row for each hazard.
+"""Judges a session tick by tick: reports events, and makes a row for each hazard.
 
-`episode` explains the terms of a row. Responses are:
+`episode` explains the terms of a row. The operator can respond in these ways:
 
-- `release`: the pedal comes up, also when the operator gives the console away or leaves. A console
-  that fails does not count.
-- `slow`: the hands move at a quarter of their speed for a second (`detectors`).
+- `release`: the pedal comes up. This includes an operator who gives the console away or leaves. A
+  pedal that comes up because the console fails is no release.
+- `slow`: for a second, the hands move at less than a quarter of their usual speed (`detectors`).
 - `restart`: the operator restarts a robot that does not follow.
-- `stop`: the E-stop button.
-- `convert`: a note that contains "convert". The page's button sends one.
+- `stop`: the operator presses the E-stop button.
+- `convert`: the operator sends a note that contains "convert", for example by the page's button.
 
-A check that raises an alarm or stops the robot causes the event "alarm". While it keeps tripping,
-events "alarm_count" follow. The first check of each kind of response to the active hazard is an
-event of that name ("stopped", "flagged", "limited"), which only the instructor sees.
+A check that raises an alarm or stops the robot causes the event "alarm". While the check keeps
+tripping, events "alarm_count" follow. Checks respond to a hazard in three ways: "stopped",
+"flagged" and "limited". The first check that responds in one of these ways causes an event of that
+name. Only the instructor sees this event.
 """
 
 from __future__ import annotations

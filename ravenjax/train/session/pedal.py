@@ -1,9 +1,8 @@
-"""Explains why a pedal that a network console holds down does not count. Each reason is reported
-once.
+"""Explains why a pedal does not count although a network console holds it down.
 
-The page shows the state of its own pedal. The operator of another console learns about a session
-only through the force. So each change of the reason is an event "refused" (console, why), shown by
-the page and the log, and a line at the terminal.
+The page shows the state of its own pedal. The operator of another console gets only forces from the
+session. Therefore each change of the reason makes an event "refused" (console, why), which the page
+and the log show. The terminal prints each new reason. A reason that lasts is reported once.
 """
 
 import tomllib

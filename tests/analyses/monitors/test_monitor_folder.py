@@ -208,7 +208,7 @@ def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
     log.write_text("".join(lines))
     result = checking.check_exchangeability(folder, [log])
     for twice in (log, tmp_path / "result"):
-        with pytest.raises(UserError, match="check each by itself"):
+        with pytest.raises(UserError, match="check each source by itself"):
             checking.check_exchangeability(folder, [twice, twice])
     assert result.attrs["units"] == 1 and set(result["score"]) > {"score"}
     rows = list(csv.DictReader(lines))
@@ -238,11 +238,11 @@ BAD_SOURCES = {
     "itself": (lambda folder, place: folder, "operators are those of the calibration"),
     "short": (
         _log(lambda lines: lines[:500]),
-        r"499 ms long, the calibration's operations are 3000 ms",
+        r"lasts 499 ms and the calibration's operations 3000 ms",
     ),
     "text": (
         _log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]),
-        "line 8 has something",
+        "line 8: expected a number",
     ),
 }
 
@@ -255,7 +255,7 @@ def test_what_cannot_be_compared_is_refused(one_arm, tmp_path, case):
 
 
 def test_a_log_of_one_arm_is_not_compared_with_two(folder):
-    with pytest.raises(UserError, match=r"a log is of one arm, .* the larger of gold and green"):
+    with pytest.raises(UserError, match=r"a log has one arm, .* the larger one of gold and green"):
         checking.check_exchangeability(folder, [folder / writing.VECTOR])
 
 

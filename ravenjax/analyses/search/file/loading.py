@@ -1,7 +1,7 @@
-"""Reads a search file: a campaign file of one group, its template, with a section [search].
+"""Reads a search file: a campaign file with a section [search] and exactly one group.
 
-`ravenjax.campaign.loading` reads the campaign's part. All errors of both parts are reported
-together.
+The group is the template of the search's runs. `ravenjax.campaign.loading` reads everything but
+[search]. The errors of both parts are reported together.
 """
 
 from collections.abc import Sequence
@@ -33,19 +33,18 @@ def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
     """Return the search of nested tables as in TOML. `source`, `text`: origin. Raises UserError."""
-    own: list[str] = []
-    left: list[str] = []
+    of_search: list[str] = []
+    of_campaign: list[str] = []
     for override in overriding.check_overrides(overrides):
-        (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(
-            override
-        )
-    raw, replaced = overriding.all_applied(raw, own)
+        section = override.partition("=")[0].partition(".")[0].strip()
+        (of_search if section == SECTION else of_campaign).append(override)
+    raw, replaced = overriding.all_applied(raw, of_search)
     where = location.Where(source, location.key_lines(text), replaced)
     messages: list[str] = []
     campaign = None
     try:
         campaign = loading.from_dict(
-            {k: v for k, v in raw.items() if k != SECTION}, source, text, left
+            {k: v for k, v in raw.items() if k != SECTION}, source, text, of_campaign
         )
     except UserError as error:
         messages.append(str(error))

@@ -1,11 +1,14 @@
-"""Computes before a run when a Raven-II is in pedal-down and when its packets come.
+"""Computes before a run when a Raven-II is in pedal-down and when its packets arrive.
 
-The inputs are the operator's motion and the parameters that a campaign varies. From foot to
-software, the pedal passes through packet, software, PLC and back; none of these numbers depends on
-a motor. They are simulated alone, tick by tick around each change of the foot. Two other things can
-lift the pedal. One stops the robot for good, because the PLC's trip latches. The other is an
-operator who lets go. The pedal is then down until that moment, and not again. A user's operator may
-press it again at an unknown time, but not earlier than planned.
+The inputs are the operator's motion and the parameters that a campaign varies. The pedal's signal
+passes from the foot through a packet to the software, from there to the PLC, and back. None of
+these steps depends on a motor, so they are simulated alone, tick by tick around each change of the
+foot.
+
+The pedal also comes up if the robot stops or if the operator lets go. A stop is final, because the
+PLC's trip latches. In both cases the pedal is down until that moment, and not again. Only an
+operator that the user programmed may press it again. The time of this press is unknown, but it is
+not earlier than planned.
 """
 
 from __future__ import annotations
@@ -193,10 +196,10 @@ class DrawnPackets:
 
 @dataclasses.dataclass(frozen=True)
 class _Foot:
-    """How the foot's pedal reaches the robot's run level."""
+    """What decides how the pedal at the foot sets the robot's run level."""
 
-    least: int  # least ticks that a packet lasts
-    longest: int  # most ticks that a packet lasts
+    least: int  # ticks that the shortest packet lasts
+    longest: int  # ticks that the longest packet lasts
     plc: bool  # whether the software obeys the PLC
 
 

@@ -1,15 +1,15 @@
-"""Compares a run with its golden run number by number: where a fault's effect appears first, and
-when.
+"""Compares a run with its golden run, number by number, to find where and when a fault first shows.
 
-This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an observer. It
-compares each number at a seam (`SEAMS`) with the golden run's number of the same tick, which
-arrives as a series, as its tips do in any campaign. Engines therefore run it in bulk, from branches
-of golden runs, and no trace is stored. A lane's outcomes have the bits of `run`. With both arms 349
-numbers are compared in each tick, and the series of a golden run of 3 s is 4.5 MB long.
+This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an observer. In each
+tick, the observer compares every number at a seam (`SEAMS`) with the golden run's number of the
+same tick. Golden numbers are inputs of a lane, in a time series. In every campaign the golden run's
+tips are such inputs too. Engines can therefore run many lanes at once and start them from snapshots
+of golden runs. No trace is stored. The outcomes that `run` has too are equal to it bit by bit. With
+both arms, 349 numbers are compared in each tick. The series of a golden run of 3 s has 4.5 MB.
 
-A number *differs* in the first tick in which any of its bits differs from the golden run's. It
-*leaves its range* in the first tick in which it is outside its normal range while the golden run's
-number is inside. The content of a packet is compared only if a packet was received.
+`differs` is the first tick in which any bit of a number differs from the golden run's number.
+`leaves` is the first tick in which a number is outside its normal range while the golden run's is
+inside. Numbers of a packet are compared only in ticks in which a packet was received.
 """
 
 from typing import Any

@@ -23,10 +23,11 @@ Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a gamma`: on the m
 `-reaction_scale * lambda`, on the joints `T^T lambda`.
 
 **Friction.** `sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that
-carries a degree of freedom through the step is computed first: `drive = inertia * v + forces`, with
-the inertia divided by the step. If friction can hold this force, the damping becomes so large that
-the velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to
-its level at the predicted velocity, (|drive| - level) / inertia.
+carries a degree of freedom through the step is computed first: `drive = inertia_rate * v + forces`.
+Here `inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction
+can hold this force, the damping becomes so large that the velocity ends at zero within `CREEP`.
+Otherwise the damping makes the friction force equal to its level at the predicted velocity,
+(|drive| - level) / inertia_rate.
 
 **Brakes** act on motors 1-3 only (RE40); tool motors run free when unpowered. A brake engages and
 releases some time after the PLC's command, adds dry friction of its holding torque, and slips above
@@ -51,13 +52,15 @@ from ravenjax.robots.raven2.geometry.tools import find_tool
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
 
 
-def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
-    """Return the damping coefficient of a dry friction.
+def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scalar:
+    """Return the damping that acts as dry friction during one step: N m s/rad (insertion: N s/m).
 
-    level: friction (N m, N); drive: in the same unit; inertia: level / speed.
+    level: torque or force of the friction, N m (insertion: N). drive: torque or force that carries
+    the motor or joint through the step, in the same unit. inertia_rate: inertia divided by the
+    step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
-    return level * inertia / jnp.maximum(excess, inertia * CREEP)
+    return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
 
 COUNTS_PER_RAD = 4000.0 / (2.0 * math.pi)
