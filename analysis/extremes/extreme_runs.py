@@ -46,6 +46,8 @@ RUNS, FORM_RUNS = 20, 67
 """Runs per group, of `campaign` and of `form`."""
 FORMS = 15
 """Campaigns of `form` that together cover all sites and parameters."""
+SITES = tuple(site for site in ROBOT.sites.values() if site.channels)
+"""Sites of signals. The channels of the site `parameter` depend on the campaign."""
 LARGE = (0.0, 1.0, -1.0, 1e-30, 0.01, -0.3, 30.0, -1e3, 1e6, -1e9, 3e38, -3e38)
 """Values for numbers without bounds."""
 WORDS = ("activated", "response", "hazard", "verdict", "failed")
@@ -57,7 +59,7 @@ def campaign(number: int, groups: int) -> CampaignConfig:
     draw = random.Random(number)
     rows = _parameters()
     draw.shuffle(rows)
-    return _campaign(draw, number, groups, RUNS, list(ROBOT.sites.values()), rows)
+    return _campaign(draw, number, groups, RUNS, list(SITES), rows)
 
 
 def form(number: int, groups: int) -> CampaignConfig:
@@ -69,7 +71,7 @@ def form(number: int, groups: int) -> CampaignConfig:
     """
     turn, place = divmod(number, FORMS)
     shared = random.Random(f"turn {turn}")
-    sites, rows = list(ROBOT.sites.values()), _parameters()
+    sites, rows = list(SITES), _parameters()
     shared.shuffle(sites)
     shared.shuffle(rows)
     first = place * len(rows) // FORMS

@@ -92,8 +92,9 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
             )
         elif count := int((fault_free & ~unchanged).sum()):
             yield (
-                f"parameters.{path}: differs from the robot's value in {count} runs without a"
-                " fault. Their golden runs have the same value, so no outcome shows its effect"
+                f"parameters.{path}: differs from the robot's value, {float(usual[0]):g}, in"
+                f" {count} runs without a fault. Their golden runs have the same value, so no"
+                " outcome shows its effect. A fault at site parameter shows it"
             )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: ends no run before campaign.duration_s"

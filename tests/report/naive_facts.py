@@ -138,10 +138,13 @@ def faulty(frame: pd.DataFrame) -> pd.Series:
 
 def distinct(frame: pd.DataFrame) -> pd.Series:
     """Number of the run's input among the campaign's inputs, random numbers and crossed
-    parameters apart.
+    parameters apart, but for faults that draw numbers in each tick.
     """
     inputs = [name for name in frame if name == "operator" or name.startswith(("param:", "fault"))]
-    number = frame[inputs].groupby(inputs, observed=True, dropna=False, sort=False).ngroup()
+    effects = frame.filter(regex=r"^fault\d+_effect$")
+    draws = effects.isin(["random", "lose"]).any(axis=1)
+    table = frame[inputs].assign(own=frame["pair"].where(draws, -1))
+    number = table.groupby([*inputs, "own"], observed=True, dropna=False, sort=False).ngroup()
     return number.groupby(frame["pair"]).transform("min")
 
 

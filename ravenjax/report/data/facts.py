@@ -19,6 +19,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, ResultTable, quote_name, quote_text
 from ravenjax.store.manifest import Manifest
+from ravenjax.vocabulary.effects import RANDOM
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
@@ -114,10 +115,11 @@ def define_facts(
     hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
     did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    For counting: distinct is equal for runs that differ only in seed or crossed parameters. action
-    is an index into ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every
-    operator reacts. `sample` marks the first valid plain run of each distinct input whose fault, if
-    any, changed a bit. Rates, intervals and tests take these runs as their draws.
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters, and
+    whose faults draw no numbers themselves. action is an index into ACTIONS. `plain` marks runs in
+    which nobody reacts, or all runs if every operator reacts. `sample` marks the first valid plain
+    run of each distinct input whose fault, if any, changed a bit. Rates, intervals and tests take
+    these runs as their draws.
 
     Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
@@ -247,7 +249,10 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         for name in inputs
         if not name.endswith(("_duration_ms", "_every_ms"))
     ]
+    drawn = ", ".join(f"'{name}'" for name in RANDOM)
     for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
+        # Two runs of a fault that draws numbers itself are two faults.
+        terms.append(f"CASE WHEN {slot}_effect::VARCHAR IN ({drawn}) THEN pair ELSE -1 END")
         start, again = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
         again = f"CASE WHEN {start} + {again} < {end_ms} THEN {again} ELSE 0 END"
         # Packet numbers begin at 1.
