@@ -279,7 +279,7 @@ INPUTS = [
     ({"encoders": [[0.5] * 7] * 2}, ("encoders", "float64", "integers")),
     (
         {"encoders": [[0] * 6 + [2**31], [0] * 7]},
-        ("encoders[0][6] (grasp2) is 2147483648", "32 bits"),
+        ("encoders[0][6] (grasp2) is 2147483648", "32-bit"),
     ),
     ({"pins": 256}, ("pins is 256", "0..255")),
     ({"read_ok": 5}, ("read_ok is 5", "0..1")),
