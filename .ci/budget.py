@@ -16,7 +16,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 453_850, "lines": 69_450, "modules": 427, "lines of tests": 41_350}
+LIMITS = {"tokens": 453_900, "lines": 69_450, "modules": 427, "lines of tests": 41_350}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 

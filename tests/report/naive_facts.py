@@ -143,8 +143,9 @@ def distinct(frame: pd.DataFrame) -> pd.Series:
     inputs = [name for name in frame if name == "operator" or name.startswith(("param:", "fault"))]
     effects = frame.filter(regex=r"^fault\d+_effect$")
     draws = effects.isin(["random", "lose"]).any(axis=1)
-    table = frame[inputs].assign(own=frame["pair"].where(draws, -1))
-    number = table.groupby([*inputs, "own"], observed=True, dropna=False, sort=False).ngroup()
+    copy = frame.groupby([*inputs, "seed"], observed=True, dropna=False).cumcount()
+    table = frame[inputs].assign(copy=copy.where(draws, 0))
+    number = table.groupby([*inputs, "copy"], observed=True, dropna=False, sort=False).ngroup()
     return number.groupby(frame["pair"]).transform("min")
 
 

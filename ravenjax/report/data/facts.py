@@ -115,11 +115,11 @@ def define_facts(
     hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
     did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    For counting: distinct is equal for runs that differ only in seed or crossed parameters, and
-    whose faults draw no numbers themselves. action is an index into ACTIONS. `plain` marks runs in
-    which nobody reacts, or all runs if every operator reacts. `sample` marks the first valid plain
-    run of each distinct input whose fault, if any, changed a bit. Rates, intervals and tests take
-    these runs as their draws.
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters. Runs
+    with the same seed whose faults draw numbers themselves are distinct. action is an index into
+    ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every operator reacts.
+    `sample` marks the first valid plain run of each distinct input whose fault, if any, changed a
+    bit. Rates, intervals and tests take these runs as their draws.
 
     Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
@@ -249,10 +249,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         for name in inputs
         if not name.endswith(("_duration_ms", "_every_ms"))
     ]
-    drawn = ", ".join(f"'{name}'" for name in RANDOM)
     for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
-        # Two runs of a fault that draws numbers itself are two faults.
-        terms.append(f"CASE WHEN {slot}_effect::VARCHAR IN ({drawn}) THEN pair ELSE -1 END")
         start, again = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
         again = f"CASE WHEN {start} + {again} < {end_ms} THEN {again} ELSE 0 END"
         # Packet numbers begin at 1.
@@ -260,13 +257,22 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         length = f"CASE WHEN {again} = 0 AND {beyond} THEN -1 ELSE {slot}_duration_ms END"
         terms += [again, length]
     key = f"hash({', '.join(terms) or '0'})"
+    random = ", ".join(f"'{name}'" for name in RANDOM)
+    effects = [name for name in inputs if name.endswith("_effect")]
+    draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
+    (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
+    if drawn:
+        # Copies of a fault that draws numbers itself are further faults. Repeats are not.
+        copy = f"row_number() OVER (PARTITION BY {key}, seed ORDER BY row)"
+        key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
+    keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
     (unique,) = table.row(
-        f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}"
+        f"SELECT count(*) = count(DISTINCT input) AND bool_and(pair = row) FROM {keyed}"
     )
     if not unique:
         table.run(
-            f"CREATE TABLE numbers AS WITH keyed AS (SELECT row, pair, {key} AS input FROM"
-            f" {RESULTS}), inputs AS (SELECT input, min(row) AS first FROM keyed GROUP BY input),"
+            f"CREATE TABLE numbers AS WITH keyed AS {keyed},"
+            " inputs AS (SELECT input, min(row) AS first FROM keyed GROUP BY input),"
             ' pairs AS (SELECT pair, min(first) AS "distinct" FROM keyed JOIN inputs USING (input)'
             ' GROUP BY pair) SELECT row, "distinct" FROM keyed JOIN pairs USING (pair)'
         )
