@@ -16,6 +16,7 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
 
 TICKS, RUNS, OBSERVE = 600, 96, 60
+GAIN = "control.motor_control.gold.kp.shoulder"
 SCALES = (0.0, 1.0, -0.3, 3.0, 40.0, -500.0, 2e4)
 
 
@@ -36,7 +37,9 @@ def with_every_fault(ready):
     """
     sites = []
     for site in ROBOT.sites.values():
-        channels = dict.fromkeys((site.channels[0].name, site.channels[-1].name))
+        # The channels of site `parameter` are paths.
+        names = [channel.name for channel in site.channels] or [GAIN]
+        channels = dict.fromkeys((names[0], names[-1]))
         arm = "gold" if site.per_arm else ""
         of_site = ("overwrite", "toggle") if site.name == "buttons" else tuple(_EFFECTS)
         sites.append(SiteUse(site.name, tuple((arm, name) for name in channels), of_site))
