@@ -24,7 +24,7 @@ def compute_run_ids(
 
     common: text that stands for everything that is equal in all runs and decides their outcomes.
     words: columns of words. numbers: columns of numbers, at least one. Numbers are converted to
-    float64, so that 1 equals 1.0, and -0.0 is replaced by 0.0. The id of a row depends on its
+    float64, so that 1 equals 1.0, and -0.0 equals 0.0. The id of a row depends on its
     content only. If several rows have the same content, this holds for the first of them. The ids
     of the others also depend on how many such rows come before.
     """
@@ -62,9 +62,7 @@ def format_run_ids(ids: np.ndarray) -> pa.Array:
 
 
 def parse_run_ids(text: Iterable[str]) -> np.ndarray:
-    """Return the ids from their hex digits, uint64 [rows]: the inverse of
-    `format_run_ids`.
-    """
+    """Return the ids from their hex digits, uint64 [rows]; the inverse of `format_run_ids`."""
     return np.frombuffer(bytes.fromhex("".join(text)), ">u8").astype(np.uint64)
 
 

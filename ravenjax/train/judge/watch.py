@@ -2,7 +2,7 @@
 
 `episode` explains the terms of a row. The operator can respond in these ways:
 
-- `release`: the pedal comes up. This includes an operator who gives the console away or leaves. A
+- `release`: the pedal comes up. This includes an operator who hands the console over or leaves. A
   pedal that comes up because the console fails is no release.
 - `slow`: for a second, the hands move at less than a quarter of their usual speed (`detectors`).
 - `restart`: the operator restarts a robot that does not follow.

@@ -22,7 +22,7 @@ from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers.lazy import at_once
-from ravenjax.robots.raven2.loop.injector import restarts
+from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
@@ -30,7 +30,7 @@ from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
 MOVING = ("network", "packet_header")
-"""Sites where a fault may move the pedal; so may those that `restarts` a robot."""
+"""Sites where a fault may move the pedal, beside those where it may restart a robot."""
 
 LATENCY = 8
 """Ticks from a packet until the software has followed its pedal, with a margin."""
@@ -90,7 +90,7 @@ def trigger_clocks(
         moved=np.array(
             [
                 False,
-                *(key[0] in MOVING or restarts(*key) for key in keys),
+                *(key[0] in MOVING or may_restart(*key) for key in keys),
             ]
         ),
     )

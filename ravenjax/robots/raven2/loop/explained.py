@@ -117,10 +117,8 @@ def advance(
             else lax.convert_element_type(number, jnp.int32)
         )
         there = lax.bitcast_convert_type(other, jnp.int32)
-        differs, leaves = (
-            first_tick(now, (bits != there) & present, history.differs),
-            history.leaves,
-        )
+        differs = first_tick(now, (bits != there) & present, history.differs)
+        leaves = history.leaves
         if span is not None:
             outside = _outside(number, span) & ~_outside(other if floats else there, span)
             leaves = first_tick(now, outside & present, leaves)

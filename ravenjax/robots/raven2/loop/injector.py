@@ -49,6 +49,7 @@ class RavenInjector(injection.Injector):
         given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
         numbers = Vec(map(jnp.asarray, given))
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
+            # The kind of a parameter's number is known only here.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self._paths = {**self._paths, key: ((i,), kind)}
         for key, number in zip(keys, super().__call__(PARAMETER, numbers), strict=True):
@@ -61,7 +62,7 @@ def seeds_network(setup: RavenSetup, what: str) -> bool:
     return ("network", "", what) in injection.channel_keys(setup)
 
 
-def restarts(site: str, arm: str, channel: str) -> bool:
+def may_restart(site: str, arm: str, channel: str) -> bool:
     """Return whether a fault on that channel may start a robot that has stopped."""
     return (
         site in ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)

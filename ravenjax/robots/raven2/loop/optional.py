@@ -17,7 +17,7 @@ from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop.injector import restarts, seeds_network
+from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.run_levels import E_STOP
@@ -346,7 +346,7 @@ STAGES: dict[str, Stage] = {
         numbers=lambda state: {"contact": [state.impulse]},
     ),
     "restart": Stage(
-        present=lambda setup: any(restarts(*key) for key in channel_keys(setup)),
+        present=lambda setup: any(may_restart(*key) for key in channel_keys(setup)),
         init=lambda start: RestartState(jnp.bool_(False), jnp.int32(-1)),
         watch=_watch_restart,
         outcomes=lambda setup, state: {"restart_ms": state.first},
