@@ -263,7 +263,8 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     if drawn:
         # Copies of a fault that draws numbers itself are further faults. Repeats are not.
-        copy = f"row_number() OVER (PARTITION BY {key}, seed ORDER BY row)"
+        seed = ", seed" if "seed" in types else ""
+        copy = f"row_number() OVER (PARTITION BY {key}{seed} ORDER BY row)"
         key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
     keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
     (unique,) = table.row(
