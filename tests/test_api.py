@@ -4,6 +4,8 @@ work.
 
 import dataclasses
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -100,3 +102,23 @@ def test_public_names_are_what_their_home_defines():
     assert all(home.__module__.startswith("ravenjax.") for home in homes)
     with pytest.raises(AttributeError, match="it has Campaign, CampaignConfig"):
         rj.engines_of_war  # noqa: B018
+
+
+def test_compiled_runs_inside_jit_have_the_bits_of_the_campaign():
+    fault = {"site": "usb_out", "channel": ["shoulder", "elbow"], "effect": "overwrite"}
+    fault |= {"value": [-9000, 9000], "start_ms": 600, "duration_ms": [10, 40]}
+    campaign = {"campaign": {"name": "c", "duration_s": 0.7}, "operator": {"motion": "suture"}}
+    campaign |= {"group": [{"name": "dac", "fault": [fault]}]}
+    model = rj.functional.load(campaign)
+    no_fault = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[0]), model.faults)
+    golden = model.run_compiled({}, no_fault, engine="simd").series
+
+    def run(faults, golden):
+        return model.run_compiled({}, faults, golden, engine="simd").outcomes["unintended_mm"]
+
+    nested = jax.jit(jax.vmap(jax.vmap(run, (0, None)), (None, 0)))
+    expected = rj.run(campaign, engine="simd")["unintended_mm"].to_numpy()
+    assert (nested(model.faults, jnp.stack([golden, golden])) == expected).all()
+    assert len(set(expected)) == 8
+    with pytest.raises(ValueError, match=r"golden has shape \(9, 6\), expected \(700, 6\)"):
+        run(no_fault, golden[:9])
