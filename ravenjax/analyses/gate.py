@@ -1,0 +1,193 @@
+"""Judges whether a change made things worse: paired results against margins of non-inferiority.
+
+A margin states how much worse an event may become. An event whose rate has an interval passes if
+the whole 95 % interval lies within the margin, fails if no part of it does, and is undecided
+otherwise. Intervals are those of `ravenjax compare`: over distinct faults, paired (Bonett and Price
+2012), clustered where a fault has several pairs. Enumerated faults have no interval, so their
+difference itself is judged. Rates of false cues per hour are compared by the method of variance
+estimates recovery (Zou and Donner 2008) on exact Poisson intervals, as if both sides were
+independent.
+"""
+
+import contextlib
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+from xml.etree import ElementTree
+
+from ravenjax.errors import UserError, suggest_name
+from ravenjax.report import comparison, wording
+from ravenjax.report.comparison import FolderComparison
+from ravenjax.report.data.runs import Runs
+from ravenjax.stats.alarms.false_alarms import AlarmRate
+from ravenjax.stats.intervals import Estimate
+from ravenjax.store import manifest
+
+FALSE_CUES = "false cues"
+EVENTS = {name.replace("_", " "): name for name in comparison.RATES} | {"evading": "evades"}
+"""Events of a margin in points, and the names of their rates in a comparison."""
+_MARGIN = re.compile(
+    r"\s*(?P<event>[a-z ]+?)\s*(?P<change>[+-]\d+(\.\d+)?)\s*(?P<unit>points|/h)\s*"
+)
+Verdict = Literal["pass", "fail", "undecided"]
+
+
+class Margin(NamedTuple):
+    """How far the rate of an event may rise (positive) or fall (negative)."""
+
+    event: str
+    change: float  # percentage points, or per hour
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.event} {self.change:+g}{'/h' if self.unit == '/h' else ' points'}"
+
+
+class Judgement(NamedTuple):
+    """The verdict on one margin. change: second minus first, in the unit of the margin."""
+
+    margin: Margin
+    first: str
+    second: str
+    change: Estimate
+    verdict: Verdict
+
+    @property
+    def measured(self) -> str:
+        """The change in words, with its interval."""
+        bounds = "no interval: enumerated faults"
+        if math.isfinite(self.change.low):
+            bounds = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
+        return f"{self.change.value:+,.4g}{' points' * (self.margin.unit != '/h')} ({bounds})"
+
+
+class Gate(NamedTuple):
+    """All judgements on two result folders."""
+
+    compared: FolderComparison
+    judgements: Sequence[Judgement]
+
+    @property
+    def exit_code(self) -> int:
+        """1 if a margin is exceeded, else 2 if one is undecided, else 0."""
+        verdicts = {judgement.verdict for judgement in self.judgements}
+        return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
+
+
+def parse_margin(text: str) -> Margin:
+    """Return the margin of a text such as "evades +0.5 points". Raises UserError."""
+    example = (
+        f'write an event, a signed number and its unit: "evades +0.5 points", "{FALSE_CUES} +2/h"'
+    )
+    found = _MARGIN.fullmatch(text)
+    if found is None:
+        raise UserError(f"--margin {text!r}: {example}")
+    margin = Margin(found["event"], float(found["change"]), found["unit"])
+    events = (FALSE_CUES,) if margin.unit == "/h" else tuple(EVENTS)
+    if margin.event not in events:
+        raise UserError(
+            f"--margin {text!r}: event {margin.event!r} is unknown with the unit {margin.unit}:"
+            f" expected {', '.join(events)}{suggest_name(margin.event, events)}"
+        )
+    return margin
+
+
+def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
+    """Judge the results in `second` beside those in `first`; list at most `most` changed runs.
+
+    Raises UserError for results that cannot be compared, and StoreError.
+    """
+    compared = comparison.compare_folders(first, second, most)
+    if not compared.pairs.compared:
+        raise UserError(" ".join(compared.sentences()))
+    rates = {rate.name: rate for rate in compared.rates}
+
+    def judge(margin: Margin) -> Judgement:
+        if margin.unit == "/h":
+            before, after = _false_cues(first), _false_cues(second)
+            sides = [f"{x.per_hour:.3g}/h ({x.count} in {x.hours:.2g} h)" for x in (before, after)]
+            change = difference_of_rates(before, after)
+        else:
+            rate = rates[EVENTS[margin.event]]
+            sides = [wording.format_percent(side.value) for side in (rate.first, rate.second)]
+            change = Estimate(*(100 * number for number in rate.difference))
+        return Judgement(margin, sides[0], sides[1], change, judge_change(change, margin.change))
+
+    return Gate(compared, [judge(margin) for margin in margins])
+
+
+def judge_change(change: Estimate, margin: float) -> Verdict:
+    """Judge a change whose direction of harm is the sign of the margin."""
+    sign = math.copysign(1.0, margin)
+    low, high = sorted((sign * change.low, sign * change.high))
+    if not math.isfinite(change.low):
+        low = high = sign * change.value
+    if high <= abs(margin):
+        return "pass"
+    return "fail" if low > abs(margin) else "undecided"
+
+
+def _false_cues(folder: Path) -> AlarmRate:
+    record = manifest.read_manifest(folder)
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        rate = runs.motions().cue_rate(record.verdict_cue)
+    if rate is None:
+        raise UserError(
+            f"{folder}: has no fault-free motion with the pedal down, so no false cues can be"
+            f" counted. Compute some: ravenjax fault-free {folder} HOURS"
+        )
+    return rate
+
+
+def difference_of_rates(first: AlarmRate, second: AlarmRate) -> Estimate:
+    """Return second minus first per hour, with its 95 % interval."""
+    change = second.per_hour - first.per_hour
+    fall = math.hypot(second.per_hour - second.low, first.high - first.per_hour)
+    rise = math.hypot(second.high - second.per_hour, first.per_hour - first.low)
+    return Estimate(change, change - fall, change + rise)
+
+
+def format_markdown(gate: Gate) -> str:
+    """Return a summary for a pull request."""
+    first, second = gate.compared.folders
+    lines = [
+        f"### ravenjax gate: {second} beside {first}",
+        "",
+        *gate.compared.sentences(),
+        "",
+        "| margin | first | second | change | verdict |",
+        "|---|---|---|---|---|",
+        *(
+            f"| {one.margin} | {one.first} | {one.second} | {one.measured} | **{one.verdict}** |"
+            for one in gate.judgements
+        ),
+    ]
+    if gate.compared.changed:
+        lines += ["", "| run | fault | first | second |", "|---|---|---|---|"]
+        lines += [
+            f"| {run.run_ids[1]} | {run.fault} | {run.verdicts[0]} | {run.verdicts[1]} |"
+            for run in gate.compared.changed
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def format_junit(gate: Gate) -> str:
+    """Return the judgements as JUnit XML: a failure for a margin that is exceeded, an error for one
+    that is undecided.
+    """
+    verdicts = [one.verdict for one in gate.judgements]
+    counts = {"failures": verdicts.count("fail"), "errors": verdicts.count("undecided")}
+    counts = {name: str(count) for name, count in {"tests": len(verdicts), **counts}.items()}
+    suite = ElementTree.Element("testsuite", {"name": "ravenjax gate", **counts})
+    for one in gate.judgements:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname="ravenjax.gate", name=str(one.margin)
+        )
+        if one.verdict != "pass":
+            kind = "failure" if one.verdict == "fail" else "error"
+            ElementTree.SubElement(
+                case, kind, message=f"{one.first} to {one.second}: {one.measured}"
+            )
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
