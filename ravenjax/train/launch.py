@@ -28,7 +28,6 @@ from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
-from ravenjax.train.consoles import ItpConsole, Scripted
 from ravenjax.train.judge.row import COLUMNS
 from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
@@ -41,6 +40,7 @@ from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.itp import ItpConsole
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
 from ravenjax.train.robot_link.process import hash_hazards, in_words, open_console_port
 from ravenjax.train.robot_link.remote import RemoteRobot
@@ -127,7 +127,7 @@ def run_realtime(
         interruption.check_interruption()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         # An invalid script is refused before anything is recorded.
-        script = None if options.script is None else Scripted(options.script, session)
+        script = None if options.script is None else scripts.Scripted(options.script, session)
         header = _header(options, session)
         frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
         stack.callback(frames.close)
@@ -184,10 +184,9 @@ def run_realtime(
             say(f"realtime: {granted}")
             timing = loop.run_loop(
                 session,
-                frames,
-                events,
                 consoles,
                 lambda: bool(stop),
+                (frames, events),
                 lambda: processes.recorder_error(recording),
             )
         if trouble := processes.recorder_error(recording):
@@ -257,7 +256,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
             f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = Scripted(script, session)  # an invalid file leaves no folder
+    driver = scripts.Scripted(script, session)  # an invalid file leaves no folder
     options = _with_new_folder(options, say)
     header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
     description.write_session(options.folder, header)

@@ -16,14 +16,20 @@ little-endian), which raven2 declares and never sends. This server defines its m
 """
 
 import contextlib
+import math
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 from ravenjax.errors import UserError
+from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS, Command, Say
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge_commands
+from ravenjax.train.robot_link.packet_filter import SIZE, TAKEN, Gate, merge_commands
+from ravenjax.train.scenario import Scenario
+from ravenjax.train.session import pedal
+from ravenjax.train.session.console_arbiter import ConsoleArbiter
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -32,6 +38,8 @@ USUAL_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
 """Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
+SOME_PACKETS = 10
+"""The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 """Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 FORCE_SCALE = 1000.0
@@ -172,3 +180,85 @@ class ItpServer:
 
 def _whole(value: float) -> int:
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))
+
+
+class Refusals:
+    """Reports when the packet filter refuses all packets of a console."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate, self._counts = gate, dict(gate.counts)
+        self._polls, self._published = 0, ""
+
+    def poll(self) -> list[Command]:
+        """Return the command "unheard" in the tick in which the filter starts or stops refusing
+        all.
+        """
+        self._polls += 1
+        if self._polls % STALE_MS:
+            return []
+        counts, before = dict(self._gate.counts), self._counts
+        more = {cause: count - before[cause] for cause, count in counts.items()}
+        self._counts = counts
+        accepted, why = more.pop(TAKEN), self._published
+        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
+        if cause != "stranger" and accepted:
+            why = ""
+        elif more[cause] >= SOME_PACKETS:
+            why = pedal.packets_message(cause)
+        if why == self._published:
+            return []
+        self._published = why
+        return [{"type": "unheard", "why": why}]
+
+
+class DrivenSession(Protocol):
+    """What a console needs of the session that it drives."""
+
+    scenario: Scenario
+    arms: Sequence[ArmName]
+    arbiter: ConsoleArbiter
+
+
+class ItpConsole:
+    """A console over the network: receives increments and sends forces."""
+
+    def __init__(self, server: ItpServer, session: DrivenSession) -> None:
+        self._server, self._session = server, session
+        self._refusals = Refusals(server.gate)
+
+    def poll(self) -> list[Command]:
+        messages = (*self._server.poll(), *self._refusals.poll())
+        return [{**message, "console": "itp"} for message in messages]
+
+    def tell(self, frame: Frame) -> None:
+        drives = self._session.arbiter.owner == "itp"
+        forces = {}
+        if drives and frame.number("console_alive"):
+            setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
+            gain, cap = setting.contact.units_per_n, setting.cue.cap
+            arms = self._session.arms
+            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in arms}
+        self._server.send_force(
+            forces,
+            int(frame.number("runlevel")),
+            bool(frame.number("soft_estopped")),
+            pedal=drives and frame.number("pedal") != 0,
+            drives=drives,
+        )
+
+
+def force_at_hand(
+    frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
+) -> tuple[float, float, float]:
+    """Return the force at the operator's hand in device units, frame 0.
+
+    It is at most `cap`, or as large as the cue alone where the cue exceeds `cap`. cue: whether the
+    operator feels the cue. Contact is always felt: it is the tissue's resistance.
+    """
+    places, numbers = frame.layout.places, frame.numbers
+    first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start
+    pull = numbers[first : first + 3] if cue else [0.0, 0.0, 0.0]
+    x, y, z = (a + units_per_n * b for a, b in zip(pull, numbers[touch : touch + 3], strict=True))
+    size, most = math.hypot(x, y, z), max(cap, math.hypot(*pull))
+    share = most / size if size > most else 1.0
+    return x * share, y * share, z * share

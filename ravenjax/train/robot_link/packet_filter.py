@@ -83,6 +83,9 @@ It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, 
 `grasp_mrad` (positive closes).
 """
 
+STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+"""The increment of an arm that does not move."""
+
 DROPS = ("stranger", "duplicate", "behind", "far_ahead", "skip")
 """Results for a well-formed packet that is not the next one of the stream."""
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02

@@ -115,7 +115,7 @@ class Session:
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
-        """Lines of `session.command_log`, at most MOST_COMMANDS."""
+        """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.

@@ -4,7 +4,8 @@ watch.
 At first no console has the seat. The first console whose pedal goes down gets it and keeps it. A
 console that has left, or that was silent for `GONE_MS`, loses it. An operator may take the seat
 while the other console's pedal is up. The owner may give it away, and the instructor may give it to
-any console. Each change is an event "owner".
+any console. Each change is an event "owner". Where pedals alone decide, a console loses the seat as
+soon as another one presses its pedal while the first one's is up.
 
 A pedal counts as down only after it was up. This applies at the beginning, and after each event
 that an operator with a foot on the pedal may not notice. The console left, was silent for
@@ -26,14 +27,19 @@ NOBODY, SCRIPT = "nobody", "script"
 class ConsoleArbiter:
     """The arbiter of one session."""
 
-    def __init__(self, record: Callable[..., None] = lambda *_, **__: None) -> None:
-        """record: receives the tick, the kind and the content of each event."""
-        self._record = record
+    def __init__(
+        self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
+    ) -> None:
+        """record: receives the tick, the kind and the content of each event. by_pedals: whether
+        pedals alone decide who drives.
+        """
+        self._record, self._by_pedals = record, by_pedals
         self.owner = NOBODY
         """The console that has the seat, one of `CONSOLES`."""
         self._armed: set[str] = set()  # consoles whose pedal was up as required
         self._heard: dict[str, int] = {}  # tick of each console's last message
-        self._down = False  # the owner's pedal, as it counts
+        self.down = False
+        """The owner's pedal, as it counts."""
         self._foot: dict[str, bool] = {}  # each console's pedal in its last message
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
@@ -47,14 +53,18 @@ class ConsoleArbiter:
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
             self._disarm(console, "silence", tick)
+        is_free = self.owner in (NOBODY, console) or (self._by_pedals and not self.down)
+        if pedal and not is_free:
+            # A pedal that was pressed while another one is down must be lifted first.
+            self._armed.discard(console)
         down = pedal and console in self._armed
-        if self.owner in (NOBODY, console):
+        if is_free and (down or self.owner in (NOBODY, console)):
             if not take({**message, "pedal": down}):
                 self._unheard[console] = words.REASONS["out_of_range"]
                 return
-            if self.owner == NOBODY and down:
+            if self.owner != console and down:
                 self._hand_to(console, "pedal", tick)
-            self._down = down
+            self.down = down
         self._heard[console], self._foot[console] = tick, pedal
         if self._unheard.get(console) == words.REASONS["out_of_range"]:
             del self._unheard[console]
@@ -77,7 +87,7 @@ class ConsoleArbiter:
             return ""
         if tick - self._heard[console] > STALE_MS:
             return words.REASONS["silent"]
-        if self.owner not in (NOBODY, console):
+        if self.owner not in (NOBODY, console) and (self.down or not self._by_pedals):
             return words.other_console_message(self.owner)
         return "" if console in self._armed else words.lift_message(self._since.get(console, ""))
 
@@ -94,7 +104,7 @@ class ConsoleArbiter:
         if target == self.owner or target not in CONSOLES:
             return False
         is_alive = tick - self._heard.get(self.owner, tick) <= STALE_MS
-        if do == "take" and self.owner != NOBODY and self._down and is_alive:
+        if do == "take" and self.owner != NOBODY and self.down and is_alive:
             refusal = f"the pedal of {self.owner} is down"
         elif do == "give" and by != "instructor" and self.owner not in (console, NOBODY):
             refusal = f"{self.owner} has the console"
@@ -108,24 +118,12 @@ class ConsoleArbiter:
 
     def step(self, tick: int) -> bool:
         """Advance by one tick. Return whether the owner has lost the seat by its silence."""
-        if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= GONE_MS:
+        gone_ms = STALE_MS if self._by_pedals else GONE_MS
+        if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= gone_ms:
             return False
         self._disarm(self.owner, "silence", tick)
         self._hand_to(NOBODY, "silent", tick)
         return True
-
-    def vacate(self, tick: int) -> str:
-        """Empty the seat if its pedal is up or silent; return the silent console or "".
-
-        Call it once a tick where pedals alone decide. Another pedal that was pressed in the
-        meantime must be lifted first.
-        """
-        is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
-        silent = self.owner if is_silent else ""
-        if is_silent or not self._down:
-            self._armed -= {console for console, is_down in self._foot.items() if is_down}
-            self.owner, self._down = NOBODY, False
-        return silent
 
     def rearm(self, why: str, tick: int) -> None:
         """Require that every pedal is lifted before it counts again."""
@@ -133,10 +131,10 @@ class ConsoleArbiter:
             self._record(tick, "rearm", why=why)
         self._armed.clear()
         self._since = dict.fromkeys(CONSOLES, why)
-        self._down = False
+        self.down = False
 
     def _hand_to(self, console: str, by: str, tick: int) -> None:
-        self.owner, self._down = console, False
+        self.owner, self.down = console, False
         self._heard[console] = tick
         self._record(tick, "owner", console=console, by=by)
 

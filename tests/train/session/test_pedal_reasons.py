@@ -5,8 +5,8 @@ change.
 import pytest
 
 from ravenjax.train import scenario
-from ravenjax.train.consoles import Refusals
 from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot_link.itp import Refusals
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import blueprint, pedal
 from ravenjax.train.session.advance import Session

@@ -28,7 +28,6 @@ from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
 from ravenjax.train.robot_link.crtk.motion import (
     BASE,
     SETTLED_TICKS,
-    STILL,
     Setpoint,
     SetpointFollower,
     Trajectory,
@@ -36,6 +35,7 @@ from ravenjax.train.robot_link.crtk.motion import (
     to_base,
 )
 from ravenjax.train.robot_link.crtk.operating_state import OperatingState
+from ravenjax.train.robot_link.packet_filter import STILL
 from ravenjax.train.session import pedal
 
 Message = tuple[str, Any]

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ITP_AXES, ArmName, tip_pose
+from ravenjax.train.robot_link.packet_filter import STILL
 
 SPEED_UM_MS = 200.0
 """0.2 m/s; recorded teleoperation stays below 232 um per ms."""
@@ -27,9 +28,6 @@ SLIP_UM, SLIP_RAD = 20.0, 2e-3
 """Differences that rounding cannot explain."""
 SETTLED_TICKS = 30
 """Ticks of the software after which it has reached its setpoint."""
-
-STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
-"""The increment of an arm that does not move."""
 
 BASE: dict[ArmName, np.ndarray] = {
     "gold": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
