@@ -28,7 +28,7 @@ from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
-from ravenjax.train.judge.row import COLUMNS
+from ravenjax.train.judge.episode import COLUMNS
 from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol.messages import Command, Event, Json, Say

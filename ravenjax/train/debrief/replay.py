@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.judge.episode import HazardRow
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.protocol.world import TISSUE
 from ravenjax.train.recording.reader import Recording

@@ -22,8 +22,7 @@ from typing import Any
 
 from ravenjax.outcomes import verdict
 from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
-from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
-from ravenjax.train.judge.row import COLUMNS, KNOWN_WHEN_ARMED
+from ravenjax.train.judge.episode import COLUMNS, KNOWN_WHEN_ARMED, PEAKS, SEEN_MM, Episode
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Command, Json
 from ravenjax.train.scenario import Armable, Scenario

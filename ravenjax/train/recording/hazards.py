@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
-from ravenjax.train.judge.row import COLUMNS, HazardRow
+from ravenjax.train.judge.episode import COLUMNS, HazardRow
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording.reader import Recording
 

@@ -35,7 +35,6 @@ from ravenjax.train.protocol.frame import (
     VIRTUAL,
     Frame,
 )
-from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.messages import (
     INSTRUCTOR,
     OPERATOR,
@@ -45,7 +44,7 @@ from ravenjax.train.protocol.messages import (
     Json,
     encode,
 )
-from ravenjax.train.protocol.world import Point
+from ravenjax.train.protocol.world import Point, closing_point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import blueprint, director, hands, pedal

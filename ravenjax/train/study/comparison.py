@@ -14,7 +14,7 @@ import numpy as np
 from ravenjax.stats import multiplicity
 from ravenjax.stats.comparison import clustered
 from ravenjax.stats.intervals import Estimate
-from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.judge.episode import HazardRow
 from ravenjax.train.study.sessions import TrainingStudy
 
 _ALIKE = 1e-9

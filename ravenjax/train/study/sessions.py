@@ -14,7 +14,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
-from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.judge.episode import HazardRow
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader

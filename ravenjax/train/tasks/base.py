@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.messages import Event, Json
-from ravenjax.train.protocol.world import Point, to_world
+from ravenjax.train.protocol.world import Point, closing_point, to_world
 from ravenjax.train.robot import ArmName, Arms
 
 Tips = Mapping[ArmName, Point]

@@ -15,8 +15,7 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
 from ravenjax.train.debrief import page as debrief
 from ravenjax.train.debrief import replay
-from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.world import to_world
+from ravenjax.train.protocol.world import closing_point, to_world
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader, recorder
 

@@ -6,7 +6,7 @@ import pytest
 from made_frames import kinds, made, running
 
 from ravenjax.train.judge.detectors import SLOW_FOR_MS
-from ravenjax.train.judge.row import COLUMNS
+from ravenjax.train.judge.episode import COLUMNS
 from ravenjax.train.judge.watch import Judge
 
 FAULT = [
