@@ -40,9 +40,8 @@ from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.itp import ItpConsole
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import hash_hazards, in_words, open_console_port
+from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_words, open_consoles
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
@@ -56,8 +55,8 @@ COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SessionOptions:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SessionOptions(ConsoleOptions):
     """The options with which a session starts."""
 
     scenario: Scenario
@@ -67,21 +66,14 @@ class SessionOptions:
     group: str = ""
     cue: bool | None = None  # None: as the scenario sets it
     blinded: bool | None = None
-    host: str = "127.0.0.1"
     port: int = 0
-    token: str | None = None
     # Makes its bearer the instructor. None: a random token is generated.
     instructor_token: str | None = None
     # Drives in place of a person: a reaction of `scripts`, or a file of commands.
     script: str | None = None
-    itp_port: int | None = None  # None: no console over the network
-    # The console's profile: a name or file of `store.consoles`, or "auto".
-    console: str = "raven"
-    console_host: str | None = None  # the only host that may drive over the network; None: any
     # A robot outside this process, HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may replace
     # JOINT_PORT.
     robot: str | None = None
-    crtk: Ros | None = None  # also speak CRTK over this ROS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,11 +106,11 @@ def run_realtime(
     began = time.monotonic()
     if with_page:
         _require_address(options.host, options.port)
-    console_profiles = profiles.profile_choices(options.console)
+    profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
     options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
         stack.callback(_remove_if_empty, options.folder)
-        helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
+        helpers = SessionHelpers(stack, with_page) if helpers is None else helpers
         say("robot: being compiled, or read from the cache")
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
@@ -137,7 +129,6 @@ def run_realtime(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
-        consoles: list[loop.Console] = []
         browser: loop.PageCommands | None = None
         port = 0
         if helpers.page is not None:
@@ -148,33 +139,11 @@ def run_realtime(
                 helpers.page, options, session, header, (frames, events, commands), say
             )
             browser = loop.PageCommands(commands, drives=options.script is None)
-            consoles.append(browser)
-        if options.itp_port is not None:
-            server = open_console_port(
-                stack,
-                session.arms,
-                options.host,
-                options.itp_port,
-                console_profiles,
-                options.console_host,
-                options.token,
-                say,
-            )
-            stack.callback(
-                lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
-            )
-            consoles.append(ItpConsole(server, session))
-        if options.crtk is not None:
-            from ravenjax.train.robot_link.crtk import bridge
-
-            elsewhere = options.robot is not None
-            consoles.append(
-                bridge.spawn_bridge(
-                    stack, options.crtk, session.blueprint, say, elsewhere=elsewhere
-                )
-            )
-        if script is not None:
-            consoles.append(script)
+        elsewhere = options.robot is not None
+        consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
+        if itp is not None:
+            stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
+        consoles = [*filter(None, (browser, *consoles, script))]
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
@@ -392,7 +361,7 @@ def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
     In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
     """
     host, *ports = text.split(":")
-    ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
+    ros: Ros | None = next((name for name in get_args(Ros) if ports[1:] == [name]), None)
     numbers = ports[:1] if ros else ports
     if (
         not host

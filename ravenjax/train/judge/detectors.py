@@ -46,11 +46,7 @@ class Trips:
         self._last: dict[str, int] = {}  # tick of each check's last trip
 
     def look(
-        self,
-        tick: int,
-        robot_tick: int,
-        outcomes: Json,
-        golden: Json | None = None,
+        self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
     ) -> list[Trip]:
         """Return each check that tripped since the last reading, the earliest first.
 
@@ -74,7 +70,6 @@ class Trips:
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
-        """Reset the counts, because the robot was restarted."""
         for name, count in self._counts.items():
             self._earlier[name] = self._earlier.get(name, 0) + count
         self._counts = {}

@@ -225,7 +225,6 @@ class Episode:
 
     @property
     def struck(self) -> bool:
-        """Whether the fault has become active."""
         return self.struck_ms is not None
 
     @property
@@ -368,17 +367,11 @@ class Episode:
         alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
         alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
         limited_ms, limited = self.checks.get("limited", (None, None))
-        row = {
+        times = ("arm", "armed_ms", "struck_ms", "knowable_ms", "cue_ms", "halted")
+        row = {name: getattr(self.hazard, name) for name in ("number", "hazard", "title")}
+        row |= {name: getattr(self, name) for name in times} | {
             "cue": "on" if self.cue_on else "off",
-            "number": self.hazard.number,
-            "hazard": self.hazard.hazard,
-            "title": self.hazard.title,
-            "arm": self.arm,
-            "armed_ms": self.armed_ms,
-            "struck_ms": self.struck_ms,
-            "knowable_ms": self.knowable_ms,
             "knowable_by": self.knowable_by or None,
-            "cue_ms": self.cue_ms,
             "alarm_ms": alarm_ms,
             "alarm": alarm,
             "limited_ms": limited_ms,
@@ -389,7 +382,6 @@ class Episode:
             "reaction_ms": self.reaction_ms(what) if answered else None,
             "right_response": " ".join(self.hazard.right_response),
             "response_ok": ok,
-            "halted": self.halted,
             "outcome": self.outcome(),
             "score": self.score(),
         }

@@ -120,7 +120,6 @@ class Judge:
             arm.reset()
 
     def close(self, tick: int, reason: str = "end") -> None:
-        """End the judgement, because the session is over."""
         for name, count in self._alarms.items():
             self._tell(tick, "alarm_count", check=name, count=count)
         self.interrupted(tick, reason)
@@ -155,11 +154,7 @@ class Judge:
             self._respond(tick, "convert")
 
     def step(
-        self,
-        tick: int,
-        frame: Frame,
-        outcomes: Json | None = None,
-        golden: Json | None = None,
+        self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
         """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
         if not self._columns:
@@ -319,8 +314,6 @@ class Judge:
 
 
 class _Arm:
-    """Places of an arm's channels in a row, and values remembered between ticks."""
-
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places
         self.name = name
@@ -335,6 +328,5 @@ class _Arm:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, because the robot was restarted."""
         self.last_force = -CUE_QUIET_MS - 1
         self.depth_at_strike = 0.0

@@ -44,7 +44,6 @@ class Visibility:
         self._is_instructor = role == "instructor"
 
     def shows_event(self, event: Event) -> bool:
-        """Whether the role sees an event."""
         kind = event.get("kind", "")
         if self._is_instructor:
             return kind != "hazard_row" and not (self._blinded and kind == "cue")
@@ -221,7 +220,6 @@ class Hub:
 
     @property
     def open(self) -> int:
-        """The number of open windows."""
         return len(self._clients)
 
     def _visible(self, client: Client, events: list[Event]) -> list[Event]:

@@ -61,7 +61,6 @@ class Page:
         self.port = self._server.port
 
     def work(self) -> None:
-        """Work until the session's process ends."""
         last_frame = time.monotonic()
         while not parent_has_ended():
             now = time.monotonic()
@@ -74,7 +73,6 @@ class Page:
             self._changed.clear()
 
     def close(self) -> None:
-        """Stop serving and close the rings."""
         # viser prints a message when it stops.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.viser.stop()

@@ -110,7 +110,6 @@ class RobotFigure:
         self._place()
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide all links."""
         for node in self._nodes.values():
             node.visible = visible
 
@@ -161,7 +160,6 @@ class Scene:
             figure.set_visible(False)
 
     def update(self, frame: Frame) -> None:
-        """Draw this frame."""
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")

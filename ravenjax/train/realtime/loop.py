@@ -13,8 +13,10 @@ from ravenjax.train.protocol.messages import Command, Event
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
+from ravenjax.train.robot import Arms
+from ravenjax.train.scenario import Scenario
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.console_arbiter import console_of
+from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 
 MOST_COMMANDS = 16
 """The largest number of commands taken in a tick. Further commands wait for the next tick."""
@@ -34,6 +36,9 @@ class Console(Protocol):
 class TickedSession(Protocol):
     """A session of the loop: `move` fills `frame` before it is sent, `conclude` does the rest."""
 
+    scenario: Scenario
+    arms: Arms
+    arbiter: ConsoleArbiter
     frame: Frame
     ticks: int
 
@@ -52,7 +57,6 @@ class PageCommands:
         self._drives = drives
 
     def poll(self) -> list[Command]:
-        """Return the commands that have arrived."""
         if self._ring.written == self._next:
             return []
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
@@ -110,8 +114,9 @@ def run_loop(
             ticks += 1
             if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
                 notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
-            for event in notes if rings else ():  # log and page read them every few ms
-                put_json(rings[1], event)
+            if rings:
+                for event in notes:  # log and page read them every few ms
+                    put_json(rings[1], event)
             left += session.over
             paced.rest()
     return paced.timing

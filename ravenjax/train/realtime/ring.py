@@ -54,7 +54,6 @@ class Ring:
 
     @property
     def written(self) -> int:
-        """The number of rows written so far."""
         return int(self._header[0])
 
     def put(self, row: np.ndarray) -> None:

@@ -17,7 +17,6 @@ class SessionFolder:
 
     @property
     def scenario(self) -> str:
-        """Name of its scenario."""
         return (self.header.get("scenario") or {}).get("name") or ""
 
     @property

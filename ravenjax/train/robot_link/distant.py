@@ -119,7 +119,6 @@ class DistantRobot:
 
     @property
     def heard(self) -> bool:
-        """Whether the robot's reports arrive."""
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
@@ -130,11 +129,9 @@ class DistantRobot:
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
-        """Order the robot to disarm the hazard."""
         self.remote.order({"order": "disarm"})
 
     def press(self, row: int, ticks: int = 100) -> None:
-        """Order the robot to press its E-stop button."""
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:

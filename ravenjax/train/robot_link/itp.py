@@ -20,16 +20,14 @@ import math
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS, Command, Say
+from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.packet_filter import SIZE, TAKEN, Gate, merge_commands
-from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import pedal
-from ravenjax.train.session.console_arbiter import ConsoleArbiter
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -92,7 +90,6 @@ class ItpServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
@@ -174,7 +171,6 @@ class ItpServer:
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:
-        """Close the port."""
         self._socket.close()
 
 
@@ -211,18 +207,10 @@ class Refusals:
         return [{"type": "unheard", "why": why}]
 
 
-class DrivenSession(Protocol):
-    """What a console needs of the session that it drives."""
-
-    scenario: Scenario
-    arms: Sequence[ArmName]
-    arbiter: ConsoleArbiter
-
-
 class ItpConsole:
     """A console over the network: receives increments and sends forces."""
 
-    def __init__(self, server: ItpServer, session: DrivenSession) -> None:
+    def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
         self._refusals = Refusals(server.gate)
 

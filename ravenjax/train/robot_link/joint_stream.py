@@ -72,7 +72,6 @@ class JointReport(BaseModel):
 
     @property
     def runlevel(self) -> int:
-        """Run level of the robot's control software."""
         return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
@@ -149,7 +148,6 @@ class LineConnection:
         return lines
 
     def close(self) -> None:
-        """Close the connection."""
         self.is_closed = True
         self._socket.close()
 
@@ -182,7 +180,6 @@ class JointServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[ListenerOrder]:
@@ -210,7 +207,6 @@ class JointServer:
         order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
-        """Close all connections and the port."""
         for listener in self.listeners:
             listener.close()
         self._socket.close()

@@ -126,7 +126,6 @@ class Gate:
 
     @property
     def received(self) -> int:
-        """The number of datagrams so far."""
         return sum(self.counts.values())
 
     def peer(self, now_ms: float) -> tuple | None:

@@ -13,6 +13,7 @@ whether its pedal counts. Unlike in a session, pedals alone decide.
 """
 
 import contextlib
+import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
 
@@ -20,17 +21,19 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import format_value
+from ravenjax.store.consoles import loading as profiles
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Command, Event, Say
 from ravenjax.train.realtime import clock, loop
-from ravenjax.train.robot import NO_PACKET_SEQUENCE, UDP_PORT, ArmName, ConsoleProfile
+from ravenjax.train.robot import NO_PACKET_SEQUENCE
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpConsole, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
 from ravenjax.train.robot_link.packet_filter import STILL, merge_commands, packet_of
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session import pedal
+from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.console_arbiter import NOBODY, ConsoleArbiter, console_of
 from ravenjax.train.session.simulation import PacketRobot
 from ravenjax.vocabulary import checks
@@ -139,7 +142,6 @@ class JointConsole:
         self._last_seq = NO_PACKET_SEQUENCE  # of the ITP console's packet taken last
 
     def poll(self) -> list[Command]:
-        """Return the orders that have arrived as commands."""
         commands = []
         for order in self._server.poll():
             kind, number = order.content.get("order"), order.content.get("number")
@@ -158,31 +160,36 @@ class JointConsole:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """Publish the report of this tick."""
         session = self._session
         if session.taken == "itp":
             self._last_seq = self._itp.last_sequence
         self._server.publish(encode_report(frame, session.ticks, self._last_seq, session.checks))
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ConsoleOptions:
+    """The options for consoles that are not the page."""
+
+    host: str = LOOPBACK
+    token: str | None = None
+    itp_port: int | None = None  # None: no console over ITP
+    # The console's profile: a name or file of `store.consoles`, or "auto".
+    console: str = "raven"
+    console_host: str | None = None  # the only host that may drive over ITP; None: any
+    crtk: Ros | None = None  # also speak CRTK over this ROS
+
+
 def run_robot(
     chosen: Scenario,
+    options: ConsoleOptions,
     seed: int | None = None,
-    *,
-    host: str = LOOPBACK,
-    itp_port: int = UDP_PORT,
     joint_port: int = JOINT_PORT,
-    token: str | None = None,
-    console_host: str | None = None,
-    profiles: Sequence[ConsoleProfile] = (),
-    crtk: Ros | None = None,
     say: Say = print,
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
-    seed: draws the scenario's hazards; None: its own. token: required in orders from other
-    machines; None: they are refused. console_host: the only host that may drive. profiles: of the
-    console, or several of which one applies. Raises UserError if a port cannot be opened.
+    options: their token is required in orders from other machines; None: these are refused. seed:
+    draws the scenario's hazards; None: its own. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))
@@ -196,19 +203,11 @@ def run_robot(
         "hazards": hash_hazards(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = open_console_port(
-            stack, robot.arms, host, itp_port, profiles, console_host, token, say
-        )
-        joints = JointServer(greeting, host, joint_port, token)
+        consoles, itp = open_consoles(stack, options, session, robot.blueprint, say)
+        joints = JointServer(greeting, options.host, joint_port, options.token)
         stack.callback(joints.close)
-        consoles: list[loop.Console] = [
-            JointConsole(joints, itp, session, len(armables)),
-            ItpConsole(itp, session),
-        ]
-        if crtk:
-            from ravenjax.train.robot_link.crtk import bridge
-
-            consoles.append(bridge.spawn_bridge(stack, crtk, robot.blueprint, say))
+        assert itp is not None
+        consoles.insert(0, JointConsole(joints, itp, session, len(armables)))
         stop = stack.enter_context(interruption.until_interrupted())
         for armable in armables:
             say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
@@ -216,44 +215,60 @@ def run_robot(
         with clock.use_realtime_priority(min) as granted:
             say(f"realtime: {granted}")
             timing = loop.run_loop(session, consoles, lambda: bool(stop))
-        counts = {"console": itp.counters(), "joint stream": joints.counts}
     p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
         f"loop: {timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50"
         f" {p50:g} us, p99 {p99:g} us"
     )
-    for name, numbers in counts.items():
-        say(f"{name}: {in_words(numbers) or 'nothing'}")
+    for name, counts in (("console", itp.counters()), ("joint stream", joints.counts)):
+        say(f"{name}: {in_words(counts)}")
 
 
 def in_words(counts: Mapping[str, int]) -> str:
     """Return the counts for the terminal, without zeros."""
-    return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing"
 
 
-def open_console_port(
+def open_consoles(
     stack: contextlib.ExitStack,
-    arms: Sequence[ArmName],
-    host: str,
-    port: int,
-    profiles: Sequence[ConsoleProfile],
-    only_host: str | None,
-    token: str | None,
+    options: ConsoleOptions,
+    session: loop.TickedSession,
+    blueprint: Blueprint,
     say: Say,
-) -> ItpServer:
-    """Open a port for consoles until `stack` ends, and say who can reach it. Raises UserError."""
-    server = ItpServer(arms, host, port, profiles=profiles, only_host=only_host, say=say)
-    stack.callback(server.close)
-    if host != "localhost" and not host.startswith("127."):
-        if not only_host:
-            say(
-                f"any machine that reaches {host} can drive this robot; --console-host ADDRESS"
-                " allows one only"
-            )
-        if not token:
-            say("orders from other machines are refused; --token TOKEN allows them")
-    say("console: ITP over UDP {}:{}".format(*server.address))
-    return server
+    elsewhere: bool = False,
+) -> tuple[list[loop.Console], ItpServer | None]:
+    """Open the ports of consoles until `stack` ends, and say who can reach them.
+
+    elsewhere: as in `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
+    """
+    consoles: list[loop.Console] = []
+    server = None
+    host = options.host
+    if options.itp_port is not None:
+        server = ItpServer(
+            session.arms,
+            host,
+            options.itp_port,
+            profiles=profiles.profile_choices(options.console),
+            only_host=options.console_host,
+            say=say,
+        )
+        stack.callback(server.close)
+        if host != "localhost" and not host.startswith("127."):
+            if not options.console_host:
+                say(
+                    f"any machine that reaches {host} can drive this robot; --console-host ADDRESS"
+                    " allows one only"
+                )
+            if not options.token:
+                say("orders from other machines are refused; --token TOKEN allows them")
+        say("console: ITP over UDP {}:{}".format(*server.address))
+        consoles.append(ItpConsole(server, session))
+    if options.crtk is not None:
+        from ravenjax.train.robot_link.crtk import bridge
+
+        consoles.append(bridge.spawn_bridge(stack, options.crtk, blueprint, say, elsewhere))
+    return consoles, server
 
 
 def hash_hazards(hazards: Sequence[Armable]) -> str:

@@ -69,7 +69,6 @@ class RobotLink(abc.ABC):
         return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
 
     def close(self) -> None:
-        """Close the connection."""
         self._console.close()
 
     def _arrived(self, report: JointReport) -> None:

@@ -138,7 +138,6 @@ class Levels(Section):
 
     @property
     def arms(self) -> Arms:
-        """All arms that a level names."""
         return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
 
 

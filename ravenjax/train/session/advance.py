@@ -155,7 +155,6 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """Whether the session has ended."""
         return self.phase == OVER
 
     def tick(self, commands: list[Command]) -> list[Event]:

@@ -17,6 +17,7 @@ from ravenjax.stats.intervals import Estimate
 from ravenjax.train.judge.episode import HazardRow
 from ravenjax.train.study.sessions import TrainingStudy
 
+CONFIDENCE = 0.95
 _ALIKE = 1e-9
 """ms, mm or a share: smaller differences are rounding errors."""
 _NONE = Estimate(math.nan, math.nan, math.nan)
@@ -40,17 +41,15 @@ def _response_ms(hazard: HazardRow) -> float | None:
 
 RIGHT = ComparedOutcome("right response", "%", 0, 1, lambda hazard: 100.0 * hazard.response_ok)
 TIME = ComparedOutcome("time to a response", "ms", 0, -1, _response_ms)
-UNINTENDED = ComparedOutcome(
-    "largest unintended motion", "mm", 1, -1, lambda hazard: hazard.farthest_mm
+OUTCOMES = (
+    RIGHT,
+    TIME,
+    ComparedOutcome("largest unintended motion", "mm", 1, -1, lambda hazard: hazard.farthest_mm),
+    ComparedOutcome(
+        *("deepest in the tissue", "mm", 1, -1),
+        lambda hazard: None if hazard.deepest_mm is None else max(0.0, hazard.deepest_mm),
+    ),
 )
-DEPTH = ComparedOutcome(
-    "deepest in the tissue",
-    "mm",
-    1,
-    -1,
-    lambda hazard: None if hazard.deepest_mm is None else max(0.0, hazard.deepest_mm),
-)
-OUTCOMES = (RIGHT, TIME, UNINTENDED, DEPTH)
 
 
 class ComparedGroup(NamedTuple):
@@ -91,12 +90,11 @@ class GroupComparison(NamedTuple):
     left_out: int
     # p adjusted by Holm over all outcomes that vary and pairs of groups.
     adjusted: float = math.nan
-    # Whether `adjusted` is below 1 - confidence.
+    # Whether `adjusted` is below 1 - CONFIDENCE.
     clear: bool = False
 
     @property
     def people(self) -> int:
-        """The number of participants compared."""
         return len(self.first.means) + (0 if self.paired else len(self.second.means))
 
     @property
@@ -106,22 +104,17 @@ class GroupComparison(NamedTuple):
 
     @property
     def has_few(self) -> bool:
-        """Whether a group has fewer than two participants."""
         return min(len(self.first.means), len(self.second.means)) < 2
 
 
-def compare_groups(
-    study: TrainingStudy, confidence: float = 0.95, seed: int = 0
-) -> list[GroupComparison]:
+def compare_groups(study: TrainingStudy) -> list[GroupComparison]:
     """Compare each group with the reference, the first of `study.labels`, on every outcome."""
     first, *others = study.labels.values()
     comparisons = [
-        _compare(study, outcome, first, label, confidence, seed)
-        for label in others
-        for outcome in OUTCOMES
+        _compare(study, outcome, first, label) for label in others for outcome in OUTCOMES
     ]
     p_values = {str(i): comparison.p for i, comparison in enumerate(comparisons)}
-    findings = multiplicity.holm_test(p_values, confidence)
+    findings = multiplicity.holm_test(p_values, CONFIDENCE)
     return [
         comparison._replace(adjusted=findings[str(i)].adjusted, clear=findings[str(i)].rejected)
         for i, comparison in enumerate(comparisons)
@@ -129,12 +122,7 @@ def compare_groups(
 
 
 def _compare(
-    study: TrainingStudy,
-    outcome: ComparedOutcome,
-    first: str,
-    second: str,
-    confidence: float,
-    seed: int,
+    study: TrainingStudy, outcome: ComparedOutcome, first: str, second: str
 ) -> GroupComparison:
     horizon = study.horizon_ms() if outcome is TIME else math.inf
     sides = [_values_by_person(study, outcome, label, horizon) for label in (first, second)]
@@ -147,11 +135,11 @@ def _compare(
     )
     if outcome is RIGHT:
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
-        share = risk([hits / 100.0 for hits in two], [hits / 100.0 for hits in one], confidence)
+        share = risk([hits / 100.0 for hits in two], [hits / 100.0 for hits in one], CONFIDENCE)
         difference = Estimate(100.0 * share.value, 100.0 * share.low, 100.0 * share.high)
     else:
         difference = clustered.mean_difference(
-            limited_two, limited_one, confidence, is_paired=is_paired
+            limited_two, limited_one, CONFIDENCE, is_paired=is_paired
         )
     means = clustered.cluster_means(limited_one), clustered.cluster_means(limited_two)
     g, p = _NONE, math.nan
@@ -162,7 +150,7 @@ def _compare(
         # which, so leaving out outcomes that do not vary favours no result.
         spread = np.abs(means[0] - means[1]).max() if is_paired else np.ptp(np.concatenate(means))
         if spread > _ALIKE:
-            p = clustered.permutation_p(limited_two, limited_one, is_paired=is_paired, seed=seed)
+            p = clustered.permutation_p(limited_two, limited_one, is_paired=is_paired)
     return GroupComparison(
         outcome,
         ComparedGroup(first, means[0], np.concatenate([*one, np.zeros(0)])),

@@ -41,7 +41,6 @@ class StudySession(SessionFolder):
 
     @property
     def name(self) -> str:
-        """The name in its header."""
         return str(self.header.get("name") or self.path.name)
 
     @property
@@ -102,7 +101,16 @@ def collect_sessions(
     """
     if by is not None and by not in BY:
         raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
-    sessions = [_read_session(folder) for folder in _find_folders(folders)]
+    found: dict[Path, Path] = {}
+    for folder in map(Path, folders):
+        inside = sorted(path.parent for path in folder.rglob(description.FILE))
+        if not inside:
+            raise UserError(
+                f"{folder} contains no session; expected folders that `ravenjax train` wrote, or a"
+                " folder of them"
+            )
+        found |= {session.resolve(): session for session in inside}
+    sessions = [_read_session(folder) for folder in found.values()]
     valid = [session for session in sessions if session.groups("cue")]
     left_out = [
         f"Left out: {session.name}, because no hazard became active and was decided."
@@ -114,7 +122,11 @@ def collect_sessions(
         raise UserError(
             f"a study needs sessions in which hazards became active and were decided. {listed}"
         )
-    _require_no_copies(valid)
+    folders_by_key: dict[tuple[str, str, str], Path] = {}
+    for session in valid:
+        key = session.person, session.started, session.name
+        if (first := folders_by_key.setdefault(key, session.path)) != session.path:
+            raise UserError(f"{session.path} is a copy of {first}; give each session once")
     notes = _mixtures(valid, mixed) + _describe_cuts(valid) + left_out
     conditions = {key: {name for session in valid for name in session.groups(key)} for key in BY}
     by = by or ("group" if len(conditions["group"]) > 1 else "cue")
@@ -130,19 +142,6 @@ def collect_sessions(
     else:
         labels = {name: f"cue {name}" if by == "cue" else name or "(no group)" for name in groups}
     return TrainingStudy(valid, by, labels, blinded, notes)
-
-
-def _find_folders(given: Iterable[Path]) -> list[Path]:
-    folders: dict[Path, Path] = {}
-    for folder in map(Path, given):
-        inside = sorted(path.parent for path in folder.rglob(description.FILE))
-        if not inside:
-            raise UserError(
-                f"{folder} contains no session; expected folders that `ravenjax train` wrote, or a"
-                " folder of them"
-            )
-        folders |= {session.resolve(): session for session in inside}
-    return list(folders.values())
 
 
 def _read_session(folder: Path) -> StudySession:
@@ -173,15 +172,6 @@ def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
             " reset, a lost console, the end)."
         )
     return notes
-
-
-def _require_no_copies(sessions: Sequence[StudySession]) -> None:
-    folders: dict[tuple[str, str, str], Path] = {}
-    for session in sessions:
-        key = session.person, session.started, session.name
-        if key in folders:
-            raise UserError(f"{session.path} is a copy of {folders[key]}; give each session once")
-        folders[key] = session.path
 
 
 def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:

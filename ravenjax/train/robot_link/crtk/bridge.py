@@ -100,14 +100,12 @@ class CrtkConsole:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """Publish a tick."""
         self._bytes[: self._tail] = frame.row.view(np.uint8)
         clocks = time.time_ns(), time.monotonic_ns()
         _TAIL.pack_into(self._bytes.data, self._tail, *clocks, self.taken)
         self.rows.put(self._bytes)
 
     def close(self) -> None:
-        """Remove the rings."""
         self.rows.close()
         self.commands.close()
 
@@ -168,7 +166,6 @@ class RobotRings:
         return self._sent
 
     def close(self) -> None:
-        """Close both rings."""
         self._rows.close()
         self._commands.close()
 

@@ -53,7 +53,6 @@ class OperatingState:
 
     @property
     def state(self) -> State:
-        """The state to publish."""
         if self._lost:
             return "FAULT"
         if self._stopped or self.runlevel == E_STOP:
