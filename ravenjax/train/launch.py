@@ -40,9 +40,8 @@ from ravenjax.train.recording import recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_stream import JOINT_PORT
+from ravenjax.train.robot_link.joint_stream import JOINT_PORT, RemoteRobot
 from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_words, open_consoles
-from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session

@@ -5,7 +5,7 @@ from pathlib import Path
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description
-from ravenjax.train.debrief import dexterity, figures, replay
+from ravenjax.train.debrief import dexterity, figures
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
@@ -59,7 +59,7 @@ def write_debrief(folder: Path) -> Path:
             "hazards": [figures.hazard_charts(course, row, limits, blinded) for row in hazards],
             "session": figures.session_charts(course, hazards, limits, blinded),
         }
-        shown = replay.player_data(course, header, hazards)
+        shown = figures.player_data(course, header, hazards)
         if header.get("contact_units_per_n") is not None:
             contact = dexterity.measure_contact(course)
     attempts = dexterity.read_attempts(folder.absolute())

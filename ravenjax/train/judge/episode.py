@@ -52,7 +52,7 @@ are 50 times the share of it that still remains at the end, the smaller share of
 and depth. If harm was done before a person could act, the whole distance counts. A hazard that is
 unaffected or interrupted is not scored.
 
-**Times** of a row (`row.HazardRow`) are ms since the session began, except: `reaction_ms` counts
+**Times** of a row (`HazardRow`) are ms since the session began, except: `reaction_ms` counts
 from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations. An empty
 (None) time means that the event never happened. `hazard` is the id in the library.
 """

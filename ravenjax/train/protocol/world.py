@@ -1,7 +1,8 @@
 """The operating scene in plain numbers, for code that runs every millisecond.
 
 It has the arms' frames, the axes of consoles, and the tissue, as in `geometry.scene` and
-`geometry.mapping`.
+`geometry.mapping`. It also has where the jaws close, which a person takes for the tip of an
+instrument. The software's tip is the axis of the jaws.
 """
 
 import math

@@ -29,8 +29,7 @@ from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
-from ravenjax.train.robot_link.joint_stream import JointReport
-from ravenjax.train.robot_link.remote import RobotLink
+from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
 from ravenjax.train.session import blueprint as of_session
 from ravenjax.train.session.blueprint import Blueprint, hazard_distances
 
@@ -56,7 +55,7 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """A remote robot with the methods of `simulation.SimulatedRobot`, reached through `remote`."""
+    """A remote robot with the methods of `simulation.SimulatedRobot`. remote: the way to it."""
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote

@@ -26,8 +26,17 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS, Command, Say
 from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import SIZE, TAKEN, Gate, merge_commands
-from ravenjax.train.session import pedal
+from ravenjax.train.robot_link.packet_filter import (
+    ALIVE,
+    DRIVES,
+    PEDAL,
+    SIZE,
+    SOFT_ESTOPPED,
+    TAKEN,
+    Gate,
+    merge_commands,
+)
+from ravenjax.train.session.console_arbiter import packets_message
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -38,8 +47,6 @@ BUFFER_BYTES = 1 << 16
 """Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
 SOME_PACKETS = 10
 """The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
-PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
-"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 FORCE_SCALE = 1000.0
 _FORCE_LIMIT = 2**31 - 1
 
@@ -139,10 +146,10 @@ class ItpServer:
         if peer is None:
             return False
         alive = now_ms - self._taken_ms <= STALE_MS
-        flags = self._present | (SOFT_ESTOPPED if soft_estopped else 0) | (DRIVES if drives else 0)
+        flags = self._present | SOFT_ESTOPPED * soft_estopped | DRIVES * drives
         components = [0] * 6
         if alive:
-            flags |= ALIVE | (PEDAL if pedal and self._pedal else 0)
+            flags |= ALIVE | PEDAL * (pedal and self._pedal)
             for arm, force in forces.items() if drives else ():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
@@ -200,7 +207,7 @@ class Refusals:
         if cause != "stranger" and accepted:
             why = ""
         elif more[cause] >= SOME_PACKETS:
-            why = pedal.packets_message(cause)
+            why = packets_message(cause)
         if why == self._published:
             return []
         self._published = why

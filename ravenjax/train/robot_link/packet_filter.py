@@ -51,6 +51,8 @@ from ravenjax.train.robot import (
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size
+PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
+"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 _LAST = 2**32 - 1
 
 TAKEN = "accepted"

@@ -32,9 +32,14 @@ from ravenjax.train.robot_link.itp import LOOPBACK, ItpConsole, ItpServer
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
 from ravenjax.train.robot_link.packet_filter import STILL, merge_commands, packet_of
 from ravenjax.train.scenario import Armable, Scenario
-from ravenjax.train.session import pedal
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.console_arbiter import NOBODY, ConsoleArbiter, console_of
+from ravenjax.train.session.console_arbiter import (
+    NETWORK,
+    NOBODY,
+    ConsoleArbiter,
+    PedalReasons,
+    console_of,
+)
 from ravenjax.train.session.simulation import PacketRobot
 from ravenjax.vocabulary import checks
 
@@ -55,7 +60,10 @@ class PacketSession:
     def __init__(self, chosen: Scenario, robot: PacketRobot, say: Say = lambda _: None) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
-        self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), pedal.PedalReasons(say)
+        self.arbiter, self.pedals = (
+            ConsoleArbiter(by_pedals=True),
+            PedalReasons(say),
+        )
         self.ticks, self.over = 0, False
         self.taken = ""
         """The console whose packet the robot took in this tick."""
@@ -103,7 +111,7 @@ class PacketSession:
 
     def conclude(self) -> list[Event]:
         """Run the second half of the tick: what the checks did, and why pedals do not count."""
-        self.pedals.look({name: self.arbiter.why_not(name, self.ticks) for name in pedal.NETWORK})
+        self.pedals.look({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
         frame, trips = self.frame, self.frame.number("trips")
         if trips != self._trips and self.ticks - self._looked >= CHECKS_EVERY:
             self._trips, self._looked = trips, self.ticks

@@ -47,9 +47,15 @@ from ravenjax.train.protocol.messages import (
 from ravenjax.train.protocol.world import Point, closing_point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import blueprint, director, hands, pedal
+from ravenjax.train.session import blueprint, director, hands
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
+from ravenjax.train.session.console_arbiter import (
+    NETWORK,
+    REASONS,
+    ConsoleArbiter,
+    PedalReasons,
+    console_of,
+)
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
 _TOLD = (
@@ -61,7 +67,7 @@ _TOLD = (
 )
 """Kind of event for each state whose changes are reported, and the key of the new value."""
 _STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
-"""Phases in which no pedal counts as down, with the key in `pedal.REASONS`."""
+"""Phases in which no pedal counts as down, with the key in `REASONS`."""
 MOST_COMMANDS = 1_000_000
 """Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
 OUTCOMES_EVERY = 10
@@ -110,7 +116,7 @@ class Session:
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter(self._record)
-        self.pedals = pedal.PedalReasons()
+        self.pedals = PedalReasons()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
@@ -203,9 +209,7 @@ class Session:
         self._tell_changes()
         if self._moved:
             self._follow()
-        for event in self.pedals.look(
-            {console: self._why_not(console) for console in pedal.NETWORK}
-        ):
+        for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
             self._tell("refused", **event)
         if self._moved:
             self.ticks += 1
@@ -219,10 +223,8 @@ class Session:
         if not self.arbiter.holds(console):
             return why
         if self.phase in _STANDS:
-            return pedal.REASONS[_STANDS[self.phase]]
-        return why or (
-            pedal.REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else ""
-        )
+            return REASONS[_STANDS[self.phase]]
+        return why or (REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else "")
 
     # --- commands ---
 

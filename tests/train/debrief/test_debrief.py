@@ -13,8 +13,8 @@ from ravenjax.cli import main
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
+from ravenjax.train.debrief import figures
 from ravenjax.train.debrief import page as debrief
-from ravenjax.train.debrief import replay
 from ravenjax.train.protocol.world import closing_point, to_world
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader, recorder
@@ -176,23 +176,23 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
-    told = replay.player_data(recording.without_pauses(), description.read_session(folder), [MET])
+    told = figures.player_data(recording.without_pauses(), description.read_session(folder), [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
-    assert np.diff(ms).max() <= replay.EVERY_MS
-    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= replay.EVERY_HAZARD_MS
+    assert np.diff(ms).max() <= figures.EVERY_MS
+    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= figures.EVERY_HAZARD_MS
     row = int(np.searchsorted(ms, 2400))
     for arm in ARMS:
         axis, joints = (
             recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos")
         )
-        place = np.array(told["arms"][arm]["tip"][row]) / replay.PER_M
+        place = np.array(told["arms"][arm]["tip"][row]) / figures.PER_M
         assert np.allclose(place, to_world(arm, closing_point(arm, axis, joints)), atol=1e-4)
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"][0]["at"] == [0.0, 0.0, 0.19]
-    assert replay.player_data(recording.without_pauses(), {}, [MET]) is None
+    assert figures.player_data(recording.without_pauses(), {}, [MET]) is None
 
 
 @pytest.mark.slow

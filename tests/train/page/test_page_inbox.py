@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ravenjax.train.page.inbox import LARGEST, Inbox, RefusedMessage
+from ravenjax.train.page.hub import LARGEST, Inbox, RefusedMessage
 from ravenjax.train.protocol import messages
 
 ROLES = ("operator", "watcher", "instructor")

@@ -22,8 +22,7 @@ from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_stream import JointServer, encode_report
-from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.robot_link.joint_stream import JointServer, RemoteRobot, encode_report
 from ravenjax.train.session.advance import Session
 
 GOLD = ("gold",)

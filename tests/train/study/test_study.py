@@ -17,7 +17,6 @@ from ravenjax.stats import intervals
 from ravenjax.store.logs.session import description
 from ravenjax.train.recording import hazards
 from ravenjax.train.study import comparison, design, page
-from ravenjax.train.study import sessions as study_sessions
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]
 
@@ -77,24 +76,24 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
         UserError,
         match=r"not of one study: they have 2 different scenarios, which differ in name",
     ):
-        study_sessions.collect_sessions([tmp_path])
-    assert "different scenarios" in study_sessions.collect_sessions([tmp_path], mixed=True).notes[0]
+        comparison.collect_sessions([tmp_path])
+    assert "different scenarios" in comparison.collect_sessions([tmp_path], mixed=True).notes[0]
 
 
 def test_what_cannot_be_compared_says_why(tmp_path):
     with pytest.raises(UserError, match="contains no session"):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     one = session(tmp_path, "P1", "cue", [met(0, 500.0)])
     with pytest.raises(
         UserError, match="all 1 sessions have cue 'on', so there is nothing to compare"
     ):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     shutil.copytree(one, tmp_path / "copy")
     with pytest.raises(UserError, match="is a copy of"):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     description.update_session(one, {"sha256": {"hazards.csv": "0" * 64}})
     with pytest.raises(StoreError, match=r"hazards\.csv: has changed since the session ended"):
-        study_sessions.collect_sessions([one])
+        comparison.collect_sessions([one])
 
 
 def test_a_name_is_no_formula_of_a_spreadsheet():
@@ -107,7 +106,7 @@ def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):
     session(tmp_path, "P8", "cue", [synthetic.hazard(0, struck=None)])
     cut_off = dataclasses.replace(met(1, 900.0), outcome="interrupted")
     session(tmp_path, "P7", "cue", [met(0, 500.0), cut_off])
-    found = study_sessions.collect_sessions([tmp_path])
+    found = comparison.collect_sessions([tmp_path])
     assert [hazard.number for one, _, hazard in found.rows() if one.participant == "P7"] == [0]
     cut, left_out = found.notes
     assert "1 of 14 hazards are left out" in cut and "P8-cue" in left_out
@@ -126,7 +125,7 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
                 for k in range(2)
             ]
             session(tmp_path, one, group, hazards)
-    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
+    found = comparison.compare_groups(comparison.collect_sessions([tmp_path]))
     right, time, unintended, depth = found
     assert math.isnan(right.p) and math.isnan(depth.p) and not right.clear
     assert time.p == unintended.p == pytest.approx(2 / 2**7)
@@ -164,7 +163,7 @@ def test_groups_of_different_participants_are_compared(result):
 def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):
     made(tmp_path, both=True)
     session(tmp_path, "P99", "cue", [met(0, 100.0)])  # did one condition only
-    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
+    found = comparison.compare_groups(comparison.collect_sessions([tmp_path]))
     right, time = found[:2]
     assert (
         right.paired
@@ -180,7 +179,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
     for i in range(8):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
-    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
+    right, time = comparison.compare_groups(comparison.collect_sessions([tmp_path]))[:2]
     expected = intervals.rate_difference(7, 8, 3, 8)
     assert right.difference == pytest.approx([100 * bound for bound in expected])
     assert math.isinf(time.first.median)
@@ -193,7 +192,7 @@ def test_to_carry_on_has_no_time(tmp_path):
     for i in range(3):
         session(tmp_path, f"A{i}", "cue", [met(0, 400.0 + i), carried])
         session(tmp_path, f"B{i}", "control", [met(0, 800.0 + i), carried])
-    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
+    right, time = comparison.compare_groups(comparison.collect_sessions([tmp_path]))[:2]
     assert len(right.first.values) == 6 and len(time.first.values) == 3 and right.second.mean == 100
 
 

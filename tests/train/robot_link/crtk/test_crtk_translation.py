@@ -12,7 +12,7 @@ from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
 from ravenjax.train.robot_link.crtk import messages, motion
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
-from ravenjax.train.robot_link.crtk.interpreter import Interpreter
+from ravenjax.train.robot_link.crtk.interpreter import IDLE_MS, Interpreter, OperatingState
 from ravenjax.train.robot_link.crtk.motion import (
     FASTEST,
     STILL,
@@ -21,7 +21,6 @@ from ravenjax.train.robot_link.crtk.motion import (
     SetpointFollower,
     Trajectory,
 )
-from ravenjax.train.robot_link.crtk.operating_state import IDLE_MS, OperatingState
 
 BOTH = ("gold", "green")
 TOOLS = ("r_grasper",) * 2
