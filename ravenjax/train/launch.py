@@ -31,7 +31,7 @@ from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge.episode import COLUMNS
 from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
-from ravenjax.train.protocol.messages import Command, Event, Json, Say
+from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring

@@ -12,9 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Event, Json
-from ravenjax.train.protocol.world import Point, closing_point, tissue_height, to_world
+from ravenjax.train.protocol import (
+    Event,
+    Frame,
+    Json,
+    Point,
+    closing_point,
+    tissue_height,
+    to_world,
+)
 from ravenjax.train.robot import ArmName, Arms
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach

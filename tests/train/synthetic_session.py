@@ -9,7 +9,7 @@ import numpy as np
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.judge.episode import COLUMNS, HazardRow
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.recording.hazards import as_csv
 
 LIMIT_MM = 8.0

@@ -11,8 +11,7 @@ import numpy as np
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.train.judge.episode import HazardRow
-from ravenjax.train.protocol.messages import Json
-from ravenjax.train.protocol.world import TISSUE
+from ravenjax.train.protocol import TISSUE, Json
 from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, run_levels
 

@@ -6,7 +6,7 @@ from ravenjax.errors import StoreError
 from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description
 from ravenjax.train.debrief import dexterity, figures
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 

@@ -1,28 +1,19 @@
 """One hazard of a session, from arming to disarming: the effect on the robot, the response, the
 score.
 
-**Effect on the robot**, in the terms of `ravenjax.outcomes`. It is measured against the golden run,
-which starts at the robot's state when the hazard is armed:
-
-- `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did
-  so. `alarm` is the first check that raised an alarm or stopped the robot. `limited` is the first
-  that changed a command or dropped a packet without an alarm.
-- `motion_hazard`: unintended motion, loss of motion, false report or none, whichever is gravest.
-  The limit is the scenario's `[harm] excursion_mm`, column `limit_mm`.
-- The columns `unintended_mm` to `false_report_first_ms` equal the result table's columns of these
-  names, from the hazard's activation on.
-- `cue_ms`: when the operator first felt the cue, if the golden run has had none since the
-  activation.
+docs/outcomes.md defines the outcomes and the terms of checks and motion. Effects are measured
+against the golden run, which starts at the robot's state when the hazard is armed. The limit of
+motion hazards is the scenario's `[harm] excursion_mm`. The columns `unintended_mm` to
+`false_report_first_ms` equal the result table's columns of these names, from the hazard's
+activation on.
 
 **First possible knowledge** (`knowable_ms`): the first tick at which a person at the console could
 know of the hazard. Seen: the tip, reported or true, is `SEEN_MM` or more from where it would be
 without the fault ("tip"), or the robot left pedal-down on its own ("runlevel"). Announced: a check
 raised an alarm (the check's name). A difference that only a computer can measure is not knowledge.
 The cue is felt from its onset: at its published threshold it begins with a quarter of its largest
-force. Reaction times count from their *origin*: the earliest of knowledge, cue and alarm.
-
-**Unavoidable effects**: `ACTS_MS` after the origin is the earliest time at which a person can have
-acted. No operator could prevent the fault's effects until then, and none is blamed for them.
+force. Reaction times count from their *origin*: the earliest of knowledge, cue and alarm. Nobody is
+blamed for effects until `ACTS_MS` after it (`unavoidable`).
 
 **Response**: the operator's first right response after the origin and within the time for it, or
 else the first response of another kind. An operator who slows down may only have arrived, so a
@@ -34,27 +25,14 @@ hazard nor a later response is scored. A hazard is decided once harm is done, a 
 given, or the time for one is up. An operator who gives the console away or leaves cuts nothing off:
 a pedal that was down counts as released.
 
-**Outcome**, the first that holds:
-
-- `interrupted`: as above.
-- `unavoidable`: as `harm`, but before any person could have acted.
-- `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or
-  the fault drove it more than `[harm] depth_mm` deeper into the tissue.
-- `avoided`: a right response in time.
-- `halted`: the robot left pedal-down on its own, because a check stopped it or for another reason.
-- `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
-- `missed`: none of these.
-
 **Score**: 50 points for the response and 50 for the patient. Response: 50 points up to
 `FASTEST_MS`, from there down to 25 at the end of the time allowed, 0 without a right response.
 Patient: take the distance to harm that remained when a person could first have acted. The points
 are 50 times the share of it that still remains at the end, the smaller share of unintended motion
-and depth. If harm was done before a person could act, the whole distance counts. A hazard that is
-unaffected or interrupted is not scored.
+and depth. If harm was done before a person could act, the whole distance counts.
 
-**Times** of a row (`HazardRow`) are ms since the session began, except: `reaction_ms` counts
-from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations. An empty
-(None) time means that the event never happened. `hazard` is the id in the library.
+**Times** of a row are ms since the session began, except: `reaction_ms` counts from the origin
+above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations.
 """
 
 import dataclasses
@@ -66,7 +44,7 @@ import pydantic
 from pydantic import BeforeValidator
 
 from ravenjax.outcomes import verdict
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
@@ -159,7 +137,7 @@ class HazardRow:
         return max((mm for mm in distances if mm is not None), default=None)
 
 
-COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))
+COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 """Columns of hazards.csv, in order."""
 KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
 """Columns that the event "hazard_armed" has."""

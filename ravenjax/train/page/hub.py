@@ -23,11 +23,21 @@ from pydantic import Field, TypeAdapter, ValidationError
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import query_parameters, same_secret
-from ravenjax.train.protocol import messages
-from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
-from ravenjax.train.protocol.messages import Command, Event, Input, Json, Message
+from ravenjax.train.protocol import (
+    CONSOLES,
+    PHASES,
+    VIEWS,
+    Command,
+    Event,
+    Frame,
+    FrameLayout,
+    Input,
+    Json,
+    Message,
+)
 from ravenjax.train.realtime.ring import Ring, put_json
 from ravenjax.train.robot import ROBOT
 
@@ -207,7 +217,7 @@ class Client:
 
     def send_soon(self, message: Json) -> None:
         """Queue a text; texts are sent in order."""
-        self._texts.append(messages.encode(message))
+        self._texts.append(protocol.encode(message))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
@@ -339,7 +349,7 @@ class Hub:
 
     def _drop_earlier(self, window: str) -> None:
         """Drop the former connection of a window that comes back; it may have died unnoticed."""
-        for client in [one for one in self._clients if window and one.window == window]:
+        for client in [known for known in self._clients if window and known.window == window]:
             self._part(client)
             closing = asyncio.create_task(
                 client.connection.close(reason="the window is on another connection")
@@ -372,7 +382,7 @@ class Hub:
                 "phases": PHASES,
                 "views": VIEWS,
                 "consoles": CONSOLES,
-                "stale_ms": messages.STALE_MS,
+                "stale_ms": protocol.STALE_MS,
                 "events": self._visible(client, self._events),
             }
         )

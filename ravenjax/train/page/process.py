@@ -14,8 +14,7 @@ from ravenjax.train.page import PageOptions
 from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, Windows, describe_place
 from ravenjax.train.page.server import PageServer
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.world import closing_point, with_tips
+from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import tip_pose
 

@@ -26,9 +26,17 @@ from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
 from ravenjax.train.page.server import window
-from ravenjax.train.protocol.frame import VIRTUAL, Frame
-from ravenjax.train.protocol.messages import Command, Event, Json
-from ravenjax.train.protocol.world import TISSUE, frame0_in_world, jaw_tips, tissue_height
+from ravenjax.train.protocol import (
+    TISSUE,
+    VIRTUAL,
+    Command,
+    Event,
+    Frame,
+    Json,
+    frame0_in_world,
+    jaw_tips,
+    tissue_height,
+)
 from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
 Rgb = tuple[int, int, int]

@@ -8,8 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import PAUSED, Frame
-from ravenjax.train.protocol.messages import Command, Event
+from ravenjax.train.protocol import PAUSED, Command, Event, Frame
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json

@@ -16,7 +16,7 @@ from multiprocessing import shared_memory
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import Json, encode
+from ravenjax.train.protocol import Json, encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.train.judge.episode import COLUMNS, HazardRow
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"

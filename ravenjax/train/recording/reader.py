@@ -12,7 +12,7 @@ import numpy as np
 from ravenjax.errors import StoreError
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 from ravenjax.train.robot import ARMS
 
 
@@ -49,14 +49,14 @@ class Recording(session_log.SessionLog):
     def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
         """Return the greatest of the arms' values [T]. The value of a vector is its length."""
         channels = [self[f"{arm}/{name}"] for arm in arms]
-        sizes = [np.linalg.norm(one, axis=1) if one.ndim > 1 else one for one in channels]
+        sizes = [np.linalg.norm(x, axis=1) if x.ndim > 1 else x for x in channels]
         return np.max(sizes, axis=0)
 
 
 def find_recording(folder: Path) -> Path | None:
     """Return the recording of a session's folder, preferably the recovered one, or None."""
-    own = Path(folder) / session_log.FILE
-    return next((file for file in (mcap_records.recovered_path(own), own) if file.exists()), None)
+    file = Path(folder) / session_log.FILE
+    return next((path for path in (mcap_records.recovered_path(file), file) if path.exists()), None)
 
 
 def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:

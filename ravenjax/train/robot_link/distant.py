@@ -26,8 +26,7 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
 from ravenjax.train.session import blueprint as of_session
@@ -97,7 +96,6 @@ class DistantRobot:
 
     def golden_outcomes(self) -> None:
         """Return None: there is no golden run."""
-        return None
 
     def reset(self) -> None:
         """Order the robot to restart, and restart the model."""

@@ -22,8 +22,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS, Command, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
 from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.packet_filter import (
@@ -158,15 +157,9 @@ class ItpServer:
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
+        number = self._sent % 2**32
         datagram = V_STRUCT.pack(
-            self._sent % 2**32,
-            self.last_sequence,
-            0,
-            0,
-            *components,
-            int(runlevel),
-            flags,
-            checksum,
+            number, self.last_sequence, 0, 0, *components, int(runlevel), flags, checksum
         )
         # If the packet cannot be sent, the next tick sends a newer force.
         with contextlib.suppress(OSError):

@@ -19,7 +19,7 @@ A report is
 
 `tick` counts ms since the robot's process began. `last_seq` is the number of the console's packet
 that the robot took last (111 before the first). `checks` has the number of trips of each check that
-has tripped, and the tick of its first trip. Channels and units are those of `protocol.frame`:
+has tripped, and the tick of its first trip. Channels and units are those of `channels.toml`:
 runlevel, plc_runlevel, surgeon_mode, soft_estopped, brakes, fault_active, and jpos, jpos_d, mpos,
 mvel, position and dac of each arm.
 """
@@ -39,8 +39,7 @@ from pydantic_core import to_json
 
 from ravenjax.errors import UserError
 from ravenjax.train.page.auth import same_secret
-from ravenjax.train.protocol.frame import CHANNELS, Frame
-from ravenjax.train.protocol.messages import STALE_MS, Json
+from ravenjax.train.protocol import CHANNELS, STALE_MS, Frame, Json
 from ravenjax.train.robot import UDP_PORT, ArmName
 
 JOINT_PORT = 36002

@@ -22,7 +22,7 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import Say
+from ravenjax.train.protocol import Say
 from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
 from ravenjax.train.robot_link.packet_filter import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS

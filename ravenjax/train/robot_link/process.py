@@ -23,8 +23,7 @@ from ravenjax import interruption
 from ravenjax.errors import format_value
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.train import scenario
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Command, Event, Say
+from ravenjax.train.protocol import Command, Event, Frame, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import NO_PACKET_SEQUENCE
 from ravenjax.train.robot_link.crtk.messages import Ros

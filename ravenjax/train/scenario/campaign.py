@@ -191,8 +191,8 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
         yield ("hazard", *error.key), error.message
         return
     except ValidationError as error:
-        for one in error.errors():
-            yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
+        for fault in error.errors():
+            yield _of_file(scenario, fault["loc"], []), fault["msg"].removeprefix("Value error, ")
         return
     for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
         yield _of_file(scenario, key, written), _of_scenario(key, message)

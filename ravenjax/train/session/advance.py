@@ -18,11 +18,12 @@ import numpy as np
 
 from ravenjax.outcomes import verdict
 from ravenjax.train import scenario, tasks
-from ravenjax.train.judge.detectors import Trips
-from ravenjax.train.judge.watch import Judge
-from ravenjax.train.protocol.frame import (
+from ravenjax.train.judge.watch import Judge, Trips
+from ravenjax.train.protocol import (
     CONSOLES,
+    INSTRUCTOR,
     LOST,
+    OPERATOR,
     OVER,
     PAUSED,
     PHASES,
@@ -30,21 +31,18 @@ from ravenjax.train.protocol.frame import (
     REAL,
     REPLAY,
     RUNNING,
+    SEAT,
     STOPPED,
     VIEWS,
     VIRTUAL,
-    Frame,
-)
-from ravenjax.train.protocol.messages import (
-    INSTRUCTOR,
-    OPERATOR,
-    SEAT,
     Command,
     Event,
+    Frame,
     Json,
+    Point,
+    closing_point,
     encode,
 )
-from ravenjax.train.protocol.world import Point, closing_point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import blueprint, director, hands
@@ -131,8 +129,8 @@ class Session:
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
-        # For each arm: the places of hand, hand_quat and grasp as in a row of motion, then the
-        # channels of the followed robot that are copied to the channels of the virtual robot.
+        # Of each arm: hand, hand_quat and grasp, as in a row of motion. Then the channels of the
+        # virtual robot, and those that are copied to them.
         self._hand_places = [
             slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms
         ]

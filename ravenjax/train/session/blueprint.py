@@ -30,7 +30,7 @@ from ravenjax.robots.raven2.loop import observers, run, tick
 from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 
 SPARE_MS = 60_000
 """Extra rows of the motion table, for ticks after the session's end and for packets sent again."""
@@ -81,10 +81,10 @@ def make_blueprint(
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
     # Values of the last row, the button's: they belong to no hazard.
-    own = [values[-1] for values in ready.varied.values()]
+    values_of_button = [values[-1] for values in ready.varied.values()]
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
     empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
-    inputs = own, Faults((empty,) * (slots + 1))
+    inputs = values_of_button, Faults((empty,) * (slots + 1))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
@@ -140,8 +140,8 @@ def _frame(
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
-    for one in run.check_histories(setup, state).values():
-        trips = trips + one.count
+    for history in run.check_histories(setup, state).values():
+        trips = trips + history.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]

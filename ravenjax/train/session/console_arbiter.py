@@ -21,8 +21,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ravenjax.train.protocol.frame import CONSOLES
-from ravenjax.train.protocol.messages import STALE_MS, Command, Event, Say
+from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
 NETWORK = ("itp", "crtk")
 """The consoles of `CONSOLES` whose users get the reasons."""

@@ -18,8 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import STALE_MS, Command, Json
-from ravenjax.train.protocol.world import itp_from_view, turn_vector
+from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn_vector
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 

@@ -12,9 +12,17 @@ from typing import Annotated
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import STOPPED, Frame
-from ravenjax.train.protocol.messages import Command, Increments, Input
-from ravenjax.train.protocol.world import Point, closing_point, to_world, view_from_world
+from ravenjax.train.protocol import (
+    STOPPED,
+    Command,
+    Frame,
+    Increments,
+    Input,
+    Point,
+    closing_point,
+    to_world,
+    view_from_world,
+)
 from ravenjax.train.robot import PEDAL_DOWN, ArmName
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.advance import Session

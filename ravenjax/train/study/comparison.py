@@ -22,7 +22,7 @@ from ravenjax.stats.comparison import clustered
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.episode import HazardRow
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 from ravenjax.train.recording.folders import SessionFolder

@@ -15,7 +15,7 @@ from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
 from ravenjax.train.debrief import figures
 from ravenjax.train.debrief import page as debrief
-from ravenjax.train.protocol.world import closing_point, to_world
+from ravenjax.train.protocol import closing_point, to_world
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader, recorder
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ravenjax.train.page.hub import Visibility
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol import Frame, FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import waiting
 
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot_link.joint_stream import (
     BUFFER_BYTES,
     LONGEST_ORDER,

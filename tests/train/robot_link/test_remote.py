@@ -18,8 +18,7 @@ from itp_client import Clock, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.train import scenario
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol import STALE_MS, Frame, FrameLayout
 from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JointServer, RemoteRobot, encode_report

@@ -5,7 +5,7 @@ change.
 import pytest
 
 from ravenjax.train import scenario
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol import STALE_MS
 from ravenjax.train.robot_link.itp import Refusals
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import blueprint

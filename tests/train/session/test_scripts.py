@@ -5,7 +5,7 @@ from made_frames import TIPS, made, running
 
 from ravenjax.errors import UserError
 from ravenjax.train import tasks
-from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.protocol import PHASES
 from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, read_commands
 
 

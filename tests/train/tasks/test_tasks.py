@@ -5,7 +5,7 @@ import pytest
 from made_frames import TIPS, kinds, made, put, running
 
 from ravenjax.train import tasks
-from ravenjax.train.protocol.world import tissue_height
+from ravenjax.train.protocol import tissue_height
 
 BOTH = ("gold", "green")
 OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)

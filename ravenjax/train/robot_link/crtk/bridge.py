@@ -17,8 +17,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.train import processes
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import Command, Say
+from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow

@@ -5,7 +5,7 @@ messages.
 down. docs/how-to/crtk.md describes the states and the commands.
 
 This module uses no transport, clock or process. Messages and rows go in with their time; messages
-and commands of `protocol.messages` come out.
+and commands of `protocol` come out.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ravenjax.store.logs import ros_types
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS, Command, Json, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,

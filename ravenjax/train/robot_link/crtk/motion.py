@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.robot import ITP_AXES, ArmName, tip_pose
 from ravenjax.train.robot_link.packet_filter import STILL
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import CHANNELS
-from ravenjax.train.protocol.messages import Json, Say
+from ravenjax.train.protocol import CHANNELS, Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
 from ravenjax.store.logs import ros_types
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
 from ravenjax.train.robot_link.crtk import messages, motion
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
