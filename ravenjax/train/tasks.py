@@ -190,12 +190,8 @@ class PathTask(Task):
 
 def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
     radius, turn = settings.radius_mm / 1e3, 2.0 * math.pi * share
-    x = middle[0] + radius * math.cos(turn)
-    y = middle[1]
-    if settings.shape == "circle":
-        y += radius * math.sin(turn)
-    elif settings.shape == "eight":
-        y += 0.5 * radius * math.sin(2.0 * turn)
+    aside = {"circle": math.sin(turn), "eight": 0.5 * math.sin(2.0 * turn), "line": 0.0}
+    x, y = middle[0] + radius * math.cos(turn), middle[1] + radius * aside[settings.shape]
     return x, y, tissue_height(x, y) + settings.height_mm / 1e3
 
 
@@ -220,7 +216,12 @@ class PegTask(Task):
     def __init__(self, settings: PegTransfer, field: Field) -> None:
         super().__init__("peg_transfer", field)
         self.settings, self._arms = settings, field.arms
-        self.pegs = _pegs(settings, field.middle)
+        spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
+        self.pegs: list[Point] = []
+        for row, k in itertools.product(range(2), range(per_row)):
+            x = field.middle[0] + spacing * (k - (per_row - 1) / 2.0)
+            y = field.middle[1] + spacing * (row - 0.5)
+            self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
         rng = np.random.default_rng([field.seed, settings.seed, 2])
         ways = [int(rng.integers(len(self.pegs)))]
         for _ in range(settings.transfers):
@@ -307,17 +308,6 @@ class PegTask(Task):
     def _score(self) -> float:
         """Return the share of transfers done. A drop costs half a transfer."""
         return max(0.0, self.placed - 0.5 * self.dropped) / self.settings.transfers
-
-
-def _pegs(settings: PegTransfer, middle: tuple[float, float]) -> list[Point]:
-    spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
-    tops = []
-    for row in range(2):
-        for k in range(per_row):
-            x = middle[0] + spacing * (k - (per_row - 1) / 2.0)
-            y = middle[1] + spacing * (row - 0.5)
-            tops.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
-    return tops
 
 
 LEAST_WAY_M = 0.005

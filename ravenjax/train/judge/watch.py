@@ -18,6 +18,7 @@ name. Only the instructor sees this event.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -176,7 +177,7 @@ class Judge:
         self._trips = Trips()
         # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
-        self._counted_at: dict[str, int] = {}
+        self._counted_at: defaultdict[str, int] = defaultdict(int)
         self._slowdown = SlowdownDetector(scenario.scale)
         self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
@@ -323,22 +324,19 @@ class Judge:
                 ms = max(ms, episode.struck_ms or 0)
                 is_first = episode.trip(ms, check)
             is_told = check.response in verdict.TOLD
-            if is_told:
-                self._tell_alarm(tick, trip, is_first or trip.announced)
+            is_new = is_first or trip.announced
+            if is_told and not is_new and tick - self._counted_at[check.name] < COUNT_EVERY_MS:
+                self._alarms[check.name] = trip.count
+            elif is_told:
+                self._counted_at[check.name] = tick
+                self._alarms.pop(check.name, None)
+                kind = "alarm" if is_new else "alarm_count"
+                self._tell(tick, kind, check=check.name, count=trip.count)
             if episode is not None and is_first:
                 number = episode.hazard.number
                 self._tell(tick, check.response, number=number, check=check.name, ms=ms)
                 if is_told:
                     self._know(tick, ms, check.name, episode)
-
-    def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        name = trip.check.name
-        if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
-            self._counted_at[name] = tick
-            self._alarms.pop(name, None)
-            self._tell(tick, "alarm" if is_new else "alarm_count", check=name, count=trip.count)
-        else:
-            self._alarms[name] = trip.count
 
     def _feel(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()

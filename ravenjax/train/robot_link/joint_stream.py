@@ -322,7 +322,17 @@ class RemoteRobot(RobotLink):
                 ) from None
             # The robot's greeting: its arms, scenario, seed and hazards.
             self.greeting: Json = {}
-            self._await_greeting(f"{host}:{joint_port}")
+            deadline = time.monotonic() + PATIENCE_S
+            while not self.greeting and not self.lost and time.monotonic() < deadline:
+                self._read()
+                time.sleep(0.005)
+            if not self.greeting:
+                silent = f"sent nothing for {PATIENCE_S:g} s"
+                raise UserError(
+                    f"{host}:{joint_port} accepts connections but"
+                    f" {'closed the connection' if self.lost else silent}. It is busy or not a"
+                    " ravenjax robot: start one there with `ravenjax robot`"
+                )
             there = self.greeting.get("arms", [])
             if missing := [arm for arm in arms if arm not in there]:
                 raise UserError(
@@ -369,15 +379,3 @@ class RemoteRobot(RobotLink):
         self._resets -= content.get("answer") == "reset"
         if content.get("robot") == "ravenjax":
             self.greeting = content
-
-    def _await_greeting(self, address: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not self.greeting and not self.lost and time.monotonic() < deadline:
-            self._read()
-            time.sleep(0.005)
-        if not self.greeting:
-            heard = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
-            raise UserError(
-                f"{address} accepts connections but {heard}. It is busy or not a ravenjax robot:"
-                " start one there with `ravenjax robot`"
-            )

@@ -204,7 +204,13 @@ class Session:
                 encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
             ]
         self.frame.settle()
-        self._tell_changes()
+        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
+        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
+        if state != self._told:
+            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
+                if value != before:
+                    self._tell(kind, **{word: value})
+            self._told = state
         if self._moved:
             self._follow()
         for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
@@ -401,18 +407,15 @@ class Session:
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
-    def _tell_changes(self) -> None:
-        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
-        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
-        if state != self._told:
-            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
-                if value != before:
-                    self._tell(kind, **{word: value})
-            self._told = state
-
     def _follow(self) -> None:
         frame = self.frame
-        self._hear_of_robot()
+        # The robot's state is unknown while its reports do not arrive.
+        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
+            self._let_go("link")
+            self.phase = LOST
+        elif self.robot.heard and self.phase == LOST:
+            self.arbiter.rearm("link", self.ticks)
+            self.phase = READY
         self._events += self.task.step(frame, self.ticks)
         # Reading the checks takes as long as a tick.
         due = self.ticks - self._looked >= OUTCOMES_EVERY
@@ -430,15 +433,6 @@ class Session:
             self._end("time")
         elif self.task.done:
             self._end("task")
-
-    def _hear_of_robot(self) -> None:
-        """Change the phase when reports stop or return. The robot's state is unknown meanwhile."""
-        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
-            self._let_go("link")
-            self.phase = LOST
-        elif self.robot.heard and self.phase == LOST:
-            self.arbiter.rearm("link", self.ticks)
-            self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
         """Return the outcomes of robot and golden run if a check tripped since the last reading."""

@@ -35,6 +35,9 @@ from ravenjax.train.protocol import FrameLayout
 SPARE_MS = 60_000
 """Extra rows of the motion table, for ticks after the session's end and for packets sent again."""
 
+OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
+"""Sites that change what the console sends, with the channels that need the newest packet only."""
+
 SOURCE = Path(__file__).read_bytes()
 """Part of the key for compiled code in the cache, because `make` also affects what is compiled."""
 
@@ -70,8 +73,14 @@ def make_blueprint(
     """
     ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
-    if packets:
-        _require_strikable(ready)
+    for use in ready.program.setup.injection.sites if packets else ():
+        for _, channel in use.channels:
+            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
+                raise UserError(
+                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
+                    " side of the network, which is another process here. Leave it out of the"
+                    " robot's scenario, or train without --robot"
+                )
     setup = replace(
         ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1)
     )
@@ -174,18 +183,3 @@ def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
         off.loss * while_live,
         off.false_report * while_live,
     ]
-
-
-OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
-"""Sites that change what the console sends, with the channels that need the newest packet only."""
-
-
-def _require_strikable(ready: Plan) -> None:
-    for use in ready.program.setup.injection.sites:
-        for _, channel in use.channels:
-            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
-                raise UserError(
-                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
-                    " side of the network, which is another process here. Leave it out of the"
-                    " robot's scenario, or train without --robot"
-                )

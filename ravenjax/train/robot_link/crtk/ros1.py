@@ -49,7 +49,11 @@ class Ros1Transport:
         heard = [self._described(name, name == "ravenstate") for name in subscribed]
         try:
             self._link.send(([self._described(name) for name in published], heard))
-            self._await_node()
+            end = time.monotonic() + PATIENCE_S
+            while not self._is_ready:  # messages that arrive meanwhile are dropped
+                if not self._link.poll(max(0.0, end - time.monotonic())):
+                    raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
+                self._receive()
         except BaseException:
             self.close()
             raise
@@ -102,14 +106,6 @@ class Ros1Transport:
             kind = messages.kind_of(self._subscribed[number])
             self._defined[number] = messages.MessageTypes("ros1", {kind: definition})
         return word, content
-
-    def _await_node(self) -> None:
-        """Wait until the node is ready. Messages that arrive earlier are dropped."""
-        end = time.monotonic() + PATIENCE_S
-        while not self._is_ready:
-            if not self._link.poll(max(0.0, end - time.monotonic())):
-                raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
-            self._receive()
 
     def _described(self, name: str, as_published: bool = False) -> list[Any]:
         kind = messages.kind_of(name)
