@@ -51,6 +51,7 @@ from ravenjax.train.session.console_arbiter import (
     NETWORK,
     REASONS,
     ConsoleArbiter,
+    DoublePress,
     PedalReasons,
     console_of,
 )
@@ -66,6 +67,8 @@ _TOLD = (
 """Kind of event for each state whose changes are reported, and the key of the new value."""
 _STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
 """Phases in which no pedal counts as down, with the key in `REASONS`."""
+_OF_TWO_PRESSES = {REAL: "rehearse", VIRTUAL: "reengage", REPLAY: "discard"}
+"""Operator's command of two short presses of a network console's pedal, by view."""
 MOST_COMMANDS = 1_000_000
 """Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
 OUTCOMES_EVERY = 10
@@ -115,6 +118,7 @@ class Session:
         self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter(self._record)
         self.pedals = PedalReasons()
+        self._presses = DoublePress()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
@@ -238,6 +242,10 @@ class Session:
             self.arbiter.hear(
                 command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
             )
+            console = console_of(command)
+            is_owner = console in NETWORK and console == self.arbiter.owner
+            if is_owner and self._presses.hear(command["pedal"], self.ticks):
+                self._operator({"do": _OF_TWO_PRESSES[self.view]})
         elif kind == "unheard":
             console, why = console_of(command), str(command.get("why", ""))[:200]
             if command.get("once"):

@@ -18,6 +18,7 @@ which the page and the log show. The terminal prints each new reason.
 """
 
 import tomllib
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -83,6 +84,30 @@ class PedalReasons:
         if line:
             self.say(line)
         return {"console": console, "why": line}
+
+
+DOUBLE_PRESS_MS = 800
+"""The longest time of two presses that count as a pattern; an assumption."""
+
+
+class DoublePress:
+    """Two short presses of a pedal, by which a console without buttons begins and ends a trial."""
+
+    def __init__(self) -> None:
+        self._down = False
+        self._changes: deque[int] = deque(maxlen=4)
+
+    def hear(self, down: bool, tick: int) -> bool:
+        """Take the pedal in a message. Return whether it ends the second of two short presses."""
+        if down == self._down:
+            return False
+        self._down = down
+        self._changes.append(tick)
+        is_fourth = not down and len(self._changes) == 4
+        is_double = is_fourth and tick - self._changes[0] <= DOUBLE_PRESS_MS
+        if is_double:
+            self._changes.clear()
+        return is_double
 
 
 GONE_MS = 2000

@@ -5,7 +5,7 @@ change.
 import pytest
 
 from ravenjax.train import scenario
-from ravenjax.train.protocol import STALE_MS
+from ravenjax.train.protocol import STALE_MS, VIEWS
 from ravenjax.train.robot_link.itp import Refusals
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import blueprint
@@ -75,6 +75,19 @@ def test_each_change_of_the_reason_is_told_once(told):
     ]
     again = told.run(True, 200, {"type": "operator", "do": "restart"})
     assert again[-1] == f"itp: {REASONS['lift']} (the robot was restarted)"
+
+
+def test_two_short_presses_begin_a_trial_and_have_it_repeated(told):
+    def press(*times):
+        for down, ms in times:
+            told.run(down, ms)
+        return VIEWS[int(told.session.frame.number("view"))]
+
+    taps = [(False, 900), (True, 100), (False, 100), (True, 100), (False, 10)]
+    assert press((False, 100), (True, 1000), (False, 100), (True, 1000), (False, 10)) == "real"
+    assert press(*taps) == "virtual"
+    assert press((True, 1000)) == "virtual" and press(*taps) == "replay"
+    assert press((True, 4000)) == "real", "the robot has repeated the motion"
 
 
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):

@@ -8,6 +8,7 @@ This module uses no transport, clock or process. Messages and rows go in with th
 and commands of `protocol` come out.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -55,24 +56,21 @@ COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 class OperatingState:
     """The operating state of one robot. Times are ms of one monotonic clock."""
 
-    def __init__(self) -> None:
-        self.runlevel = PEDAL_UP
-        self.is_busy = False  # whether a move is under way
-        self.pedal = False  # whether CRTK wants the pedal down
-        self.why = ""  # why the pedal came up last
-        self._stopped = self._lost = False
-        self._disabled = True  # nobody has enabled the robot
-        # A stop was ordered but has not happened yet.
-        self._disabling = False
-        # A restart was ordered; the pedal goes down once the robot is ready.
-        self._restarting = False
-        self._present = self._clutch = False  # feet on the two pedals
-        # The pedal was down when the clutch was pressed.
-        self._clutched = False
-        self._streams = False  # servo commands came since pedal-down
-        self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
-        # Another console holds the pedal: CRTK cannot drive until it lets go.
-        self.other_drives = False
+    runlevel = PEDAL_UP
+    is_busy = False  # whether a move is under way
+    pedal = False  # whether CRTK wants the pedal down
+    why = ""  # why the pedal came up last
+    # Another console holds the pedal: CRTK cannot drive until it lets go.
+    other_drives = False
+    _stopped = _lost = False
+    _disabled = True  # nobody has enabled the robot
+    _disabling = False  # a stop was ordered but has not happened yet
+    # A restart was ordered; the pedal goes down once the robot is ready.
+    _restarting = False
+    _present = _clutch = False  # feet on the two pedals
+    _clutched = False  # the pedal was down when the clutch was pressed
+    _streams = False  # servo commands came since pedal-down
+    _servo_ms = _word_ms = _down_ms = _up_ms = -math.inf
 
     @property
     def state(self) -> State:
@@ -104,27 +102,21 @@ class OperatingState:
         state = self.state
         if word in ("disable", "unhome"):
             self._release(word)
-            if self.runlevel == E_STOP:
-                self._disabled = True
-                return []
-            self._disabling = True
-            return ["estop"]
-        if word == "pause":
-            if state == "ENABLED":
-                self._release(word)
-            return []
-        if word == "resume":
-            if state == "PAUSED":
-                self._press(now_ms)
-            return []
-        if word == "enable" and state in ("DISABLED", "FAULT"):
-            if self.is_homed and not (self._stopped or self._lost):
-                self._disabled = False
-                self._press(now_ms)
-                return []
-            self._restarting = True
-            return ["restart"]
-        if word == "home" and not self.is_homed:
+            if self.runlevel != E_STOP:
+                self._disabling = True
+                return ["estop"]
+            self._disabled = True
+        elif word == "pause" and state == "ENABLED":
+            self._release(word)
+        elif word == "resume" and state == "PAUSED":
+            self._press(now_ms)
+        elif word == "enable" and state in ("DISABLED", "FAULT"):
+            if not self.is_homed or self._stopped or self._lost:
+                self._restarting = True
+                return ["restart"]
+            self._disabled = False
+            self._press(now_ms)
+        elif word == "home" and not self.is_homed:
             self._disabled = False
             return ["restart"]
         return []
@@ -256,8 +248,8 @@ class Interpreter:
     ) -> None:
         """tools: one for each arm. refused: receives the reason why a message is not followed."""
         self.state = OperatingState()
-        self.counts: dict[str, int] = {}
-        """Counts of messages that were not followed, by reason."""
+        self.reasons: set[str] = set()
+        """Why messages were not followed. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
             ARM_NAMES[arm]: _Arm(arm, tool, grasp_gain)
@@ -345,8 +337,8 @@ class Interpreter:
         return ""
 
     def _refuse(self, why: str) -> None:
-        self.counts[why] = self.counts.get(why, 0) + 1
-        if self.counts[why] == 1:
+        if why not in self.reasons:
+            self.reasons.add(why)
             self._refused(why)
 
     # --- rows from the robot, commands to it ---
