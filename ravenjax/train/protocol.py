@@ -137,6 +137,32 @@ real: the robot; virtual: only the virtual robot, while the robot rests; replay:
 repeats the tried motion.
 """
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
+Json = dict[str, Any]
+"""A JSON object."""
+Command = dict[str, Any]
+"""A command, as above."""
+Event = dict[str, Any]
+"""An event, as above."""
+Say = Callable[[str], None]
+"""Prints a line for the user."""
+STALE_MS = QUIET_MS
+"""Older input counts as no input: pedal up, hands at rest, no force."""
+VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+"""Right, up and toward the operator in the world (z up, gold arm at negative x)."""
+encode = json.JSONEncoder(separators=(",", ":")).encode
+"""Returns a command or an event as JSON text."""
+OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
+INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
+SEAT = ("take", "give", "left")
+# The limit of 1e9 keeps whole numbers exact and squares finite.
+Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
+"""The tissue's dome for a window that draws it, m."""
+Point = tuple[float, float, float]
+Rows = tuple[Point, Point, Point]
+_DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
+"""Channels of the jaws' axis, each with the channel of its joints."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,25 +245,6 @@ class Frame:
         return float(self.row[self.layout.places[name].start])
 
 
-Json = dict[str, Any]
-"""A JSON object."""
-Command = dict[str, Any]
-"""A command, as above."""
-Event = dict[str, Any]
-"""An event, as above."""
-Say = Callable[[str], None]
-"""Prints a line for the user."""
-STALE_MS = QUIET_MS
-"""Older input counts as no input: pedal up, hands at rest, no force."""
-VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
-"""Right, up and toward the operator in the world (z up, gold arm at negative x)."""
-encode = json.JSONEncoder(separators=(",", ":")).encode
-"""Returns a command or an event as JSON text."""
-OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
-INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
-SEAT = ("take", "give", "left")
-
-
 def _unit(quat: list[float]) -> Quat:
     try:
         return unit_quaternion(quat)
@@ -245,9 +252,6 @@ def _unit(quat: list[float]) -> Quat:
         raise ValueError("expected a quaternion of length 1, not 0") from None
 
 
-# The limit of 1e9 keeps whole numbers exact and squares finite.
-Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator(_unit)]
 
 
@@ -288,12 +292,6 @@ class Increments(Message, extra="ignore"):
     type: Literal["increments"]
     pedal: bool
     arms: dict[ArmName, Increment]
-
-
-TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
-"""The tissue's dome for a window that draws it, m."""
-Point = tuple[float, float, float]
-Rows = tuple[Point, Point, Point]
 
 
 @cache
@@ -341,10 +339,6 @@ def turn_vector(rows: Rows, v: Point) -> Point:
 
 def _rows(matrix: Any) -> Any:
     return tuple(tuple(float(number) for number in row) for row in matrix)
-
-
-_DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
-"""Channels of the jaws' axis, each with the channel of its joints."""
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:

@@ -27,6 +27,24 @@ from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
 
 Tips = Mapping[ArmName, Point]
 """Where the jaws of each arm close, m, world."""
+POINTS = 200
+"""Points of the line; on the largest line they are half a millimetre apart."""
+AHEAD = 8
+"""Points that the tip may pass in one tick. A hand passes no more, but a short cut does."""
+LOOK_AHEAD_M = 0.003
+"""How far ahead on the line a scripted operator aims."""
+PATH_COLOUR = "#3f7fbf"
+CLOSED_RAD, OPEN_RAD = 0.8, 1.1
+"""Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
+0.67 with the 900 mrad of the generated motion of the same name.
+"""
+LIFT_M = 0.008
+"""How high a scripted operator carries the object over pegs."""
+PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
+PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
+LEAST_WAY_M = 0.005
+"""The least distance from one target to the next, so that the tip must move."""
+TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
 class Field(NamedTuple):
@@ -117,15 +135,6 @@ def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
     return {"number": number, "at": round_point(at), "radius_m": radius_m, "colour": colour}
 
 
-POINTS = 200
-"""Points of the line; on the largest line they are half a millimetre apart."""
-AHEAD = 8
-"""Points that the tip may pass in one tick. A hand passes no more, but a short cut does."""
-LOOK_AHEAD_M = 0.003
-"""How far ahead on the line a scripted operator aims."""
-PATH_COLOUR = "#3f7fbf"
-
-
 class PathTask(Task):
     """One arm follows the line. Two arms take turns, lap by lap."""
 
@@ -193,16 +202,6 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
     aside = {"circle": math.sin(turn), "eight": 0.5 * math.sin(2.0 * turn), "line": 0.0}
     x, y = middle[0] + radius * math.cos(turn), middle[1] + radius * aside[settings.shape]
     return x, y, tissue_height(x, y) + settings.height_mm / 1e3
-
-
-CLOSED_RAD, OPEN_RAD = 0.8, 1.1
-"""Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
-0.67 with the 900 mrad of the generated motion of the same name.
-"""
-LIFT_M = 0.008
-"""How high a scripted operator carries the object over pegs."""
-PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
-PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
 
 
 class PegTask(Task):
@@ -308,11 +307,6 @@ class PegTask(Task):
     def _score(self) -> float:
         """Return the share of transfers done. A drop costs half a transfer."""
         return max(0.0, self.placed - 0.5 * self.dropped) / self.settings.transfers
-
-
-LEAST_WAY_M = 0.005
-"""The least distance from one target to the next, so that the tip must move."""
-TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
 class ReachTask(Task):

@@ -30,6 +30,12 @@ HEIGHT, SMALL_HEIGHT = 210, 110
 
 Moment = tuple[str, float, str]
 """Kind, time on the chart's axis, text."""
+EVERY_MS, EVERY_HAZARD_MS = 40, 10
+"""Time between two pictures. The second value applies around a hazard, where motion is fast."""
+MOST = 20_000
+"""The largest number of pictures of a session. Longer sessions get fewer per second."""
+AROUND_MS = (400, 3000)
+PER_M = 10_000
 
 
 def hazard_charts(
@@ -190,14 +196,6 @@ def _chart(
         x, y, sizes = np.array(places), np.full(len(places), top), (0.0,) * len(places)
         marks.append(Dots("", palette.SAME, x, y, size=sizes, texts=texts, in_legend=False))
     return Chart(title, axis, ChartAxis(unit, 0.0, top, share=share), (*curves, *marks), height)
-
-
-EVERY_MS, EVERY_HAZARD_MS = 40, 10
-"""Time between two pictures. The second value applies around a hazard, where motion is fast."""
-MOST = 20_000
-"""The largest number of pictures of a session. Longer sessions get fewer per second."""
-AROUND_MS = (400, 3000)
-PER_M = 10_000
 
 
 def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:

@@ -48,6 +48,27 @@ from ravenjax.train.protocol import Json
 from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
+Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
+Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
+KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
+"""Columns that the event "hazard_armed" has."""
+AFFECTED_MM = 1.0
+"""A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
+SEEN_MM = AFFECTED_MM
+"""A distance that a person at the console can see while the tip moves: the surgeons' jump.
+
+This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but sees no golden run.
+"""
+ACTS_MS = 150.0
+"""The earliest that a person can act: a simple reaction to a touch takes 150 to 300 ms."""
+FASTEST_MS = 250.0
+"""Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
+CONTINUE = "continue"
+DISTANCES = ("unintended", "loss", "false_report")
+"""Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
+PEAKS = (*DISTANCES, "unintended_off")
+"""Distances whose largest value an episode keeps."""
+
 
 def _number_or_none(value: Any) -> float | None:
     try:
@@ -58,8 +79,6 @@ def _number_or_none(value: Any) -> float | None:
 
 
 Number = Annotated[float | None, BeforeValidator(_number_or_none)]
-Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
-Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
 
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,32 +158,6 @@ class HazardRow:
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 """Columns of hazards.csv, in order."""
-KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
-"""Columns that the event "hazard_armed" has."""
-
-
-AFFECTED_MM = 1.0
-"""A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
-
-SEEN_MM = AFFECTED_MM
-"""A distance that a person at the console can see while the tip moves: the surgeons' jump.
-
-This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but sees no golden run.
-"""
-
-ACTS_MS = 150.0
-"""The earliest that a person can act: a simple reaction to a touch takes 150 to 300 ms."""
-
-FASTEST_MS = 250.0
-"""Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
-
-CONTINUE = "continue"
-
-DISTANCES = ("unintended", "loss", "false_report")
-"""Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
-
-PEAKS = (*DISTANCES, "unintended_off")
-"""Distances whose largest value an episode keeps."""
 
 
 class Episode:

@@ -41,6 +41,25 @@ _USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
 _QUICK, _SLOW_AT_STRIKE = -1, -2
 QUIET_MS = 1000
 """A check that keeps tripping is announced again only after this time without a trip."""
+CUE_QUIET_MS = 250
+"""Time without force after which a new force counts as a new cue."""
+COUNT_EVERY_MS = 1000
+"""The shortest time between two events "alarm_count" of one check."""
+_OF_MOTION = ("release", "slow")
+"""Responses to a robot that moves. They do not count once the robot has halted on its own."""
+_COMMON = (
+    *("tick", "live", "fault_active", "pedal", "console_alive"),
+    *("golden_cue", "halted_ms", "golden_halted_ms"),
+)
+_EVENTS = {
+    "unintended": "unintended_motion",
+    "loss": "loss_of_motion",
+    "false_report": "false_report",
+}
+"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
+SEEN = ("known", "unintended", "unintended_off", "loss")
+"""Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
+"""
 
 
 class Trip(NamedTuple):
@@ -132,29 +151,6 @@ class SlowdownDetector:
     def jump(self) -> None:
         """Ignore the next step of the hands, because they were moved to another position."""
         self._before = None
-
-
-CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue."""
-COUNT_EVERY_MS = 1000
-"""The shortest time between two events "alarm_count" of one check."""
-_OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves. They do not count once the robot has halted on its own."""
-_COMMON = (
-    *("tick", "live", "fault_active", "pedal", "console_alive"),
-    *("golden_cue", "halted_ms", "golden_halted_ms"),
-)
-_EVENTS = {
-    "unintended": "unintended_motion",
-    "loss": "loss_of_motion",
-    "false_report": "false_report",
-}
-"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
-
-
-SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
-"""
 
 
 class Judge:

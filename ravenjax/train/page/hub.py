@@ -45,6 +45,28 @@ LARGEST = 2048
 """The largest size of a message in bytes."""
 NOTE = 700
 """The largest size of a note as JSON in bytes: it must fit in an event."""
+_COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
+    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
+)
+_OPERATORS_EVENTS = {
+    *("phase", "view", "console", "pedal", "runlevel", "owner", "refused", "rearm", "started"),
+    *("alarm", "alarm_count", "target", "object", "level", "task_done", "overrun", "trouble"),
+    "end",
+}
+_FELT_EVENTS = {"cue", "response"}
+"""Events that the operator's hand feels. In a blinded session they would reveal the group."""
+# Channels that would reveal a hazard to an operator, of the robot and of each arm.
+_OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
+_OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
+_HIDDEN_FROM_OPERATORS = {"hazards", "group", "seed", "director", "scenario", "summary"}
+_HIDDEN_BY_BLINDING = {"group", "cue", "scenario", "seed", "summary"}
+MOST_PER_S = 400
+"""The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
+KEPT_EVENTS = 1000
+_SIGNED = ("operator", "seat")
+"""Commands that name the role from which they come, if it is not the operator."""
+LEFT = {"type": "seat", "do": "left"}
+"""Sent for an operator whose window is gone. Its pedal comes up, which counts as a release."""
 
 
 class RefusedMessage(ValueError):
@@ -68,9 +90,6 @@ class BrowserCommand(Message):
 
 _MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
     Annotated[Input | BrowserCommand, Field(discriminator="type")]
-)
-_COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
-    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
 )
 
 
@@ -129,20 +148,6 @@ class Inbox:
                 )
 
 
-_OPERATORS_EVENTS = {
-    *("phase", "view", "console", "pedal", "runlevel", "owner", "refused", "rearm", "started"),
-    *("alarm", "alarm_count", "target", "object", "level", "task_done", "overrun", "trouble"),
-    "end",
-}
-_FELT_EVENTS = {"cue", "response"}
-"""Events that the operator's hand feels. In a blinded session they would reveal the group."""
-# Channels that would reveal a hazard to an operator, of the robot and of each arm.
-_OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
-_OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
-_HIDDEN_FROM_OPERATORS = {"hazards", "group", "seed", "director", "scenario", "summary"}
-_HIDDEN_BY_BLINDING = {"group", "cue", "scenario", "seed", "summary"}
-
-
 class Visibility:
     """What one role sees of one session."""
 
@@ -190,15 +195,6 @@ class Visibility:
                     frame[f"{arm}/model_jpos"] = frame[f"{arm}/link_jpos"]
                     frame[f"{arm}/model_tip"] = extras[i, 2:] = frame[f"{arm}/tip"]
         return np.concatenate([extras.ravel(), frame.row]).astype(np.float32).tobytes()
-
-
-MOST_PER_S = 400
-"""The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
-KEPT_EVENTS = 1000
-_SIGNED = ("operator", "seat")
-"""Commands that name the role from which they come, if it is not the operator."""
-LEFT = {"type": "seat", "do": "left"}
-"""Sent for an operator whose window is gone. Its pedal comes up, which counts as a release."""
 
 
 class Client:

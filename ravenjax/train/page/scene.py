@@ -60,6 +60,24 @@ RING_M = (0.004, 0.03)
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+_LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
+"""Colour and opacity of the figures that are not the robot."""
+GHOST_MM = (0.5, 0.8)
+"""A ghost disappears below the first distance and appears above the second."""
+FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
+CONTACT_M = 0.03
+"""m of arrow per N of contact force."""
+FORCE_M = 0.9
+"""m of arrow per device unit; the published cue ends at 0.05."""
+SHADOW = 0.3
+"""Darkness of the shadows that shapes receive."""
+_SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
+FIRST = "endoscope"
+FAR = "theatre"
+"""An inset with this view has no letters: they would hide the instruments."""
+# The endoscope's light: colour, candela.
+LAMP, LAMP_CD = (255, 246, 235), 0.008
+UP = (0.0, 0.0, 1.0)
 
 
 class DepthLine:
@@ -211,20 +229,6 @@ def segments_of_path(path: np.ndarray) -> np.ndarray:
 def _rgb(colour: str) -> Rgb:
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
-
-
-_LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
-"""Colour and opacity of the figures that are not the robot."""
-GHOST_MM = (0.5, 0.8)
-"""A ghost disappears below the first distance and appears above the second."""
-FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
-CONTACT_M = 0.03
-"""m of arrow per N of contact force."""
-FORCE_M = 0.9
-"""m of arrow per device unit; the published cue ends at 0.05."""
-SHADOW = 0.3
-"""Darkness of the shadows that shapes receive."""
-_SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
@@ -399,14 +403,6 @@ def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
     arrow.visible = bool(np.abs(along).max() > 1e-6)
     if arrow.visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
-
-
-FIRST = "endoscope"
-FAR = "theatre"
-"""An inset with this view has no letters: they would hide the instruments."""
-# The endoscope's light: colour, candela.
-LAMP, LAMP_CD = (255, 246, 235), 0.008
-UP = (0.0, 0.0, 1.0)
 
 
 class Windows:

@@ -20,6 +20,10 @@ from ravenjax.train.protocol import Json, encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64
+EVENT_BYTES = 2048
+"""The largest size of an event as JSON."""
+COMMAND_BYTES = 4096
+"""The largest size of a command to a session."""
 
 
 class Ring:
@@ -81,12 +85,6 @@ class Ring:
         self._memory.close()
         if self._owner:
             self._memory.unlink()
-
-
-EVENT_BYTES = 2048
-"""The largest size of an event as JSON."""
-COMMAND_BYTES = 4096
-"""The largest size of a command to a session."""
 
 
 def parent_has_ended() -> bool:

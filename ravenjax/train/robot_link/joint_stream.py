@@ -54,6 +54,8 @@ OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
 _SIZES = {
     name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *OF_ARM)
 }
+PATIENCE_S = 10.0
+"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
 
 class JointReport(BaseModel):
@@ -234,10 +236,6 @@ class JointServer:
             else:
                 self.counts["orders_refused"] += 1
                 self.answer(order, _NOT_ALLOWED)
-
-
-PATIENCE_S = 10.0
-"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
 
 class RobotLink(abc.ABC):

@@ -47,6 +47,30 @@ ENDLESS_MS = 5000
 
 SETTLE_MS = 500
 """A hazard is watched for this much longer than the time allowed for the response."""
+FAULT = "fault"
+"""Used in place of a library id where the scenario declares the fault itself."""
+BUTTONS = "buttons/estop"
+"""Group of the last row: the operator's E-stop button."""
+Key = tuple[str | int, ...]
+_Row = dict[Any, Any]
+"""A row of a fault table, by column."""
+_SLOT_COLUMNS = (
+    *("site", "channel", "effect", "trigger", "arm", "value"),
+    *("start_ms", "duration_ms", "every_ms", "period_ms"),
+)
+"""Columns of each fault in a row."""
+_CLUTCHED = {"nominal.resync": 1.0}
+"""The model follows the robot while the pedal is up. Without this setting, each clutching would
+leave the model some tenths of a millimetre away from the robot.
+"""
+_OWN_KEYS = {
+    "monitor.limit": "[harm] excursion_mm",
+    "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
+}
+"""Campaign parameters that a scenario sets through its own keys."""
+_UNBOUNDED_S = 3600.0
+"""Length in s of the campaign from which rows are drawn. All starts in the library lie within it.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,38 +118,6 @@ def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
     if "unresponsive" in hazard.expected_class:
         return RESPONSES["permanently unavailable"]
     return ("continue",)
-
-
-FAULT = "fault"
-"""Used in place of a library id where the scenario declares the fault itself."""
-
-
-BUTTONS = "buttons/estop"
-"""Group of the last row: the operator's E-stop button."""
-
-Key = tuple[str | int, ...]
-_Row = dict[Any, Any]
-"""A row of a fault table, by column."""
-_SLOT_COLUMNS = (
-    *("site", "channel", "effect", "trigger", "arm", "value"),
-    *("start_ms", "duration_ms", "every_ms", "period_ms"),
-)
-"""Columns of each fault in a row."""
-
-_CLUTCHED = {"nominal.resync": 1.0}
-"""The model follows the robot while the pedal is up. Without this setting, each clutching would
-leave the model some tenths of a millimetre away from the robot.
-"""
-
-_OWN_KEYS = {
-    "monitor.limit": "[harm] excursion_mm",
-    "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
-}
-"""Campaign parameters that a scenario sets through its own keys."""
-
-_UNBOUNDED_S = 3600.0
-"""Length in s of the campaign from which rows are drawn. All starts in the library lie within it.
-"""
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:

@@ -32,6 +32,11 @@ _WORDS = tomllib.loads(Path(__file__).with_name("pedal.toml").read_text(encoding
 REASONS: dict[str, str] = _WORDS["reasons"]
 RELEASED: dict[str, str] = _WORDS["released"]
 """Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
+DOUBLE_PRESS_MS = 800
+"""The longest time of two presses that count as a pattern; an assumption."""
+GONE_MS = 2000
+"""After this silence a console counts as gone, as in `robot_link.packet_filter`."""
+NOBODY, SCRIPT = "nobody", "script"
 
 
 def lift_message(since: str = "") -> str:
@@ -86,10 +91,6 @@ class PedalReasons:
         return {"console": console, "why": line}
 
 
-DOUBLE_PRESS_MS = 800
-"""The longest time of two presses that count as a pattern; an assumption."""
-
-
 class DoublePress:
     """Two short presses of a pedal, by which a console without buttons begins and ends a trial."""
 
@@ -108,11 +109,6 @@ class DoublePress:
         if is_double:
             self._changes.clear()
         return is_double
-
-
-GONE_MS = 2000
-"""After this silence a console counts as gone, as in `robot_link.packet_filter`."""
-NOBODY, SCRIPT = "nobody", "script"
 
 
 class ConsoleArbiter:

@@ -42,6 +42,9 @@ GAIN_PER_S, GRASP_PER_RAD = 4.0, 4.0
 UNATTENDED_MS = 60_000
 """The tick at which the session's time begins even if a script has not driven."""
 REACTIONS = ("none", "release", "slow", "stop")
+_HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
+    Annotated[Input | Increments, Field(discriminator="type")]
+)
 
 
 class Follower:
@@ -166,11 +169,6 @@ class Scripted:
 
     def tell(self, frame: Frame) -> None:
         """Do nothing: a script reads the frame in `poll`."""
-
-
-_HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
-    Annotated[Input | Increments, Field(discriminator="type")]
-)
 
 
 class _Line(BaseModel):

@@ -36,6 +36,10 @@ DEFAULT_HORIZON_MS = 2000.0
 """Horizon of sessions whose header lists no hazards."""
 UNDECIDED = ("", "interrupted")
 """Outcomes of hazards that were cut off, but not by the operator. They count for no group."""
+CONFIDENCE = 0.95
+_ALIKE = 1e-9
+"""ms, mm or a share: smaller differences are rounding errors."""
+_NONE = Estimate(math.nan, math.nan, math.nan)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,12 +225,6 @@ def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[st
     order = np.random.default_rng(seed).permutation(len(groups))
     ordered = [groups[int(place)] for place in order]
     return dict(zip(ordered, string.ascii_uppercase, strict=False))
-
-
-CONFIDENCE = 0.95
-_ALIKE = 1e-9
-"""ms, mm or a share: smaller differences are rounding errors."""
-_NONE = Estimate(math.nan, math.nan, math.nan)
 
 
 class ComparedOutcome(NamedTuple):

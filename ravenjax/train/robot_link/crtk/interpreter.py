@@ -51,6 +51,10 @@ IDLE_MS = 5000
 REFUSED_MS = 500
 """A pedal that the robot does not follow for this time does not count: another console drives."""
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
+Message = tuple[str, Any]
+RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
+"""Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
+ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class OperatingState:
@@ -202,12 +206,6 @@ class OperatingState:
         if self.pedal:
             self.why = why
         self.pedal = self._clutched = self._restarting = False
-
-
-Message = tuple[str, Any]
-RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
-ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class RobotRow(NamedTuple):

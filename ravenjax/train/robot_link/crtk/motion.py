@@ -37,6 +37,12 @@ BASE: dict[ArmName, np.ndarray] = {
 
 Source: raven2 `src/raven/crtk_motion_api.cpp`; `params/raven_*_crtk.yaml` give poses to check with.
 """
+FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
+"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
+STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
+"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
+"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
 
 def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
@@ -135,14 +141,6 @@ class SetpointFollower:
             "quat": Rotation.from_rotvec(self._axes.T @ turn).as_quat().tolist(),
             "grasp_mrad": -steps,
         }
-
-
-FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
-"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
-STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
-"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
-"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
 
 class Trajectory:

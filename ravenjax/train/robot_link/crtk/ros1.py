@@ -22,6 +22,10 @@ from ravenjax.train.robot_link.crtk import messages, ros1_node
 PYTHON = "RAVENJAX_ROS1_PYTHON"
 """Environment variable with the Python that has rospy, if it is not the system's."""
 PATIENCE_S = 20.0
+_HELP = (
+    "start `roscore`, or set ROS_MASTER_URI. On Debian and Ubuntu `apt-get install python3-rospy"
+    f" python3-roslaunch` installs both. {PYTHON} may name another Python that has rospy"
+)
 
 
 class Ros1Transport:
@@ -113,12 +117,6 @@ class Ros1Transport:
         if as_published:
             definition = md5 = ""
         return [name, kind.replace("/msg/", "/"), md5, definition, messages.is_latched(name)]
-
-
-_HELP = (
-    "start `roscore`, or set ROS_MASTER_URI. On Debian and Ubuntu `apt-get install python3-rospy"
-    f" python3-roslaunch` installs both. {PYTHON} may name another Python that has rospy"
-)
 
 
 def _python() -> str:
