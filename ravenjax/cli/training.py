@@ -298,7 +298,7 @@ def assign(
     block
         participants of a block; default twice the groups
     """
-    from ravenjax.train.recording.hazards import as_csv
+    from ravenjax.train.recording.reader import as_csv
     from ravenjax.train.study import design
 
     drawn = design.assign_groups(participants, groups, seed, block)

@@ -35,8 +35,7 @@ from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
-from ravenjax.train.recording import hazards as table
-from ravenjax.train.recording import recorder
+from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
@@ -434,20 +433,20 @@ def _conclude(
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(**table.session_columns(description.read_session(options.folder)))
-    text = table.as_csv(COLUMNS, rows)
-    (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
+    rows = session.judge.rows(**reader.session_columns(description.read_session(options.folder)))
+    text = reader.as_csv(COLUMNS, rows)
+    (options.folder / reader.TABLE).write_text(text, encoding="utf-8", newline="")
     (options.folder / COMMANDS).write_text("".join(session.command_lines), encoding="utf-8")
     summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
         "waited_ms": session.ticks if session.started is None else session.started,
-        "hazards": table.summarize_hazards([table.HazardRow(**row) for row in rows]),
+        "hazards": reader.summarize_hazards([reader.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
         summary["timing"] = timing_facts(timing)
-    paths = [options.folder / name for name in (session_log.FILE, table.FILE, COMMANDS)]
+    paths = [options.folder / name for name in (session_log.FILE, reader.TABLE, COMMANDS)]
     checksums = {path.name: hash_file(path) for path in paths if path.is_file()}
     description.update_session(options.folder, {"summary": summary, "sha256": checksums})
     say(f"debrief: {debrief.write_debrief(options.folder)}")

@@ -298,7 +298,7 @@ class Judge:
     # --- rows and events ---
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.hazards`."""
+        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.reader`."""
         episodes = self._over + ([] if self._episode is None else [self._episode])
         rows = [identity | episode.row() for episode in episodes]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]

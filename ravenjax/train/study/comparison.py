@@ -23,7 +23,6 @@ from ravenjax.stats.intervals import Estimate
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.episode import HazardRow
 from ravenjax.train.protocol import Json
-from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 from ravenjax.train.recording.folders import SessionFolder
 
@@ -158,9 +157,9 @@ def collect_sessions(
 def _read_session(folder: Path) -> StudySession:
     header = description.read_session(folder)
     description.require_unchanged(folder, header)
-    if (folder / hazard_table.FILE).exists() or reader.find_recording(folder) is None:
-        return StudySession(folder, header, hazard_table.read_table(folder))
-    hazards = hazard_table.from_recording(reader.read_recording(folder), header)
+    if (folder / reader.TABLE).exists() or reader.find_recording(folder) is None:
+        return StudySession(folder, header, reader.read_table(folder))
+    hazards = reader.from_recording(reader.read_recording(folder), header)
     return StudySession(folder, header, hazards, cut_short=True)
 
 

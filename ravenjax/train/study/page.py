@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.store.files import require_writable, write_text
-from ravenjax.train.recording import hazards as hazard_table
+from ravenjax.train.recording import reader
 from ravenjax.train.study import design
 from ravenjax.train.study.comparison import (
     ComparedGroup,
@@ -91,7 +91,7 @@ def _table(study: TrainingStudy) -> str:
         for session, label, hazard in study.rows()
     ]
     columns = [name for name in rows[0] if not (study.blinded and name in _HIDDEN)]
-    return hazard_table.as_csv(columns, rows)
+    return reader.as_csv(columns, rows)
 
 
 def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:

@@ -16,7 +16,6 @@ from ravenjax.store.logs.session import description, log
 from ravenjax.train.debrief import figures
 from ravenjax.train.debrief import page as debrief
 from ravenjax.train.protocol import closing_point, to_world
-from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader, recorder
 
 MET = synthetic.hazard(0)
@@ -61,10 +60,10 @@ def text_of(html):
 
 
 def test_the_table_is_read_back_as_it_was_written(folder):
-    found = hazard_table.read_table(folder)
+    found = reader.read_table(folder)
     assert found == [MET, MISSED, ALARMED, UNSTRUCK]
     assert found[2].after == {"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
-    assert found[3].after == {} and hazard_table.read_table(folder.parent) == []
+    assert found[3].after == {} and reader.read_table(folder.parent) == []
 
 
 def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
@@ -136,7 +135,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     data = (tmp_path / log.FILE).read_bytes()
     # It never came to its end.
     (tmp_path / log.FILE).write_bytes(data[:-40])
-    first, second = hazard_table.from_recording(reader.read_recording(tmp_path), header)
+    first, second = reader.from_recording(reader.read_recording(tmp_path), header)
     assert first == MET
     assert (second.armed_ms, second.struck_ms, second.outcome) == (3900, 3950, "")
     assert second.score is None and second.response_ms is None

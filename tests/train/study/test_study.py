@@ -14,7 +14,7 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.stats import intervals, multiplicity
 from ravenjax.stats.comparison import clustered
 from ravenjax.store.logs.session import description
-from ravenjax.train.recording import hazards
+from ravenjax.train.recording import reader
 from ravenjax.train.study import comparison, design, page
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]
@@ -96,7 +96,7 @@ def test_what_cannot_be_compared_says_why(tmp_path):
 
 
 def test_a_name_is_no_formula_of_a_spreadsheet():
-    text = hazards.as_csv(["who", "mm"], [{"who": "=HYPERLINK(0)", "mm": -1.5}])
+    text = reader.as_csv(["who", "mm"], [{"who": "=HYPERLINK(0)", "mm": -1.5}])
     assert text == "who,mm\n'=HYPERLINK(0),-1.5\n"
 
 
