@@ -120,9 +120,10 @@ def run_realtime(
         script = None if options.script is None else scripts.Scripted(options.script, session)
         header = _header(options, session)
         frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
-        stack.callback(frames.close)
         events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
-        stack.callback(events.close)
+        commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
+        for ring in (frames, events, commands):
+            stack.callback(ring.close)
         helpers.recorder.begin(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
@@ -130,8 +131,6 @@ def run_realtime(
         browser: loop.PageCommands | None = None
         port = 0
         if helpers.page is not None:
-            commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
-            stack.callback(commands.close)
             say("page: its scene is being loaded")
             port = _open_page(
                 helpers.page, options, session, header, (frames, events, commands), say

@@ -32,7 +32,6 @@ import json
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
@@ -159,11 +158,8 @@ class LineConnection:
         self._socket.close()
 
 
-class ListenerOrder(NamedTuple):
-    """An order of a listener that may give it."""
-
-    listener: LineConnection
-    content: Json
+ListenerOrder = tuple[LineConnection, Json]
+"""A listener that may give orders, and the content of its order."""
 
 
 class JointServer:
@@ -209,9 +205,10 @@ class JointServer:
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Send the listener the result of its order: carried out, or the error."""
-        kind = order.content.get("order")
+        listener, content = order
+        kind = content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
+        listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
         for listener in self.listeners:
@@ -229,13 +226,13 @@ class JointServer:
             listener.close()
             return
         for content in contents:
-            order, token = ListenerOrder(listener, content), content.get("token")
+            token = content.get("token")
             if listener.local or (isinstance(token, str) and same_secret(token, self._token)):
                 self.counts["orders"] += 1
-                yield order
+                yield listener, content
             else:
                 self.counts["orders_refused"] += 1
-                self.answer(order, _NOT_ALLOWED)
+                self.answer((listener, content), _NOT_ALLOWED)
 
 
 class RobotLink(abc.ABC):

@@ -150,8 +150,8 @@ class JointConsole:
 
     def poll(self) -> list[Command]:
         commands = []
-        for order in self._server.poll():
-            kind, number = order.content.get("order"), order.content.get("number")
+        for listener, content in self._server.poll():
+            kind, number = content.get("order"), content.get("number")
             command = ORDERS.get(kind) if isinstance(kind, str) else None
             error = None
             if command is None:
@@ -163,7 +163,7 @@ class JointConsole:
                 error = f"number is {format_value(number)}, expected {expected}"
             else:
                 commands.append(command | {"hazard": number})
-            self._server.answer(order, error)
+            self._server.answer((listener, content), error)
         return commands
 
     def tell(self, frame: Frame) -> None:

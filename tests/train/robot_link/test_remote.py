@@ -52,7 +52,7 @@ class StandIn:
         while not self._over.wait(0.002):
             with self._lock:
                 for order in self.joints.poll():
-                    self.orders.append(order.content)
+                    self.orders.append(order[1])
                     self.joints.answer(order)
 
     def publish(self):
