@@ -141,6 +141,7 @@ def run_realtime(
         if itp is not None:
             stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
         consoles = [*filter(None, (browser, *consoles, script))]
+        say("recorder: waiting for its file")
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
@@ -321,6 +322,7 @@ def _robot(
     host, (itp_port, stream) = parse_address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
+        say(f"robot: waiting for an answer from {host}")
         armables = scenario.armable_hazards(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:

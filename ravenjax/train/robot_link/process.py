@@ -274,6 +274,7 @@ def open_consoles(
     if options.crtk is not None:
         from ravenjax.train.robot_link.crtk import bridge
 
+        say(f"CRTK: its process for {options.crtk} is being started")
         consoles.append(bridge.spawn_bridge(stack, options.crtk, blueprint, say, elsewhere))
     return consoles, server
 
