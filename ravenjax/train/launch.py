@@ -82,7 +82,7 @@ class FinishedSession:
     hazards: list[Json]
     timing: LoopTiming | None
     ended: str
-    # The session that the instructor wants next: the command "next" of `messages`.
+    # The session that the instructor wants next: the command "next" of `protocol`.
     wish: Command | None = None
     port: int = 0  # port of the page
 

@@ -4,7 +4,7 @@
 
 - `release`: the pedal comes up. This includes an operator who hands the console over or leaves. A
   pedal that comes up because the console fails is no release.
-- `slow`: for a second, the hands move at less than a quarter of their usual speed (`detectors`).
+- `slow`: for a second, the hands move at less than a quarter of their usual speed.
 - `restart`: the operator restarts a robot that does not follow.
 - `stop`: the operator presses the E-stop button.
 - `convert`: the operator sends a note that contains "convert", for example by the page's button.
@@ -113,7 +113,11 @@ class Trips:
 
 
 class SlowdownDetector:
-    """Running means of the hands' speed as tip motion, mm/s, both hands together."""
+    """Running means of the hands' speed as tip motion, mm/s, both hands together.
+
+    Hands also slow down where they arrive, so a slow-down counts only if it lasts longer than a tip
+    is held at a target. Its time is that of its beginning.
+    """
 
     def __init__(self, scale: float) -> None:
         self._scale = scale

@@ -101,7 +101,7 @@ class Inbox:
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
     def read(self, message: str | bytes, role: str) -> Json:
-        """Return the message as in `messages`, or one of type "page". Raises RefusedMessage."""
+        """Return the message as in `protocol`, or one of type "page". Raises RefusedMessage."""
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:

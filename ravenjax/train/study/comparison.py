@@ -2,7 +2,8 @@
 
 Outcomes are rates, times and sizes. Participants were randomised, and the hazards of one
 participant are not independent, so every interval and p-value counts participants. If most
-participants did both conditions, each is compared with themselves.
+participants did both conditions, each is compared with themselves. The sessions of a study must
+belong together. The groups of a blinded study are hidden.
 """
 
 import dataclasses
