@@ -35,8 +35,8 @@ SOFTWARE = [
 ]
 PEDAL, DOWN = "Space", "KeyF"
 PATIENT = """from ravenjax.cli import main
-from ravenjax.train.protocol import messages
-messages.STALE_MS = 20000
+from ravenjax.train import protocol
+protocol.STALE_MS = 20000
 from ravenjax.train.session import console_arbiter
 console_arbiter.GONE_MS = 20000
 main()

@@ -106,7 +106,7 @@ def train(
             from ravenjax.train.processes import SessionHelpers
 
             # The helper processes do their imports at the same time as this one.
-            helpers = SessionHelpers.start(stack, page)
+            helpers = SessionHelpers(stack, page)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
@@ -203,22 +203,19 @@ def robot(
     crtk
         also speak CRTK: ros2 (DDS) or ros1 (rospy)
     """
-    from ravenjax.store.consoles import loading as profiles
     from ravenjax.train import scenario as scenarios
     from ravenjax.train.robot_link import process
 
-    process.run_robot(
-        scenarios.load_scenario(scenario, overrides or ()),
-        seed,
+    options = process.ConsoleOptions(
         host=host,
-        itp_port=itp_port,
-        joint_port=joint_port,
         token=token,
+        itp_port=itp_port,
+        console=console_profile,
         console_host=console_host,
-        profiles=profiles.profile_choices(console_profile),
         crtk=crtk,
-        say=console.print_text,
     )
+    chosen = scenarios.load_scenario(scenario, overrides or ())
+    process.run_robot(chosen, options, seed, joint_port, console.print_text)
 
 
 def play(
@@ -301,7 +298,7 @@ def assign(
     block
         participants of a block; default twice the groups
     """
-    from ravenjax.train.recording.hazards import as_csv
+    from ravenjax.train.recording.reader import as_csv
     from ravenjax.train.study import design
 
     drawn = design.assign_groups(participants, groups, seed, block)

@@ -28,22 +28,19 @@ from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
-from ravenjax.train.consoles import ItpConsole, Scripted
-from ravenjax.train.judge.row import COLUMNS
+from ravenjax.train.judge.episode import COLUMNS
 from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
-from ravenjax.train.protocol.messages import Command, Event, Json, Say
+from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
-from ravenjax.train.recording import hazards as table
-from ravenjax.train.recording import recorder
+from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_stream import JOINT_PORT
-from ravenjax.train.robot_link.process import hash_hazards, in_words, open_console_port
-from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.robot_link.joint_stream import JOINT_PORT, RemoteRobot
+from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_words, open_consoles
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
@@ -56,8 +53,8 @@ COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SessionOptions:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SessionOptions(ConsoleOptions):
     """The options with which a session starts."""
 
     scenario: Scenario
@@ -67,21 +64,14 @@ class SessionOptions:
     group: str = ""
     cue: bool | None = None  # None: as the scenario sets it
     blinded: bool | None = None
-    host: str = "127.0.0.1"
     port: int = 0
-    token: str | None = None
     # Makes its bearer the instructor. None: a random token is generated.
     instructor_token: str | None = None
     # Drives in place of a person: a reaction of `scripts`, or a file of commands.
     script: str | None = None
-    itp_port: int | None = None  # None: no console over the network
-    # The console's profile: a name or file of `store.consoles`, or "auto".
-    console: str = "raven"
-    console_host: str | None = None  # the only host that may drive over the network; None: any
     # A robot outside this process, HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may replace
     # JOINT_PORT.
     robot: str | None = None
-    crtk: Ros | None = None  # also speak CRTK over this ROS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +82,7 @@ class FinishedSession:
     hazards: list[Json]
     timing: LoopTiming | None
     ended: str
-    # The session that the instructor wants next: the command "next" of `messages`.
+    # The session that the instructor wants next: the command "next" of `protocol`.
     wish: Command | None = None
     port: int = 0  # port of the page
 
@@ -114,11 +104,11 @@ def run_realtime(
     began = time.monotonic()
     if with_page:
         _require_address(options.host, options.port)
-    console_profiles = profiles.profile_choices(options.console)
+    profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
     options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
         stack.callback(_remove_if_empty, options.folder)
-        helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
+        helpers = SessionHelpers(stack, with_page) if helpers is None else helpers
         say("robot: being compiled, or read from the cache")
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
@@ -127,54 +117,31 @@ def run_realtime(
         interruption.check_interruption()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         # An invalid script is refused before anything is recorded.
-        script = None if options.script is None else Scripted(options.script, session)
+        script = None if options.script is None else scripts.Scripted(options.script, session)
         header = _header(options, session)
         frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
-        stack.callback(frames.close)
         events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
-        stack.callback(events.close)
+        commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
+        for ring in (frames, events, commands):
+            stack.callback(ring.close)
         helpers.recorder.begin(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
-        consoles: list[loop.Console] = []
         browser: loop.PageCommands | None = None
         port = 0
         if helpers.page is not None:
-            commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
-            stack.callback(commands.close)
             say("page: its scene is being loaded")
             port = _open_page(
                 helpers.page, options, session, header, (frames, events, commands), say
             )
             browser = loop.PageCommands(commands, drives=options.script is None)
-            consoles.append(browser)
-        if options.itp_port is not None:
-            server = open_console_port(
-                stack,
-                session.arms,
-                options.host,
-                options.itp_port,
-                console_profiles,
-                options.console_host,
-                options.token,
-                say,
-            )
-            stack.callback(
-                lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
-            )
-            consoles.append(ItpConsole(server, session))
-        if options.crtk is not None:
-            from ravenjax.train.robot_link.crtk import bridge
-
-            elsewhere = options.robot is not None
-            consoles.append(
-                bridge.spawn_bridge(
-                    stack, options.crtk, session.blueprint, say, elsewhere=elsewhere
-                )
-            )
-        if script is not None:
-            consoles.append(script)
+        elsewhere = options.robot is not None
+        consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
+        if itp is not None:
+            stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
+        consoles = [*filter(None, (browser, *consoles, script))]
+        say("recorder: waiting for its file")
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
@@ -184,10 +151,9 @@ def run_realtime(
             say(f"realtime: {granted}")
             timing = loop.run_loop(
                 session,
-                frames,
-                events,
                 consoles,
                 lambda: bool(stop),
+                (frames, events),
                 lambda: processes.recorder_error(recording),
             )
         if trouble := processes.recorder_error(recording):
@@ -257,7 +223,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
             f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = Scripted(script, session)  # an invalid file leaves no folder
+    driver = scripts.Scripted(script, session)  # an invalid file leaves no folder
     options = _with_new_folder(options, say)
     header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
     description.write_session(options.folder, header)
@@ -356,6 +322,7 @@ def _robot(
     host, (itp_port, stream) = parse_address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
+        say(f"robot: waiting for an answer from {host}")
         armables = scenario.armable_hazards(options.scenario, made.plan.rows)
         if not isinstance(stream, int):
             if armables:
@@ -393,7 +360,7 @@ def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
     In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
     """
     host, *ports = text.split(":")
-    ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
+    ros: Ros | None = next((name for name in get_args(Ros) if ports[1:] == [name]), None)
     numbers = ports[:1] if ros else ports
     if (
         not host
@@ -467,20 +434,20 @@ def _conclude(
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(**table.session_columns(description.read_session(options.folder)))
-    text = table.as_csv(COLUMNS, rows)
-    (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
+    rows = session.judge.rows(**reader.session_columns(description.read_session(options.folder)))
+    text = reader.as_csv(COLUMNS, rows)
+    (options.folder / reader.TABLE).write_text(text, encoding="utf-8", newline="")
     (options.folder / COMMANDS).write_text("".join(session.command_lines), encoding="utf-8")
     summary: Json = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
         "waited_ms": session.ticks if session.started is None else session.started,
-        "hazards": table.summarize_hazards([table.HazardRow(**row) for row in rows]),
+        "hazards": reader.summarize_hazards([reader.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
         summary["timing"] = timing_facts(timing)
-    paths = [options.folder / name for name in (session_log.FILE, table.FILE, COMMANDS)]
+    paths = [options.folder / name for name in (session_log.FILE, reader.TABLE, COMMANDS)]
     checksums = {path.name: hash_file(path) for path in paths if path.is_file()}
     description.update_session(options.folder, {"summary": summary, "sha256": checksums})
     say(f"debrief: {debrief.write_debrief(options.folder)}")

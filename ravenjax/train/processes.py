@@ -1,9 +1,6 @@
 """Starts the processes beside the realtime loop, and reports when they end."""
 
-from __future__ import annotations
-
 import contextlib
-import dataclasses
 import multiprocessing
 import os
 import signal
@@ -55,18 +52,13 @@ class Helper:
         )
 
 
-@dataclasses.dataclass(frozen=True)
 class SessionHelpers:
     """The page and the recorder, started before the session imports anything else."""
 
-    recorder: Helper
-    page: Helper | None
-
-    @staticmethod
-    def start(stack: contextlib.ExitStack, with_page: bool) -> SessionHelpers:
-        """Start the processes; `stack` ends them."""
-        serving = Helper(stack, page.run_when_told) if with_page else None
-        return SessionHelpers(Helper(stack, recording.run_when_told), serving)
+    def __init__(self, stack: contextlib.ExitStack, with_page: bool) -> None:
+        """stack: ends the processes."""
+        self.page = Helper(stack, page.run_when_told) if with_page else None
+        self.recorder = Helper(stack, recording.run_when_told)
 
     def keep_away(self) -> None:
         """Move both processes off the CPU of the realtime loop."""
@@ -87,9 +79,8 @@ def spawn_process(
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )
-    # SIGINT is blocked while the process starts, so that the child has it blocked from its first
-    # moment. The resource tracker unblocks signals when it starts, so it must be running
-    # beforehand.
+    # SIGINT is blocked while the process starts, so that the child never has it unblocked. The
+    # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 from ravenjax.train import launch, scenario
-from ravenjax.train.protocol.messages import Say
+from ravenjax.train.protocol import Say
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 

@@ -5,9 +5,14 @@ import numpy as np
 from ravenjax.campaign.faults import design
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train import scenario
-from ravenjax.train.protocol.frame import PHASES, Frame, FrameLayout
-from ravenjax.train.protocol.jaws import closing_point, jaw_direction
-from ravenjax.train.protocol.world import frame0_in_world
+from ravenjax.train.protocol import (
+    PHASES,
+    Frame,
+    FrameLayout,
+    closing_point,
+    frame0_in_world,
+    jaw_direction,
+)
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
 AXES = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}

@@ -8,9 +8,9 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.row import COLUMNS, HazardRow
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.recording.hazards import as_csv
+from ravenjax.train.judge.episode import COLUMNS, HazardRow
+from ravenjax.train.protocol import Frame, FrameLayout
+from ravenjax.train.recording.reader import as_csv
 
 LIMIT_MM = 8.0
 """[harm] excursion_mm of these sessions."""

@@ -27,8 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import RUNNING
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import RUNNING, Json
 from ravenjax.train.recording import folders
 from ravenjax.train.recording.reader import Recording
 

@@ -5,9 +5,8 @@ from pathlib import Path
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description
-from ravenjax.train.debrief import dexterity, figures, replay
-from ravenjax.train.protocol.messages import Json
-from ravenjax.train.recording import hazards as hazard_table
+from ravenjax.train.debrief import dexterity, figures
+from ravenjax.train.protocol import Json
 from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
@@ -41,10 +40,10 @@ def write_debrief(folder: Path) -> Path:
         course = recording.without_pauses()
         measures = dexterity.measure_dexterity(course)
         header = description.update_session(folder, {"summary": {dexterity.KEY: measures}})
-    has_table = (folder / hazard_table.FILE).exists()
-    hazards = hazard_table.read_table(folder)
+    has_table = (folder / reader.TABLE).exists()
+    hazards = reader.read_table(folder)
     if not has_table and recording is not None:
-        hazards = hazard_table.from_recording(recording, header)
+        hazards = reader.from_recording(recording, header)
     blinded = bool(header.get("blinded"))
     scenario = header.get("scenario") or {}
     named_limits = {
@@ -59,7 +58,7 @@ def write_debrief(folder: Path) -> Path:
             "hazards": [figures.hazard_charts(course, row, limits, blinded) for row in hazards],
             "session": figures.session_charts(course, hazards, limits, blinded),
         }
-        shown = replay.player_data(course, header, hazards)
+        shown = figures.player_data(course, header, hazards)
         if header.get("contact_units_per_n") is not None:
             contact = dexterity.measure_contact(course)
     attempts = dexterity.read_attempts(folder.absolute())
@@ -67,7 +66,7 @@ def write_debrief(folder: Path) -> Path:
     page = environment.get_template("debrief.html.j2").render(
         header=header,
         scenario={"name": header.get("name") or "session"} | scenario,
-        numbers=hazard_table.summarize_hazards(hazards),
+        numbers=reader.summarize_hazards(hazards),
         hazards=hazards,
         moments=figures.MOMENTS,
         blinded=blinded,

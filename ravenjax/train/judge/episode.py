@@ -1,28 +1,19 @@
 """One hazard of a session, from arming to disarming: the effect on the robot, the response, the
 score.
 
-**Effect on the robot**, in the terms of `ravenjax.outcomes`. It is measured against the golden run,
-which starts at the robot's state when the hazard is armed:
-
-- `check_response`: stopped, flagged, limited or silent. `check_cause` is the first check that did
-  so. `alarm` is the first check that raised an alarm or stopped the robot. `limited` is the first
-  that changed a command or dropped a packet without an alarm.
-- `motion_hazard`: unintended motion, loss of motion, false report or none, whichever is gravest.
-  The limit is the scenario's `[harm] excursion_mm`, column `limit_mm`.
-- The columns `unintended_mm` to `false_report_first_ms` equal the result table's columns of these
-  names, from the hazard's activation on.
-- `cue_ms`: when the operator first felt the cue, if the golden run has had none since the
-  activation.
+docs/outcomes.md defines the outcomes and the terms of checks and motion. Effects are measured
+against the golden run, which starts at the robot's state when the hazard is armed. The limit of
+motion hazards is the scenario's `[harm] excursion_mm`. The columns `unintended_mm` to
+`false_report_first_ms` equal the result table's columns of these names, from the hazard's
+activation on.
 
 **First possible knowledge** (`knowable_ms`): the first tick at which a person at the console could
 know of the hazard. Seen: the tip, reported or true, is `SEEN_MM` or more from where it would be
 without the fault ("tip"), or the robot left pedal-down on its own ("runlevel"). Announced: a check
 raised an alarm (the check's name). A difference that only a computer can measure is not knowledge.
 The cue is felt from its onset: at its published threshold it begins with a quarter of its largest
-force. Reaction times count from their *origin*: the earliest of knowledge, cue and alarm.
-
-**Unavoidable effects**: `ACTS_MS` after the origin is the earliest time at which a person can have
-acted. No operator could prevent the fault's effects until then, and none is blamed for them.
+force. Reaction times count from their *origin*: the earliest of knowledge, cue and alarm. Nobody is
+blamed for effects until `ACTS_MS` after it (`unavoidable`).
 
 **Response**: the operator's first right response after the origin and within the time for it, or
 else the first response of another kind. An operator who slows down may only have arrived, so a
@@ -34,60 +25,139 @@ hazard nor a later response is scored. A hazard is decided once harm is done, a 
 given, or the time for one is up. An operator who gives the console away or leaves cuts nothing off:
 a pedal that was down counts as released.
 
-**Outcome**, the first that holds:
-
-- `interrupted`: as above.
-- `unavoidable`: as `harm`, but before any person could have acted.
-- `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or
-  the fault drove it more than `[harm] depth_mm` deeper into the tissue.
-- `avoided`: a right response in time.
-- `halted`: the robot left pedal-down on its own, because a check stopped it or for another reason.
-- `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
-- `missed`: none of these.
-
 **Score**: 50 points for the response and 50 for the patient. Response: 50 points up to
 `FASTEST_MS`, from there down to 25 at the end of the time allowed, 0 without a right response.
 Patient: take the distance to harm that remained when a person could first have acted. The points
 are 50 times the share of it that still remains at the end, the smaller share of unintended motion
-and depth. If harm was done before a person could act, the whole distance counts. A hazard that is
-unaffected or interrupted is not scored.
+and depth. If harm was done before a person could act, the whole distance counts.
 
-**Times** of a row (`row.HazardRow`) are ms since the session began, except: `reaction_ms` counts
-from the origin above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations. An empty
-(None) time means that the event never happened. `hazard` is the id in the library.
+**Times** of a row are ms since the session began, except: `reaction_ms` counts from the origin
+above, `halted_ms` and `golden_halted_ms` (the golden run's) are durations.
 """
 
+import dataclasses
 import math
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic
+from pydantic import BeforeValidator
 
 from ravenjax.outcomes import verdict
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.scenario import Armable, Harm
 from ravenjax.vocabulary.checks import Check
 
+Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
+Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
+KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
+"""Columns that the event "hazard_armed" has."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
-
 SEEN_MM = AFFECTED_MM
 """A distance that a person at the console can see while the tip moves: the surgeons' jump.
 
 This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but sees no golden run.
 """
-
 ACTS_MS = 150.0
 """The earliest that a person can act: a simple reaction to a touch takes 150 to 300 ms."""
-
 FASTEST_MS = 250.0
 """Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
-
 CONTINUE = "continue"
-
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
-
 PEAKS = (*DISTANCES, "unintended_off")
 """Distances whose largest value an episode keeps."""
+
+
+def _number_or_none(value: Any) -> float | None:
+    try:
+        number = math.nan if value in (None, "") else float(value)
+    except ValueError:
+        raise ValueError("expected a number or nothing") from None
+    return number if math.isfinite(number) else None
+
+
+Number = Annotated[float | None, BeforeValidator(_number_or_none)]
+
+
+@pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
+class HazardRow:
+    """One row of hazards.csv, from a table's cells or from numbers.
+
+    Times are ms since the session began, None if the event never happened. Sizes are None if they
+    were not measured.
+    """
+
+    session: Text = ""
+    participant: Text = ""
+    group: Text = ""
+    scenario: Text = ""
+    seed: Text = ""
+    cue: Text = ""  # on, off
+    blinded: Flag = False
+    number: int
+    hazard: Text = ""  # id in the library
+    title: Text = ""
+    arm: Text = ""
+    armed_ms: Number = None
+    struck_ms: Number = None
+    knowable_ms: Number = None
+    knowable_by: Text = ""
+    cue_ms: Number = None
+    # First check that alerted a person or stopped the robot.
+    alarm_ms: Number = None
+    alarm: Text = ""
+    # First check that changed a command or dropped a packet without alerting anybody.
+    limited_ms: Number = None
+    limited: Text = ""
+    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" if never active
+    check_cause: Text = ""  # first check with that response
+    motion_hazard: Text = ""  # one of outcomes.verdict.HAZARDS
+    limit_mm: Number = None  # the scenario's limit of hazards and harm
+    unintended_mm: Number = None
+    unintended_first_ms: Number = None
+    unintended_off_mm: Number = None
+    loss_mm: Number = None
+    loss_first_ms: Number = None
+    halted_ms: Number = None
+    golden_halted_ms: Number = None
+    false_report_mm: Number = None
+    false_report_first_ms: Number = None
+    # Distance of the reported tip from the model, which drives the cue.
+    peak_error_mm: Number = None
+    deepest_mm: Number = None
+    response: Text = ""  # the operator's
+    response_ms: Number = None
+    reaction_ms: Number = None
+    right_response: Text = ""
+    response_ok: Flag = False
+    halted: Flag = False  # the robot left pedal-down on its own
+    outcome: Text = ""
+    score: Number = None
+
+    @property
+    def after(self) -> dict[str, float]:
+        """Times of the events that happened, in ms after the activation."""
+        if self.struck_ms is None:
+            return {}
+        times = {
+            "knowable": self.knowable_ms,
+            "cue": self.cue_ms,
+            "alarm": self.alarm_ms,
+            "response": self.response_ms,
+        }
+        return {name: time - self.struck_ms for name, time in times.items() if time is not None}
+
+    @property
+    def farthest_mm(self) -> float | None:
+        """Largest unintended motion of the true tip, whether the robot was live or not."""
+        distances = (self.unintended_mm, self.unintended_off_mm)
+        return max((mm for mm in distances if mm is not None), default=None)
+
+
+COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
+"""Columns of hazards.csv, in order."""
 
 
 class Episode:
@@ -126,7 +196,6 @@ class Episode:
 
     @property
     def struck(self) -> bool:
-        """Whether the fault has become active."""
         return self.struck_ms is not None
 
     @property
@@ -269,17 +338,11 @@ class Episode:
         alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
         alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
         limited_ms, limited = self.checks.get("limited", (None, None))
-        row = {
+        times = ("arm", "armed_ms", "struck_ms", "knowable_ms", "cue_ms", "halted")
+        row = {name: getattr(self.hazard, name) for name in ("number", "hazard", "title")}
+        row |= {name: getattr(self, name) for name in times} | {
             "cue": "on" if self.cue_on else "off",
-            "number": self.hazard.number,
-            "hazard": self.hazard.hazard,
-            "title": self.hazard.title,
-            "arm": self.arm,
-            "armed_ms": self.armed_ms,
-            "struck_ms": self.struck_ms,
-            "knowable_ms": self.knowable_ms,
             "knowable_by": self.knowable_by or None,
-            "cue_ms": self.cue_ms,
             "alarm_ms": alarm_ms,
             "alarm": alarm,
             "limited_ms": limited_ms,
@@ -290,7 +353,6 @@ class Episode:
             "reaction_ms": self.reaction_ms(what) if answered else None,
             "right_response": " ".join(self.hazard.right_response),
             "response_ok": ok,
-            "halted": self.halted,
             "outcome": self.outcome(),
             "score": self.score(),
         }

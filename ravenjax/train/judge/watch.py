@@ -4,7 +4,7 @@
 
 - `release`: the pedal comes up. This includes an operator who hands the console over or leaves. A
   pedal that comes up because the console fails is no release.
-- `slow`: for a second, the hands move at less than a quarter of their usual speed (`detectors`).
+- `slow`: for a second, the hands move at less than a quarter of their usual speed.
 - `restart`: the operator restarts a robot that does not follow.
 - `stop`: the operator presses the E-stop button.
 - `convert`: the operator sends a note that contains "convert", for example by the page's button.
@@ -17,17 +17,30 @@ name. Only the instructor sees this event.
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ravenjax.outcomes import verdict
-from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
-from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
-from ravenjax.train.judge.row import COLUMNS, KNOWN_WHEN_ARMED
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Command, Json
+from ravenjax.train.judge.episode import COLUMNS, KNOWN_WHEN_ARMED, PEAKS, SEEN_MM, Episode
+from ravenjax.train.protocol import Command, Frame, Json
+from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario import Armable, Scenario
+from ravenjax.vocabulary import checks
+from ravenjax.vocabulary.checks import Check
 
+SLOW_SHARE = 0.25
+"""Hands are slow below this share of their usual speed before the hazard (`stages.reaction`)."""
+SLOW_FOR_MS = 1000
+"""A slow-down counts only if it lasts this long without a break."""
+MOVING_MM_S = 2.0
+"""Hands below this speed, as tip motion, have no speed to reduce."""
+# Rates of the running means of the usual and the present speed, 1/ms.
+_USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
+_QUICK, _SLOW_AT_STRIKE = -1, -2
+QUIET_MS = 1000
+"""A check that keeps tripping is announced again only after this time without a trip."""
 CUE_QUIET_MS = 250
 """Time without force after which a new force counts as a new cue."""
 COUNT_EVERY_MS = 1000
@@ -44,11 +57,104 @@ _EVENTS = {
     "false_report": "false_report",
 }
 """Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
-
-
 SEEN = ("known", "unintended", "unintended_off", "loss")
 """Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
 """
+
+
+class Trip(NamedTuple):
+    """A trip of a check since the last reading."""
+
+    check: Check
+    # ms of the session: exact for a check's first trip, otherwise the time of the reading.
+    ms: int
+    # Whether it has tripped more often so far than in the golden run.
+    beyond_golden: bool
+    announced: bool  # the first after `QUIET_MS` without one
+    count: int  # in the session so far
+
+
+class Trips:
+    """Counts the trips of each check. Call `look` every few milliseconds."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._earlier: dict[str, int] = {}  # trips before the robot's last restart
+        self._last: dict[str, int] = {}  # tick of each check's last trip
+
+    def look(
+        self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
+    ) -> list[Trip]:
+        """Return each check that tripped since the last reading, the earliest first.
+
+        tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of robot and
+        golden run so far. Without a golden run every trip counts.
+        """
+        trips = []
+        for name in checks.check_names(outcomes):
+            count, before = int(outcomes[f"check_{name}_count"]), self._counts.get(name, 0)
+            self._counts[name] = count
+            if count <= before:
+                continue
+            ms = tick
+            if before == 0 and (first := int(outcomes.get(f"check_{name}_first_ms", -1))) >= 0:
+                ms = tick - (robot_tick - first)
+            usual = 0 if golden is None else int(golden[f"check_{name}_count"])
+            announced = ms - self._last.get(name, -math.inf) > QUIET_MS
+            total = self._earlier.get(name, 0) + count
+            trips.append(Trip(ROBOT.check(name), ms, count > usual, announced, total))
+            self._last[name] = tick
+        return sorted(trips, key=lambda trip: trip.ms)
+
+    def reset(self) -> None:
+        for name, count in self._counts.items():
+            self._earlier[name] = self._earlier.get(name, 0) + count
+        self._counts = {}
+
+
+class SlowdownDetector:
+    """Running means of the hands' speed as tip motion, mm/s, both hands together.
+
+    Hands also slow down where they arrive, so a slow-down counts only if it lasts longer than a tip
+    is held at a target. Its time is that of its beginning.
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._scale = scale
+        self._before: list[float] | None = None
+        self.usual = self.present = 0.0
+        # mm/s; the hands are slow below this limit.
+        self._limit = 0.0
+        # The tick since which the hands are slow.
+        self._since = _QUICK
+        self.slowed = -1
+        """Tick at which a lasting slow-down began; -1 without one."""
+
+    def step(self, tick: int, hands: list[float]) -> None:
+        """Take the hands' positions of a tick: um before scaling, three numbers a hand."""
+        before, self._before = self._before, hands
+        if before is None:
+            return
+        # um/ms is mm/s
+        speed = self._scale * math.dist(hands, before)
+        self.usual += _USUAL * (speed - self.usual)
+        self.present += _PRESENT * (speed - self.present)
+        if self.present >= self._limit:
+            self._since, self.slowed = _QUICK, -1
+        elif self._since == _QUICK:
+            self._since = tick
+        elif self._since >= 0 and tick - self._since >= SLOW_FOR_MS:
+            self.slowed = self._since
+
+    def strike(self) -> None:
+        """Measure slow-downs against the usual speed before the hazard that becomes active now."""
+        self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
+        self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
+        self.slowed = -1
+
+    def jump(self) -> None:
+        """Ignore the next step of the hands, because they were moved to another position."""
+        self._before = None
 
 
 class Judge:
@@ -71,7 +177,7 @@ class Judge:
         self._trips = Trips()
         # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
-        self._counted_at: dict[str, int] = {}
+        self._counted_at: defaultdict[str, int] = defaultdict(int)
         self._slowdown = SlowdownDetector(scenario.scale)
         self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
@@ -121,7 +227,6 @@ class Judge:
             arm.reset()
 
     def close(self, tick: int, reason: str = "end") -> None:
-        """End the judgement, because the session is over."""
         for name, count in self._alarms.items():
             self._tell(tick, "alarm_count", check=name, count=count)
         self.interrupted(tick, reason)
@@ -156,11 +261,7 @@ class Judge:
             self._respond(tick, "convert")
 
     def step(
-        self,
-        tick: int,
-        frame: Frame,
-        outcomes: Json | None = None,
-        golden: Json | None = None,
+        self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
         """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
         if not self._columns:
@@ -201,7 +302,7 @@ class Judge:
     # --- rows and events ---
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.hazards`."""
+        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.reader`."""
         episodes = self._over + ([] if self._episode is None else [self._episode])
         rows = [identity | episode.row() for episode in episodes]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
@@ -223,22 +324,19 @@ class Judge:
                 ms = max(ms, episode.struck_ms or 0)
                 is_first = episode.trip(ms, check)
             is_told = check.response in verdict.TOLD
-            if is_told:
-                self._tell_alarm(tick, trip, is_first or trip.announced)
+            is_new = is_first or trip.announced
+            if is_told and not is_new and tick - self._counted_at[check.name] < COUNT_EVERY_MS:
+                self._alarms[check.name] = trip.count
+            elif is_told:
+                self._counted_at[check.name] = tick
+                self._alarms.pop(check.name, None)
+                kind = "alarm" if is_new else "alarm_count"
+                self._tell(tick, kind, check=check.name, count=trip.count)
             if episode is not None and is_first:
                 number = episode.hazard.number
                 self._tell(tick, check.response, number=number, check=check.name, ms=ms)
                 if is_told:
                     self._know(tick, ms, check.name, episode)
-
-    def _tell_alarm(self, tick: int, trip: Trip, is_new: bool) -> None:
-        name = trip.check.name
-        if is_new or tick - self._counted_at.get(name, 0) >= COUNT_EVERY_MS:
-            self._counted_at[name] = tick
-            self._alarms.pop(name, None)
-            self._tell(tick, "alarm" if is_new else "alarm_count", check=name, count=trip.count)
-        else:
-            self._alarms[name] = trip.count
 
     def _feel(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()
@@ -320,8 +418,6 @@ class Judge:
 
 
 class _Arm:
-    """Places of an arm's channels in a row, and values remembered between ticks."""
-
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places
         self.name = name
@@ -336,6 +432,5 @@ class _Arm:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, because the robot was restarted."""
         self.last_force = -CUE_QUIET_MS - 1
         self.depth_at_strike = 0.0

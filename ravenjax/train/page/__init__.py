@@ -10,7 +10,7 @@ import ipaddress
 from multiprocessing.connection import Connection
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.robot import Arms
 
 

@@ -1,28 +1,65 @@
 """Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
 
+Every message of a browser is checked before it is forwarded: types, ranges, sizes, roles. Parts of
+frames, events and header are hidden: operators do not see hazards, and what blinding hides, nobody
+sees. As at a real console, an operator learns only of checks that raise an alarm or stop the robot
+(event "alarm").
+
 Everything here runs in the server's event loop. A window that receives frames slowly gets the
 newest, never a backlog.
 """
 
 import asyncio
 import contextlib
+import json
 import time
+import tomllib
 from collections.abc import Callable
+from importlib import resources
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import query_parameters, same_secret
-from ravenjax.train.page.inbox import Inbox, RefusedMessage
-from ravenjax.train.page.visibility import Visibility
-from ravenjax.train.protocol import messages
-from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
-from ravenjax.train.protocol.messages import Command, Event, Json
+from ravenjax.train.protocol import (
+    CONSOLES,
+    PHASES,
+    VIEWS,
+    Command,
+    Event,
+    Frame,
+    FrameLayout,
+    Input,
+    Json,
+    Message,
+)
 from ravenjax.train.realtime.ring import Ring, put_json
 from ravenjax.train.robot import ROBOT
 
+LARGEST = 2048
+"""The largest size of a message in bytes."""
+NOTE = 700
+"""The largest size of a note as JSON in bytes: it must fit in an event."""
+_COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
+    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
+)
+_OPERATORS_EVENTS = {
+    *("phase", "view", "console", "pedal", "runlevel", "owner", "refused", "rearm", "started"),
+    *("alarm", "alarm_count", "target", "object", "level", "task_done", "overrun", "trouble"),
+    "end",
+}
+_FELT_EVENTS = {"cue", "response"}
+"""Events that the operator's hand feels. In a blinded session they would reveal the group."""
+# Channels that would reveal a hazard to an operator, of the robot and of each arm.
+_OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
+_OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
+_HIDDEN_FROM_OPERATORS = {"hazards", "group", "seed", "director", "scenario", "summary"}
+_HIDDEN_BY_BLINDING = {"group", "cue", "scenario", "seed", "summary"}
 MOST_PER_S = 400
 """The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
 KEPT_EVENTS = 1000
@@ -30,6 +67,134 @@ _SIGNED = ("operator", "seat")
 """Commands that name the role from which they come, if it is not the operator."""
 LEFT = {"type": "seat", "do": "left"}
 """Sent for an operator whose window is gone. Its pedal comes up, which counts as a release."""
+
+
+class RefusedMessage(ValueError):
+    """Raised when a message is dropped; its text is the reason."""
+
+
+class BrowserCommand(Message):
+    """Any message but the hands' input. Its keys depend on `do`."""
+
+    type: Literal["operator", "instructor", "seat", "page"]
+    do: str
+    text: str | None = None
+    to: Literal["nobody", "page", "itp", "crtk"] | None = None
+    hazard: Annotated[int, Field(ge=0)] | None = None
+    on: bool | None = None
+    participant: Annotated[str, Field(max_length=40)] | None = None
+    scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
+    name: Annotated[str, Field(max_length=16)] | None = None
+
+
+_MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
+    Annotated[Input | BrowserCommand, Field(discriminator="type")]
+)
+
+
+class Inbox:
+    """The checks for one session."""
+
+    def __init__(self, arms: tuple[str, ...], hazards: int, blinded: bool) -> None:
+        """hazards: number of hazards in the session's list."""
+        self._arms, self._hazards, self._blinded = arms, hazards, blinded
+
+    def read(self, message: str | bytes, role: str) -> Json:
+        """Return the message as in `protocol`, or one of type "page". Raises RefusedMessage."""
+        if len(message) > LARGEST:
+            raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
+        try:
+            content = _MESSAGE.validate_json(message).model_dump(exclude_none=True)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        kind, do = content["type"], content.get("do", "")
+        name, keys = f"{kind} {do}".rstrip(), content.keys() - {"type", "do"}
+        if kind == "input":
+            rule = {"by": ["operator"], "may": [*keys]}
+        elif do in _COMMANDS[kind]:
+            rule = _COMMANDS[kind][do]
+        else:
+            raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS[kind])}")
+        if role not in rule["by"]:
+            raise RefusedMessage(f"a {role} may not send {name}")
+        needs = rule.get("needs", [])
+        known = [*needs, *rule.get("may", [])]
+        if not set(needs) <= keys <= set(known):
+            got, expected = " ".join(keys) or "nothing", " ".join(known) or "nothing"
+            raise RefusedMessage(f"{name}: got {got}, expected {expected}")
+        self._require_sense(name, content)
+        return content
+
+    def _require_sense(self, name: str, content: Json) -> None:
+        for arm in content.get("arms", ()):
+            if arm not in self._arms:
+                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
+        if len(json.dumps(content.get("text", ""))) > NOTE:
+            raise RefusedMessage(f"a note of more than {NOTE} bytes")
+        if name == "instructor cue" and self._blinded:
+            raise RefusedMessage("the session is blinded: its cue is not the instructor's")
+        if content.get("hazard", -1) >= self._hazards:
+            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
+        if "scenario" in content:
+            # The scenario models are needed only once a session is over.
+            from ravenjax.train.scenario import loading
+
+            names = [path.stem for path in loading.bundled_scenarios()]
+            if content["scenario"] not in names:
+                raise RefusedMessage(
+                    f"no scenario {content['scenario']}; there are {', '.join(names)}"
+                )
+
+
+class Visibility:
+    """What one role sees of one session."""
+
+    def __init__(self, layout: FrameLayout, role: str, blinded: bool) -> None:
+        self._layout, self._blinded = layout, blinded
+        self._is_instructor = role == "instructor"
+
+    def shows_event(self, event: Event) -> bool:
+        kind = event.get("kind", "")
+        if self._is_instructor:
+            return kind != "hazard_row" and not (self._blinded and kind == "cue")
+        return kind in _OPERATORS_EVENTS or (kind in _FELT_EVENTS and not self._blinded)
+
+    def header(self, header: Json) -> Json:
+        """Return the session's header without the hidden entries."""
+        hidden = set() if self._is_instructor else _HIDDEN_FROM_OPERATORS
+        if self._blinded:
+            hidden = hidden | _HIDDEN_BY_BLINDING
+        scenario = header.get("scenario") or {}
+        words = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
+        return words | {name: value for name, value in header.items() if name not in hidden}
+
+    def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
+        """Return a frame's message, float32: extras [arms, 5] of `Page._extras`, then the row.
+
+        Both are masked. The force is what the hand feels: zero with the cue off. The instructor
+        sees the force that the cue would have.
+        """
+        frame, extras = Frame(self._layout, row.copy()), extras.copy()
+        is_felt = frame.number("cue_on") != 0
+        if self._blinded:
+            frame["cue_on"] = 1
+        if not self._is_instructor:
+            frame["hazard"] = -1
+            for name in _OF_HAZARDS:
+                frame[name] = 0
+            for i, arm in enumerate(self._layout.arms):
+                for name in _OF_HAZARDS_ARM:
+                    frame[f"{arm}/{name}"] = 0
+                if not is_felt:
+                    extras[i, 1] = 0
+                    frame[f"{arm}/force"] = 0
+                if self._blinded:
+                    frame[f"{arm}/error_mm"] = extras[i, 0] = 0
+                    frame[f"{arm}/model_jpos"] = frame[f"{arm}/link_jpos"]
+                    frame[f"{arm}/model_tip"] = extras[i, 2:] = frame[f"{arm}/tip"]
+        return np.concatenate([extras.ravel(), frame.row]).astype(np.float32).tobytes()
 
 
 class Client:
@@ -48,7 +213,7 @@ class Client:
 
     def send_soon(self, message: Json) -> None:
         """Queue a text; texts are sent in order."""
-        self._texts.append(messages.encode(message))
+        self._texts.append(protocol.encode(message))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
@@ -158,7 +323,6 @@ class Hub:
 
     @property
     def open(self) -> int:
-        """The number of open windows."""
         return len(self._clients)
 
     def _visible(self, client: Client, events: list[Event]) -> list[Event]:
@@ -181,7 +345,7 @@ class Hub:
 
     def _drop_earlier(self, window: str) -> None:
         """Drop the former connection of a window that comes back; it may have died unnoticed."""
-        for client in [one for one in self._clients if window and one.window == window]:
+        for client in [known for known in self._clients if window and known.window == window]:
             self._part(client)
             closing = asyncio.create_task(
                 client.connection.close(reason="the window is on another connection")
@@ -214,7 +378,7 @@ class Hub:
                 "phases": PHASES,
                 "views": VIEWS,
                 "consoles": CONSOLES,
-                "stale_ms": messages.STALE_MS,
+                "stale_ms": protocol.STALE_MS,
                 "events": self._visible(client, self._events),
             }
         )

@@ -11,12 +11,10 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from ravenjax.train.page import PageOptions
-from ravenjax.train.page.cameras import Windows
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.scene import Scene, describe_place
+from ravenjax.train.page.scene import Scene, Windows, describe_place
 from ravenjax.train.page.server import PageServer
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.jaws import closing_point, with_tips
+from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import tip_pose
 
@@ -62,7 +60,6 @@ class Page:
         self.port = self._server.port
 
     def work(self) -> None:
-        """Work until the session's process ends."""
         last_frame = time.monotonic()
         while not parent_has_ended():
             now = time.monotonic()
@@ -75,7 +72,6 @@ class Page:
             self._changed.clear()
 
     def close(self) -> None:
-        """Stop serving and close the rings."""
         # viser prints a message when it stops.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.viser.stop()

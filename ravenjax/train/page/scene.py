@@ -1,4 +1,8 @@
-"""Draws the three-dimensional scene from frames: arms, ghosts, forces, task.
+"""Draws the three-dimensional scene from frames: arms, ghosts, forces, depth lines, task.
+
+Only some targets are drawn: the goal, the next target in a smaller size, and the last targets
+reached in grey. All targets at once would hide the tip. The goal has a colour that neither arm nor
+model has. The ring around it shrinks as the tip comes nearer.
 
 The roots of viser's node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser sends
 only changes.
@@ -19,13 +23,43 @@ import viser
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
-from ravenjax.train.page.marks import MODEL, DepthLine, Rgb, TaskShapes
-from ravenjax.train.protocol.frame import VIEWS, Frame
-from ravenjax.train.protocol.jaws import jaw_tips
-from ravenjax.train.protocol.messages import Event, Json
-from ravenjax.train.protocol.world import TISSUE, frame0_in_world, tissue_height
-from ravenjax.train.robot import ARMS, ArmName, Arms
+from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
+from ravenjax.train.page.hub import Client
+from ravenjax.train.page.server import window
+from ravenjax.train.protocol import (
+    TISSUE,
+    VIRTUAL,
+    Command,
+    Event,
+    Frame,
+    Json,
+    frame0_in_world,
+    jaw_tips,
+    tissue_height,
+)
+from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
+Rgb = tuple[int, int, int]
+
+# The colours differ from each other also for people who lack one kind of cone. A colour is never
+# the only sign: a letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and
+# the debrief's `replay.js` have these colours as #rrggbb.
+MODEL = (154, 220, 255)
+GOAL = (245, 61, 240)
+DONE = (118, 135, 154)
+LETTERS = {"gold": "L", "green": "R"}
+
+PLUMB, SPOT = (235, 240, 245), (20, 16, 16)
+# Radius and height of the spot below the tip, and position of the letter above it, m.
+SPOT_M, LETTER_M = (0.0022, 0.0006), np.array([0.0, 0.0, 0.009])
+# Relative sizes of pegs that are not the goal, of the next target, and of targets reached.
+OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
+LAST_REACHED = 5
+RING_M = (0.004, 0.03)
+"""Least and greatest radius."""
+_ANGLES = np.linspace(0, 2 * np.pi, 49)
+_RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
+_FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
@@ -38,6 +72,163 @@ FORCE_M = 0.9
 SHADOW = 0.3
 """Darkness of the shadows that shapes receive."""
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
+FIRST = "endoscope"
+FAR = "theatre"
+"""An inset with this view has no letters: they would hide the instruments."""
+# The endoscope's light: colour, candela.
+LAMP, LAMP_CD = (255, 246, 235), 0.008
+UP = (0.0, 0.0, 1.0)
+
+
+class DepthLine:
+    """Shows which instrument is which, and how high its tip is.
+
+    A letter is beside the tip, a dotted line leads down to the tissue, and a spot marks its end.
+    """
+
+    def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
+        root = f"/plumb/{arm}"
+        self._line = add_line_segments(server, f"{root}/line", PLUMB, 1.5, visible=False)
+        self._spot = server.scene.add_cylinder(
+            f"{root}/spot", *SPOT_M, color=SPOT, opacity=0.6, visible=False, **_FLAT
+        )
+        self._letter = server.scene.add_label(
+            # Each on its own side, so that the letters of two near tips do not overlap.
+            f"{root}/letter",
+            LETTERS[arm],
+            font_screen_scale=1.6,
+            anchor="bottom-right" if arm == "gold" else "bottom-left",
+        )
+
+    def show(self, tip: np.ndarray) -> None:
+        """Follow the tip, world, m."""
+        self._letter.position = tip + LETTER_M
+        foot = np.array([tip[0], tip[1], tissue_height(float(tip[0]), float(tip[1]))])
+        self._line.visible = self._spot.visible = bool(
+            np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
+        )
+        self._line.points = np.array([[tip, foot]], np.float32)
+        self._spot.position = foot
+
+
+class TaskShapes:
+    """Scene nodes of one task, made from its geometry: world, m.
+
+    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m",
+    "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
+    {"points", "colour"} or None}; all optional.
+    """
+
+    def __init__(self, server: viser.ViserServer, geometry: Json) -> None:
+        self._server = server
+        self._goal: int | None = None
+        self._spots: dict[int, tuple[Any, Rgb]] = {}
+        self._places: dict[int, np.ndarray] = {}
+        self._object: Any = None
+        self._holder = ""
+        targets = geometry.get("targets") or ()
+        self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
+        ring = segments_of_path(_RING)
+        self._ring = add_line_segments(server, "/task/ring", GOAL, 2.0, ring, visible=False)
+        self._on_path: Any = None
+        if path := geometry.get("path"):
+            points = np.asarray(path["points"], float)
+            line = segments_of_path(points)
+            add_line_segments(server, "/task/path", _rgb(path["colour"]), 3.0, line)
+            self._places = dict(enumerate(points))
+            self._on_path = self._add_ball("on_path", path["radius_m"], GOAL, 0.55, visible=False)
+        for target in targets:
+            self._add_spot(f"target/{target['number']}", target, 0.55)
+        for peg in geometry.get("pegs") or ():
+            (x, y, top), height = peg["at"], peg["height_m"]
+            server.scene.add_cylinder(
+                f"/task/stem/{peg['number']}",
+                peg["radius_m"],
+                height,
+                color=_rgb(peg["colour"]),
+                position=(x, y, top - height / 2),
+            )
+            self._add_spot(f"peg/{peg['number']}", peg, 0.7)
+        if carried := geometry.get("object"):
+            self._object = self._add_spot("object", carried, None)
+
+    def follow(self, event: Event) -> None:
+        """Take an event of kind "object": an arm took the object, or let it go somewhere."""
+        self._holder = event.get("held", "")
+        if self._object is not None and "at" in event:
+            self._object.position = tuple(event["at"])
+
+    def show(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+        """Mark the present goal (-1: none), and move a held object with the tip. tips: world, m."""
+        if self._object is not None and self._holder in tips:
+            self._object.position = tips[self._holder]
+        self._surround(goal, tips)
+        if goal == self._goal:
+            return
+        self._goal = goal
+        if self._on_path is not None:
+            self._on_path.visible = goal in self._places
+            self._on_path.position = tuple(self._places.get(goal, np.zeros(3)))
+        for number, (node, colour) in self._spots.items():
+            is_goal, is_target = number == goal, number in self._arms
+            is_reached = is_target and not number > goal >= 0
+            if is_target:
+                node.visible = goal < 0 or goal - LAST_REACHED <= number <= goal + 1
+            other = REACHED if is_reached else NEXT if is_target else OTHER_PEG
+            node.scale = 1.0 if is_goal else other
+            node.color = GOAL if is_goal else DONE if is_reached else colour
+
+    def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+        """Draw a ring around the goal whose radius is the distance of the nearest tip in turn."""
+        place = self._places.get(goal)
+        arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
+        self._ring.visible = place is not None and bool(arms)
+        if place is not None and arms:
+            self._ring.position = tuple(place)
+            distance = min(np.linalg.norm(tips[arm] - place) for arm in arms)
+            self._ring.scale = float(np.clip(distance, *RING_M))
+
+    def _add_ball(
+        self, name: str, radius: float, colour: Rgb, opacity: float | None, **settings: Any
+    ) -> Any:
+        return self._server.scene.add_icosphere(
+            f"/task/{name}", radius, color=colour, opacity=opacity, **_FLAT, **settings
+        )
+
+    def _add_spot(self, name: str, spot: Json, opacity: float | None) -> Any:
+        colour, number, at = _rgb(spot["colour"]), int(spot["number"]), spot["at"]
+        node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(at))
+        self._spots[number], self._places[number] = (node, colour), np.asarray(at, float)
+        return node
+
+
+def add_line_segments(
+    server: viser.ViserServer,
+    name: str,
+    colour: Rgb,
+    thickness: float,
+    points: np.ndarray | None = None,
+    **settings: Any,
+) -> Any:
+    """Add line segments [n, 2, 3], m; by default one of length 0."""
+    return server.scene.add_line_segments(
+        name,
+        np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),
+        colour,
+        thickness=thickness,
+        thickness_units="screen",
+        **settings,
+    )
+
+
+def segments_of_path(path: np.ndarray) -> np.ndarray:
+    """Return the segments [n - 1, 2, 3] between points [n, 3]."""
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def _rgb(colour: str) -> Rgb:
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
@@ -90,12 +281,7 @@ class RobotFigure:
                 else:
                     colour, opacity = _LOOKS[layer]
                     node = server.scene.add_mesh_simple(
-                        name,
-                        *mesh,
-                        color=colour,
-                        opacity=opacity,
-                        cast_shadow=False,
-                        receive_shadow=False,
+                        name, *mesh, color=colour, opacity=opacity, **_FLAT
                     )
                 self._nodes[body] = node
         self._place()
@@ -108,7 +294,6 @@ class RobotFigure:
         self._place()
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide all links."""
         for node in self._nodes.values():
             node.visible = visible
 
@@ -122,11 +307,7 @@ class Scene:
     """Everything that is drawn, for every window."""
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        arms: Arms,
-        task: Json | None,
-        blinded: bool,
+        self, server: viser.ViserServer, arms: Arms, task: Json | None, blinded: bool
     ) -> None:
         """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
         model = arm_model.operating_scene()
@@ -159,11 +340,10 @@ class Scene:
             figure.set_visible(False)
 
     def update(self, frame: Frame) -> None:
-        """Draw this frame."""
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
-            is_virtual = VIEWS[int(frame.number("view"))] == "virtual"
+            is_virtual = frame.number("view") == VIRTUAL
             self._virtual.set_visible(is_virtual)
             if is_virtual:
                 self._virtual.show(frame, "virtual_jpos")
@@ -223,3 +403,55 @@ def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
     arrow.visible = bool(np.abs(along).max() > 1e-6)
     if arrow.visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
+
+
+class Windows:
+    """The viser clients, by the name of the window to which each belongs."""
+
+    def __init__(self) -> None:
+        self._clients: dict[str, viser.ClientHandle] = {}
+
+    def watch(self, server: viser.ViserServer) -> None:
+        """Set the scene's look, and register each client that connects."""
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = view_pose(FIRST)
+        camera.up, camera.near = UP, 0.01
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        server.scene.configure_environment_map("studio", environment_intensity=0.3)
+        server.scene.configure_default_lights(True, cast_shadow=True)
+        lamp = tuple(FIELD + ENDOSCOPES[FIRST])
+        server.scene.add_light_point(
+            "/lamp", color=LAMP, intensity=LAMP_CD, position=lamp, cast_shadow=False
+        )
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            name = window.get() or str(client.client_id)
+            self._clients[name] = client
+            _, _, inset = name.partition(".")
+            if inset in VIEWS:
+                _look_from(client, inset)
+            if inset == FAR:
+                # This client's node is the parent of the scene's nodes /plumb/... and hides them.
+                client.scene.add_frame("/plumb", show_axes=False, visible=False)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            for name, known in list(self._clients.items()):
+                if known.client_id == client.client_id:
+                    del self._clients[name]
+
+    def obey(self, client: Client, message: Command) -> None:
+        """Carry out a window's request: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
+        handle, name = self._clients.get(client.window), message.get("name")
+        if handle is not None and message["do"] == "shadows":
+            handle.scene.configure_default_lights(True, cast_shadow=message["on"])
+        elif handle is not None and name in VIEWS:
+            _look_from(handle, name)
+
+
+def _look_from(client: viser.ClientHandle, name: str) -> None:
+    place, focus, fov = view_pose(name)
+    with client.atomic():
+        client.camera.position, client.camera.look_at = place, focus
+        client.camera.up_direction, client.camera.fov = UP, fov

@@ -109,7 +109,6 @@ class PageServer:
 
     @property
     def port(self) -> int:
-        """The port on which the server listens."""
         return self.viser.get_port()
 
     @property

@@ -48,7 +48,6 @@ class LoopTiming:
 
     @property
     def ticks(self) -> int:
-        """The number of ticks so far."""
         return int(self.lateness.sum())
 
     def percentile(self, what: str, share: float) -> float:

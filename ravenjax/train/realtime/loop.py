@@ -1,17 +1,21 @@
-"""Runs a session in real time: one thread, one tick a millisecond. It waits only for the clock."""
+"""Runs a session in real time: one thread, one tick a millisecond. It waits only for the clock.
+
+A training session and the session of `ravenjax robot` run in this loop.
+"""
 
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import PAUSED, Frame
-from ravenjax.train.protocol.messages import Command
+from ravenjax.train.protocol import PAUSED, Command, Event, Frame
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
+from ravenjax.train.robot import Arms
+from ravenjax.train.scenario import Scenario
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.console_arbiter import console_of
+from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 
 MOST_COMMANDS = 16
 """The largest number of commands taken in a tick. Further commands wait for the next tick."""
@@ -28,6 +32,21 @@ class Console(Protocol):
     def tell(self, frame: Frame) -> None: ...
 
 
+class TickedSession(Protocol):
+    """A session of the loop: `move` fills `frame` before it is sent, `conclude` does the rest."""
+
+    scenario: Scenario
+    arms: Arms
+    arbiter: ConsoleArbiter
+    frame: Frame
+    ticks: int
+
+    @property
+    def over(self) -> bool: ...
+    def move(self, commands: list[Command]) -> None: ...
+    def conclude(self) -> list[Event]: ...
+
+
 class PageCommands:
     """Reads the commands that the page writes to its ring, and marks them as the page's."""
 
@@ -37,7 +56,6 @@ class PageCommands:
         self._drives = drives
 
     def poll(self) -> list[Command]:
-        """Return the commands that have arrived."""
         if self._ring.written == self._next:
             return []
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
@@ -55,20 +73,19 @@ class PageCommands:
 
 
 def run_loop(
-    session: Session,
-    frames: Ring,
-    events: Ring,
+    session: TickedSession,
     consoles: list[Console],
     stopped: Callable[[], bool] = lambda: False,
+    rings: tuple[Ring, Ring] | None = None,
     trouble: Callable[[], str | None] = lambda: None,
 ) -> LoopTiming:
     """Run `session` in real time until it is over, or `stopped` returns True.
 
-    trouble: called once a second to find failures of other processes. Its first message becomes an
-    event.
+    rings: take frames and events; None: nobody reads them. trouble: called once a second to find
+    failures of other processes. Its first message becomes an event.
     """
-    rehearsal = _Rehearsal(session)
-    frame, places = session.frame, session.layout.places
+    rehearsal = _Rehearsal(session) if isinstance(session, Session) else None
+    frame, places = session.frame, session.frame.layout.places
     row = frame.row.view(np.uint8)
     timing = slice(places["compute_us"].start, places["late_ticks"].stop)
     reported = left = ticks = 0
@@ -76,26 +93,29 @@ def run_loop(
     with clock.no_collection():
         paced = Clock()
         while left < AFTER_END_MS:
-            paced.wait(rehearsal.tick)
+            paced.wait(rehearsal and rehearsal.tick)
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end", "by": "terminal"})
             frame.row[timing] = paced.compute_us, paced.lateness_us, paced.timing.late
             session.move(commands)
-            frames.put(row)
+            if rings:
+                rings[0].put(row)
             for console in consoles:
                 console.tell(frame)
             paced.done()
             notes = session.conclude()
-            rehearsal.hear(commands)
+            if rehearsal:
+                rehearsal.hear(commands)
             if paced.timing.late > reported and session.ticks % 100 == 0:
                 reported = paced.timing.late
                 notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
             ticks += 1
             if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
                 notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
-            for event in notes:  # log and page read them every few ms
-                put_json(events, event)
+            if rings:
+                for event in notes:  # log and page read them every few ms
+                    put_json(rings[1], event)
             left += session.over
             paced.rest()
     return paced.timing

@@ -16,10 +16,14 @@ from multiprocessing import shared_memory
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import Json, encode
+from ravenjax.train.protocol import Json, encode
 
 # Bytes: rows written so far, capacity, bytes of a row.
 _HEADER = 64
+EVENT_BYTES = 2048
+"""The largest size of an event as JSON."""
+COMMAND_BYTES = 4096
+"""The largest size of a command to a session."""
 
 
 class Ring:
@@ -54,7 +58,6 @@ class Ring:
 
     @property
     def written(self) -> int:
-        """The number of rows written so far."""
         return int(self._header[0])
 
     def put(self, row: np.ndarray) -> None:
@@ -82,12 +85,6 @@ class Ring:
         self._memory.close()
         if self._owner:
             self._memory.unlink()
-
-
-EVENT_BYTES = 2048
-"""The largest size of an event as JSON."""
-COMMAND_BYTES = 4096
-"""The largest size of a command to a session."""
 
 
 def parent_has_ended() -> bool:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ravenjax.errors import StoreError
 from ravenjax.store.logs.session import description
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,6 @@ class SessionFolder:
 
     @property
     def scenario(self) -> str:
-        """Name of its scenario."""
         return (self.header.get("scenario") or {}).get("name") or ""
 
     @property
@@ -44,4 +43,4 @@ def sessions_beside(base: Path) -> list[SessionFolder]:
             sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
         except StoreError:
             continue
-    return sorted(sessions, key=lambda one: (one.started, one.path.name))
+    return sorted(sessions, key=lambda session: (session.started, session.path.name))

@@ -19,7 +19,7 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.protocol.messages import Event, Json
+from ravenjax.train.protocol import Event, Json
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
 POLL_S = 0.015
@@ -97,11 +97,7 @@ def utc_now() -> str:
 
 
 def _record(
-    frames: Ring,
-    events: Ring,
-    writer: RowWriter,
-    late_ticks: int,
-    leaving: threading.Event,
+    frames: Ring, events: Ring, writer: RowWriter, late_ticks: int, leaving: threading.Event
 ) -> Json:
     """Record, and return the summary for session.json. late_ticks: its index in a row."""
     row, event, end_s = 0, 0, float("inf")

@@ -26,11 +26,9 @@ from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
-from ravenjax.train.robot_link.joint_stream import JointReport
-from ravenjax.train.robot_link.remote import RobotLink
+from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
 from ravenjax.train.session import blueprint as of_session
 from ravenjax.train.session.blueprint import Blueprint, hazard_distances
 
@@ -56,7 +54,7 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """A remote robot with the methods of `simulation.SimulatedRobot`, reached through `remote`."""
+    """A remote robot with the methods of `simulation.SimulatedRobot`. remote: the way to it."""
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
@@ -98,7 +96,6 @@ class DistantRobot:
 
     def golden_outcomes(self) -> None:
         """Return None: there is no golden run."""
-        return None
 
     def reset(self) -> None:
         """Order the robot to restart, and restart the model."""
@@ -119,7 +116,6 @@ class DistantRobot:
 
     @property
     def heard(self) -> bool:
-        """Whether the robot's reports arrive."""
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
@@ -130,11 +126,9 @@ class DistantRobot:
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
-        """Order the robot to disarm the hazard."""
         self.remote.order({"order": "disarm"})
 
     def press(self, row: int, ticks: int = 100) -> None:
-        """Order the robot to press its E-stop button."""
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:

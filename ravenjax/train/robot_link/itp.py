@@ -16,14 +16,26 @@ little-endian), which raven2 declares and never sends. This server defines its m
 """
 
 import contextlib
+import math
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import STALE_MS, Command, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
+from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import SIZE, Gate, merge_commands
+from ravenjax.train.robot_link.packet_filter import (
+    ALIVE,
+    DRIVES,
+    PEDAL,
+    SIZE,
+    SOFT_ESTOPPED,
+    TAKEN,
+    Gate,
+    merge_commands,
+)
+from ravenjax.train.session.console_arbiter import packets_message
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -32,8 +44,8 @@ USUAL_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
 """Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
-PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
-"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
+SOME_PACKETS = 10
+"""The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
 FORCE_SCALE = 1000.0
 _FORCE_LIMIT = 2**31 - 1
 
@@ -84,7 +96,6 @@ class ItpServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
@@ -134,10 +145,10 @@ class ItpServer:
         if peer is None:
             return False
         alive = now_ms - self._taken_ms <= STALE_MS
-        flags = self._present | (SOFT_ESTOPPED if soft_estopped else 0) | (DRIVES if drives else 0)
+        flags = self._present | SOFT_ESTOPPED * soft_estopped | DRIVES * drives
         components = [0] * 6
         if alive:
-            flags |= ALIVE | (PEDAL if pedal and self._pedal else 0)
+            flags |= ALIVE | PEDAL * (pedal and self._pedal)
             for arm, force in forces.items() if drives else ():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
                 pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
@@ -146,15 +157,9 @@ class ItpServer:
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
+        number = self._sent % 2**32
         datagram = V_STRUCT.pack(
-            self._sent % 2**32,
-            self.last_sequence,
-            0,
-            0,
-            *components,
-            int(runlevel),
-            flags,
-            checksum,
+            number, self.last_sequence, 0, 0, *components, int(runlevel), flags, checksum
         )
         # If the packet cannot be sent, the next tick sends a newer force.
         with contextlib.suppress(OSError):
@@ -166,9 +171,82 @@ class ItpServer:
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:
-        """Close the port."""
         self._socket.close()
 
 
 def _whole(value: float) -> int:
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))
+
+
+class Refusals:
+    """Reports when the packet filter refuses all packets of a console."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate, self._counts = gate, dict(gate.counts)
+        self._polls, self._published = 0, ""
+
+    def poll(self) -> list[Command]:
+        """Return the command "unheard" in the tick in which the filter starts or stops refusing
+        all.
+        """
+        self._polls += 1
+        if self._polls % STALE_MS:
+            return []
+        counts, before = dict(self._gate.counts), self._counts
+        more = {cause: count - before[cause] for cause, count in counts.items()}
+        self._counts = counts
+        accepted, why = more.pop(TAKEN), self._published
+        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
+        if cause != "stranger" and accepted:
+            why = ""
+        elif more[cause] >= SOME_PACKETS:
+            why = packets_message(cause)
+        if why == self._published:
+            return []
+        self._published = why
+        return [{"type": "unheard", "why": why}]
+
+
+class ItpConsole:
+    """A console over the network: receives increments and sends forces."""
+
+    def __init__(self, server: ItpServer, session: TickedSession) -> None:
+        self._server, self._session = server, session
+        self._refusals = Refusals(server.gate)
+
+    def poll(self) -> list[Command]:
+        messages = (*self._server.poll(), *self._refusals.poll())
+        return [{**message, "console": "itp"} for message in messages]
+
+    def tell(self, frame: Frame) -> None:
+        drives = self._session.arbiter.owner == "itp"
+        forces = {}
+        if drives and frame.number("console_alive"):
+            setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
+            gain, cap = setting.contact.units_per_n, setting.cue.cap
+            arms = self._session.arms
+            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in arms}
+        self._server.send_force(
+            forces,
+            int(frame.number("runlevel")),
+            bool(frame.number("soft_estopped")),
+            pedal=drives and frame.number("pedal") != 0,
+            drives=drives,
+        )
+
+
+def force_at_hand(
+    frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
+) -> tuple[float, float, float]:
+    """Return the force at the operator's hand in device units, frame 0.
+
+    It is at most `cap`, or as large as the cue alone where the cue exceeds `cap`. cue: whether the
+    operator feels the cue. Contact is always felt: it is the tissue's resistance.
+    """
+    places, numbers = frame.layout.places, frame.numbers
+    first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start
+    pull = numbers[first : first + 3] if cue else [0.0, 0.0, 0.0]
+    x, y, z = (a + units_per_n * b for a, b in zip(pull, numbers[touch : touch + 3], strict=True))
+    size, most = math.hypot(x, y, z), max(cap, math.hypot(*pull))
+    share = most / size if size > most else 1.0
+    return x * share, y * share, z * share

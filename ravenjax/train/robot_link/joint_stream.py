@@ -1,5 +1,8 @@
 """Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
+`JointServer` is the robot's end. The other end, `RemoteRobot`, connects a session to `ravenjax
+robot`, or to a real Raven with a program that sends these reports. Neither waits.
+
 A listener receives one JSON object a line: a greeting, a report once a millisecond, and answers to
 its orders. A listener that reads too slowly loses whole lines, never parts of one. A listener sends
 orders, one JSON object a line:
@@ -16,26 +19,27 @@ A report is
 
 `tick` counts ms since the robot's process began. `last_seq` is the number of the console's packet
 that the robot took last (111 before the first). `checks` has the number of trips of each check that
-has tripped, and the tick of its first trip. Channels and units are those of `protocol.frame`:
+has tripped, and the tick of its first trip. Channels and units are those of `channels.toml`:
 runlevel, plc_runlevel, surgeon_mode, soft_estopped, brakes, fault_active, and jpos, jpos_d, mpos,
 mvel, position and dac of each arm.
 """
 
+import abc
 import collections
 import contextlib
 import ipaddress
 import json
 import socket
-from collections.abc import Iterator
-from typing import NamedTuple
+import time
+from collections.abc import Callable, Iterator, Sequence
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
 from ravenjax.train.page.auth import same_secret
-from ravenjax.train.protocol.frame import CHANNELS, Frame
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import CHANNELS, STALE_MS, Frame, Json
+from ravenjax.train.robot import UDP_PORT, ArmName
 
 JOINT_PORT = 36002
 """The console uses UDP port 36000, and raven2's packet generator uses 36001."""
@@ -49,6 +53,8 @@ OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
 _SIZES = {
     name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *OF_ARM)
 }
+PATIENCE_S = 10.0
+"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
 
 class JointReport(BaseModel):
@@ -72,7 +78,6 @@ class JointReport(BaseModel):
 
     @property
     def runlevel(self) -> int:
-        """Run level of the robot's control software."""
         return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
@@ -149,16 +154,12 @@ class LineConnection:
         return lines
 
     def close(self) -> None:
-        """Close the connection."""
         self.is_closed = True
         self._socket.close()
 
 
-class ListenerOrder(NamedTuple):
-    """An order of a listener that may give it."""
-
-    listener: LineConnection
-    content: Json
+ListenerOrder = tuple[LineConnection, Json]
+"""A listener that may give orders, and the content of its order."""
 
 
 class JointServer:
@@ -182,7 +183,6 @@ class JointServer:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port on which the server listens."""
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[ListenerOrder]:
@@ -205,12 +205,12 @@ class JointServer:
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Send the listener the result of its order: carried out, or the error."""
-        kind = order.content.get("order")
+        listener, content = order
+        kind = content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        order.listener.send(encode_line(reply if error is None else reply | {"error": error}))
+        listener.send(encode_line(reply if error is None else reply | {"error": error}))
 
     def close(self) -> None:
-        """Close all connections and the port."""
         for listener in self.listeners:
             listener.close()
         self._socket.close()
@@ -226,10 +226,151 @@ class JointServer:
             listener.close()
             return
         for content in contents:
-            order, token = ListenerOrder(listener, content), content.get("token")
+            token = content.get("token")
             if listener.local or (isinstance(token, str) and same_secret(token, self._token)):
                 self.counts["orders"] += 1
-                yield order
+                yield listener, content
             else:
                 self.counts["orders_refused"] += 1
-                self.answer(order, _NOT_ALLOWED)
+                self.answer((listener, content), _NOT_ALLOWED)
+
+
+class RobotLink(abc.ABC):
+    """The connection to one robot."""
+
+    def __init__(
+        self, host: str, itp_port: int, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        """Raises UserError if the host has no address."""
+        self.report: JointReport | None = None  # the newest report
+        self.lost = False  # whether the robot can no longer be heard
+        self._clock, self._arrived_ms = clock, float("-inf")
+        self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._console.connect((host, itp_port))
+        except (OSError, OverflowError) as error:
+            self._console.close()
+            raise UserError(
+                f"no robot can be reached at {host}:{itp_port} ({error}): give a host name or an"
+                " address"
+            ) from None
+        self._console.setblocking(False)
+
+    def exchange(self, datagram: bytes) -> JointReport | None:
+        """Send this tick's ITP packet. Return the newest report, which may be `stale`."""
+        # If the packet cannot be sent, the robot misses it, like any packet that is lost.
+        with contextlib.suppress(OSError):
+            self._console.send(datagram)
+        if not self.lost:
+            self._read()
+        return self.report
+
+    @abc.abstractmethod
+    def _read(self) -> None:
+        """Take the reports that have arrived."""
+
+    @abc.abstractmethod
+    def order(self, content: Json) -> None:
+        """Send an order of `joint_stream` to the robot."""
+
+    @property
+    def stale(self) -> bool:
+        """Whether no report has arrived for `STALE_MS`, so that the robot's shown state is old."""
+        return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
+
+    def close(self) -> None:
+        self._console.close()
+
+    def _arrived(self, report: JointReport) -> None:
+        self.report, self._arrived_ms = report, self._clock() * 1e-6
+
+
+class RemoteRobot(RobotLink):
+    """A robot with a joint stream."""
+
+    def __init__(
+        self,
+        host: str,
+        itp_port: int = UDP_PORT,
+        joint_port: int = JOINT_PORT,
+        arms: Sequence[ArmName] = (),
+        token: str | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """arms: those that the session needs. token: for orders to a robot on another machine.
+
+        Raises UserError if no robot answers, or the robot lacks an arm.
+        """
+        super().__init__(host, itp_port, clock)
+        self._token = token
+        self._resets = 0  # resets that were not answered yet
+        self._stream: LineConnection | None = None
+        try:
+            try:
+                self._stream = LineConnection(
+                    socket.create_connection((host, joint_port), PATIENCE_S)
+                )
+            except (OSError, OverflowError) as error:
+                raise UserError(
+                    f"no robot answers at {host}:{joint_port} ({error}): start one there with"
+                    " `ravenjax robot`, and give the port of its joint stream"
+                ) from None
+            # The robot's greeting: its arms, scenario, seed and hazards.
+            self.greeting: Json = {}
+            deadline = time.monotonic() + PATIENCE_S
+            while not self.greeting and not self.lost and time.monotonic() < deadline:
+                self._read()
+                time.sleep(0.005)
+            if not self.greeting:
+                silent = f"sent nothing for {PATIENCE_S:g} s"
+                raise UserError(
+                    f"{host}:{joint_port} accepts connections but"
+                    f" {'closed the connection' if self.lost else silent}. It is busy or not a"
+                    " ravenjax robot: start one there with `ravenjax robot`"
+                )
+            there = self.greeting.get("arms", [])
+            if missing := [arm for arm in arms if arm not in there]:
+                raise UserError(
+                    f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
+                    f" {', '.join(missing)}: start both with the same scenario"
+                )
+        except BaseException:
+            self.close()
+            raise
+
+    def order(self, content: Json) -> None:
+        """Send an order. After a reset there is no report until the robot has restarted."""
+        if content.get("order") == "reset":
+            self._resets += 1
+            self.report = None
+        request = content if self._token is None else content | {"token": self._token}
+        if self._stream is not None:
+            self._stream.send(encode_line(request))
+
+    def close(self) -> None:
+        super().close()
+        if self._stream is not None:
+            self._stream.close()
+
+    def _read(self) -> None:
+        assert self._stream is not None
+        try:
+            for line in self._stream.read():
+                self._take(line)
+        except ValueError:
+            self.lost = True
+        self._stream.send()
+        self.lost = self.lost or self._stream.is_closed
+
+    def _take(self, line: bytes) -> None:
+        """Take a complete line. Raises ValueError if a robot would not send it."""
+        if line.startswith(b'{"tick"'):
+            if not self._resets:
+                self._arrived(JointReport.model_validate_json(line))
+            return
+        content = json.loads(line)
+        if not isinstance(content, dict):
+            raise ValueError("no JSON object")
+        self._resets -= content.get("answer") == "reset"
+        if content.get("robot") == "ravenjax":
+            self.greeting = content

@@ -27,13 +27,14 @@ others share the network, bind loopback or give the console's address (`only_hos
 """
 
 import math
+import operator
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.protocol.messages import Say
+from ravenjax.train.protocol import Say
 from ravenjax.train.robot import (
     FIELDS,
     MODE,
@@ -51,6 +52,8 @@ from ravenjax.train.robot import (
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
 SIZE = FIELDS.size
+PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
+"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
 _LAST = 2**32 - 1
 
 TAKEN = "accepted"
@@ -77,11 +80,14 @@ CAUSES = (
 
 
 Increments = dict[str, Any]
-"""A command "increments" of `protocol.messages`.
+"""A command "increments" of `protocol`.
 
 It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, z, w) and
 `grasp_mrad` (positive closes).
 """
+
+STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+"""The increment of an arm that does not move."""
 
 DROPS = ("stranger", "duplicate", "behind", "far_ahead", "skip")
 """Results for a well-formed packet that is not the next one of the stream."""
@@ -123,7 +129,6 @@ class Gate:
 
     @property
     def received(self) -> int:
-        """The number of datagrams so far."""
         return sum(self.counts.values())
 
     def peer(self, now_ms: float) -> tuple | None:
@@ -142,7 +147,7 @@ class Gate:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._judged(datagram, source, now_ms)
         self.counts[cause] += 1
-        dropped = sum(self.counts[one] for one in DROPS) if cause in DROPS else 0
+        dropped = sum(self.counts[drop] for drop in DROPS) if cause in DROPS else 0
         many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
         if many and not self._warned:
             self._warned = True
@@ -190,7 +195,7 @@ class Gate:
         if self._advised or self._misfit_count % KEPT_MISFITS:
             return
         profile = self._choice.profile
-        others = [one for one in consoles.bundled_profiles() if one != profile]
+        others = [other for other in consoles.bundled_profiles() if other != profile]
         fits = matching_profile(self._misfits, others, self._arms) if profile else ""
         if not fits and self._misfit_count < MISFIT_SHARE * self.received:
             return
@@ -200,14 +205,11 @@ class Gate:
             f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the"
             f" last for {misfit}"
         )
-        self._say(
-            f"{words}. They fit {fits}: start again with --console {fits}"
-            if fits
-            else (
-                f"{words}. No bundled profile fits them: write one, and start again with --console"
-                " FILE.toml"
-            )
-        )
+        advice = f"They fit {fits}: start again with --console {fits}"
+        if not fits:
+            advice = "No bundled profile fits them: write one, and start again with --console"
+            advice += " FILE.toml"
+        self._say(f"{words}. {advice}")
 
     def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:
         """Return the result for a packet's number, and whether the stream goes on after it."""
@@ -241,17 +243,15 @@ def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: 
 
 def merge_commands(commands: Sequence[Increments]) -> Increments | None:
     """Combine commands, in their order, into one: displacements are added, turns are chained."""
-    total = None
-    for command in commands:
-        if total is None:
-            total = command
-            continue
+    if not commands:
+        return None
+    total = commands[0]
+    for command in commands[1:]:
         arms = {}
         for arm, then in command["arms"].items():
             before = total["arms"][arm]
-            deltas = zip(before["delta_um"], then["delta_um"], strict=True)
             arms[arm] = {
-                "delta_um": [a + b for a, b in deltas],
+                "delta_um": [*map(operator.add, before["delta_um"], then["delta_um"])],
                 "quat": list(turn_by(before["quat"], then["quat"])),
                 "grasp_mrad": before["grasp_mrad"] + then["grasp_mrad"],
             }

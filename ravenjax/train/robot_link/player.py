@@ -22,9 +22,9 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.messages import Say
+from ravenjax.train.protocol import Say
 from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
-from ravenjax.train.robot_link.itp import DRIVES, PEDAL
+from ravenjax.train.robot_link.packet_filter import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
 LEAD_S, LEAD_STEP_S = 0.4, 0.002

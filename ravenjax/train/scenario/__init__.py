@@ -1,8 +1,7 @@
 """Training scenarios: TOML files that declare a task, hazards and the right responses."""
 
-from ravenjax.train.scenario.campaign import armable_hazards, session_campaign
+from ravenjax.train.scenario.campaign import Armable, armable_hazards, session_campaign
 from ravenjax.train.scenario.config import Entry, Harm, Scenario, Speeds
-from ravenjax.train.scenario.hazard import Armable
 from ravenjax.train.scenario.loading import bundled_scenarios, from_dict, load_scenario
 
 __all__ = [

@@ -11,6 +11,7 @@ Every hazard of the table starts at 0, and a fault that waits for the pedal in a
 time instead. The reason is that a session arms a row only while the pedal is down.
 """
 
+import dataclasses
 import math
 import zlib
 from collections.abc import Iterator
@@ -25,14 +26,31 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
+from ravenjax.hazards.library import Hazard
 from ravenjax.train.robot import ROBOT, Arms
-from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
-from ravenjax.train.scenario.hazard import FAULT, Armable
 
+RESPONSES: dict[str, tuple[str, ...]] = {
+    "temporarily unavailable": ("restart",),
+    "permanently unavailable": ("convert", "stop"),
+    "sudden jump": ("release", "slow", "stop"),
+}
+"""Right responses to the three hazards of IROS 2016, table 1. They are: restart and troubleshoot;
+convert, reschedule and report; release the pedal, slow down, stop.
+"""
+
+MOVING = ("jump", "displaced", "withheld", "unpublished")
+"""Expected outcomes in which the instrument may move, as in a sudden jump."""
+
+ENDLESS_MS = 5000
+"""How long a fault without an end stays active, unless the scenario sets a time."""
+
+SETTLE_MS = 500
+"""A hazard is watched for this much longer than the time allowed for the response."""
+FAULT = "fault"
+"""Used in place of a library id where the scenario declares the fault itself."""
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""
-
 Key = tuple[str | int, ...]
 _Row = dict[Any, Any]
 """A row of a fault table, by column."""
@@ -41,21 +59,65 @@ _SLOT_COLUMNS = (
     *("start_ms", "duration_ms", "every_ms", "period_ms"),
 )
 """Columns of each fault in a row."""
-
 _CLUTCHED = {"nominal.resync": 1.0}
 """The model follows the robot while the pedal is up. Without this setting, each clutching would
 leave the model some tenths of a millimetre away from the robot.
 """
-
 _OWN_KEYS = {
     "monitor.limit": "[harm] excursion_mm",
     "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
 }
 """Campaign parameters that a scenario sets through its own keys."""
-
 _UNBOUNDED_S = 3600.0
 """Length in s of the campaign from which rows are drawn. All starts in the library lie within it.
 """
+
+
+@dataclasses.dataclass(frozen=True)
+class Armable:
+    """One hazard of a session's list."""
+
+    # Its index in the session's list, and its row in the fault table.
+    number: int
+    # Id in the library; "fault" where the scenario declares the fault itself.
+    hazard: str
+    title: str
+    # Name of the fault table's group.
+    group: str
+    # 16 hex digits.
+    run_id: str
+    # The arm on which the first fault acts; "" where the fault is not on an arm.
+    arm: str
+    right_response: tuple[str, ...]
+    within_s: float
+    # How long the fault stays active.
+    lasts_ms: int
+    # Earliest and latest time; None: the instructor arms the hazard.
+    when_ms: tuple[float, float] | None
+    # Layer of the loop, in words; "" where the scenario declares the fault itself.
+    layer: str
+
+    def header(self) -> dict[str, Any]:
+        """Return the hazard's entry in session.json."""
+        hidden = ("arm", "lasts_ms", "when_ms")
+        return {key: value for key, value in vars(self).items() if key not in hidden}
+
+
+def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
+    """Return the scenario's right responses; without any, those of the library's row."""
+    if entry.right_response is not None:
+        return entry.right_response
+    if hazard is None:
+        return RESPONSES["sudden jump"]
+    if hazard.scenarios:
+        return tuple(dict.fromkeys(word for name in hazard.scenarios for word in RESPONSES[name]))
+    if any(word in MOVING for word in hazard.expected_class):
+        return RESPONSES["sudden jump"]
+    if "stop" in hazard.expected_class:
+        return RESPONSES["temporarily unavailable"]
+    if "unresponsive" in hazard.expected_class:
+        return RESPONSES["permanently unavailable"]
+    return ("continue",)
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
@@ -121,8 +183,8 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
         yield ("hazard", *error.key), error.message
         return
     except ValidationError as error:
-        for one in error.errors():
-            yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
+        for fault in error.errors():
+            yield _of_file(scenario, fault["loc"], []), fault["msg"].removeprefix("Value error, ")
         return
     for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
         yield _of_file(scenario, key, written), _of_scenario(key, message)
@@ -264,11 +326,11 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     if case and not entry.title:
         title += f" ({case.replace('_', ' ')})"
     slots = _slots(row)
-    lasts_ms = round(entry.within_s * 1000.0) + hazard.SETTLE_MS
+    lasts_ms = round(entry.within_s * 1000.0) + SETTLE_MS
     if entry.lasts_s is not None:
         lasts_ms = round(entry.lasts_s * 1000.0)
     elif any(int(slot["duration_ms"]) < 0 or int(slot["every_ms"]) > 0 for slot in slots):
-        lasts_ms = max(lasts_ms, hazard.ENDLESS_MS)
+        lasts_ms = max(lasts_ms, ENDLESS_MS)
     else:
         ends = [int(slot["start_ms"]) + int(slot["duration_ms"]) for slot in slots]
         lasts_ms = max(lasts_ms, *ends)
@@ -280,7 +342,7 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         group=group,
         run_id=f"{int(row['run_id']):016x}",
         arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
-        right_response=hazard.right_responses(entry, listed),
+        right_response=right_responses(entry, listed),
         within_s=entry.within_s,
         lasts_ms=lasts_ms,
         when_ms=None if when is None else (when[0] * 1000.0, when[1] * 1000.0),

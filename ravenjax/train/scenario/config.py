@@ -30,6 +30,7 @@ Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 
 INSTRUCTOR = "instructor"
 """`when` of a hazard that becomes active on the instructor's command."""
+_Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
 
 
 class Speeds(Section):
@@ -138,7 +139,6 @@ class Levels(Section):
 
     @property
     def arms(self) -> Arms:
-        """All arms that a level names."""
         return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
 
 
@@ -202,7 +202,6 @@ def _words(raw: Any) -> Any:
     return (raw,) if isinstance(raw, str) else raw
 
 
-_Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
 When = Annotated[
     tuple[float, float] | Literal["instructor"],
     BeforeValidator(

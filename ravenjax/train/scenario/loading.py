@@ -44,8 +44,8 @@ def from_dict(
         scenario = Scenario.model_validate(raw)
     except ValidationError as error:
         # Pydantic also reports a list as too short when its only entries are invalid.
-        faults = [one for one in error.errors() if one["type"] != "too_short" or not one["input"]]
-        raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
+        faults = [it for it in error.errors() if it["type"] != "too_short" or not it["input"]]
+        raise where.error((_key(it["loc"], raw), _message(it)) for it in faults) from None
     except RecursionError:
         raise UserError("the scenario's tables are nested too deeply to be read") from None
     if errors := list(find_scenario_errors(scenario)):

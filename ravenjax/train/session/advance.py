@@ -18,11 +18,12 @@ import numpy as np
 
 from ravenjax.outcomes import verdict
 from ravenjax.train import scenario, tasks
-from ravenjax.train.judge.detectors import Trips
-from ravenjax.train.judge.watch import Judge
-from ravenjax.train.protocol.frame import (
+from ravenjax.train.judge.watch import Judge, Trips
+from ravenjax.train.protocol import (
     CONSOLES,
+    INSTRUCTOR,
     LOST,
+    OPERATOR,
     OVER,
     PAUSED,
     PHASES,
@@ -30,27 +31,30 @@ from ravenjax.train.protocol.frame import (
     REAL,
     REPLAY,
     RUNNING,
+    SEAT,
     STOPPED,
     VIEWS,
     VIRTUAL,
-    Frame,
-)
-from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import (
-    INSTRUCTOR,
-    OPERATOR,
-    SEAT,
     Command,
     Event,
+    Frame,
     Json,
+    Point,
+    closing_point,
     encode,
 )
-from ravenjax.train.protocol.world import Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import blueprint, director, hands, pedal
+from ravenjax.train.session import blueprint, director, hands
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
+from ravenjax.train.session.console_arbiter import (
+    NETWORK,
+    REASONS,
+    ConsoleArbiter,
+    DoublePress,
+    PedalReasons,
+    console_of,
+)
 from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
 _TOLD = (
@@ -62,7 +66,9 @@ _TOLD = (
 )
 """Kind of event for each state whose changes are reported, and the key of the new value."""
 _STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
-"""Phases in which no pedal counts as down, with the key in `pedal.REASONS`."""
+"""Phases in which no pedal counts as down, with the key in `REASONS`."""
+_OF_TWO_PRESSES = {REAL: "rehearse", VIRTUAL: "reengage", REPLAY: "discard"}
+"""Operator's command of two short presses of a network console's pedal, by view."""
 MOST_COMMANDS = 1_000_000
 """Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
 OUTCOMES_EVERY = 10
@@ -111,11 +117,12 @@ class Session:
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter(self._record)
-        self.pedals = pedal.PedalReasons()
+        self.pedals = PedalReasons()
+        self._presses = DoublePress()
         self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
-        """Lines of `session.command_log`, at most MOST_COMMANDS."""
+        """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
         self._resume_to = READY
         # Row of the resting robot while the operator drives the virtual robot.
@@ -126,8 +133,8 @@ class Session:
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
-        # For each arm: the places of hand, hand_quat and grasp as in a row of motion, then the
-        # channels of the followed robot that are copied to the channels of the virtual robot.
+        # Of each arm: hand, hand_quat and grasp, as in a row of motion. Then the channels of the
+        # virtual robot, and those that are copied to them.
         self._hand_places = [
             slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms
         ]
@@ -156,7 +163,6 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """Whether the session has ended."""
         return self.phase == OVER
 
     def tick(self, commands: list[Command]) -> list[Event]:
@@ -202,12 +208,16 @@ class Session:
                 encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
             ]
         self.frame.settle()
-        self._tell_changes()
+        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
+        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
+        if state != self._told:
+            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
+                if value != before:
+                    self._tell(kind, **{word: value})
+            self._told = state
         if self._moved:
             self._follow()
-        for event in self.pedals.look(
-            {console: self._why_not(console) for console in pedal.NETWORK}
-        ):
+        for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
             self._tell("refused", **event)
         if self._moved:
             self.ticks += 1
@@ -221,10 +231,8 @@ class Session:
         if not self.arbiter.holds(console):
             return why
         if self.phase in _STANDS:
-            return pedal.REASONS[_STANDS[self.phase]]
-        return why or (
-            pedal.REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else ""
-        )
+            return REASONS[_STANDS[self.phase]]
+        return why or (REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else "")
 
     # --- commands ---
 
@@ -234,6 +242,10 @@ class Session:
             self.arbiter.hear(
                 command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
             )
+            console = console_of(command)
+            is_owner = console in NETWORK and console == self.arbiter.owner
+            if is_owner and self._presses.hear(command["pedal"], self.ticks):
+                self._operator({"do": _OF_TWO_PRESSES[self.view]})
         elif kind == "unheard":
             console, why = console_of(command), str(command.get("why", ""))[:200]
             if command.get("once"):
@@ -403,18 +415,15 @@ class Session:
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
-    def _tell_changes(self) -> None:
-        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
-        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
-        if state != self._told:
-            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
-                if value != before:
-                    self._tell(kind, **{word: value})
-            self._told = state
-
     def _follow(self) -> None:
         frame = self.frame
-        self._hear_of_robot()
+        # The robot's state is unknown while its reports do not arrive.
+        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
+            self._let_go("link")
+            self.phase = LOST
+        elif self.robot.heard and self.phase == LOST:
+            self.arbiter.rearm("link", self.ticks)
+            self.phase = READY
         self._events += self.task.step(frame, self.ticks)
         # Reading the checks takes as long as a tick.
         due = self.ticks - self._looked >= OUTCOMES_EVERY
@@ -432,15 +441,6 @@ class Session:
             self._end("time")
         elif self.task.done:
             self._end("task")
-
-    def _hear_of_robot(self) -> None:
-        """Change the phase when reports stop or return. The robot's state is unknown meanwhile."""
-        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
-            self._let_go("link")
-            self.phase = LOST
-        elif self.robot.heard and self.phase == LOST:
-            self.arbiter.rearm("link", self.ticks)
-            self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
         """Return the outcomes of robot and golden run if a check tripped since the last reading."""

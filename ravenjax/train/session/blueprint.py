@@ -30,10 +30,13 @@ from ravenjax.robots.raven2.loop import observers, run, tick
 from ravenjax.robots.raven2.loop.records import Input
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 
 SPARE_MS = 60_000
 """Extra rows of the motion table, for ticks after the session's end and for packets sent again."""
+
+OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
+"""Sites that change what the console sends, with the channels that need the newest packet only."""
 
 SOURCE = Path(__file__).read_bytes()
 """Part of the key for compiled code in the cache, because `make` also affects what is compiled."""
@@ -70,8 +73,14 @@ def make_blueprint(
     """
     ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
-    if packets:
-        _require_strikable(ready)
+    for use in ready.program.setup.injection.sites if packets else ():
+        for _, channel in use.channels:
+            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
+                raise UserError(
+                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
+                    " side of the network, which is another process here. Leave it out of the"
+                    " robot's scenario, or train without --robot"
+                )
     setup = replace(
         ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1)
     )
@@ -81,10 +90,10 @@ def make_blueprint(
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
     # Values of the last row, the button's: they belong to no hazard.
-    own = [values[-1] for values in ready.varied.values()]
+    values_of_button = [values[-1] for values in ready.varied.values()]
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
     empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
-    inputs = own, Faults((empty,) * (slots + 1))
+    inputs = values_of_button, Faults((empty,) * (slots + 1))
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
@@ -140,8 +149,8 @@ def _frame(
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
     trips = jnp.int32(0)
-    for one in run.check_histories(setup, state).values():
-        trips = trips + one.count
+    for history in run.check_histories(setup, state).values():
+        trips = trips + history.count
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]
@@ -174,18 +183,3 @@ def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
         off.loss * while_live,
         off.false_report * while_live,
     ]
-
-
-OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
-"""Sites that change what the console sends, with the channels that need the newest packet only."""
-
-
-def _require_strikable(ready: Plan) -> None:
-    for use in ready.program.setup.injection.sites:
-        for _, channel in use.channels:
-            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
-                raise UserError(
-                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
-                    " side of the network, which is another process here. Leave it out of the"
-                    " robot's scenario, or train without --robot"
-                )

@@ -4,36 +4,129 @@ watch.
 At first no console has the seat. The first console whose pedal goes down gets it and keeps it. A
 console that has left, or that was silent for `GONE_MS`, loses it. An operator may take the seat
 while the other console's pedal is up. The owner may give it away, and the instructor may give it to
-any console. Each change is an event "owner".
+any console. Each change is an event "owner". Where pedals alone decide, a console loses the seat as
+soon as another one presses its pedal while the first one's is up.
 
 A pedal counts as down only after it was up. This applies at the beginning, and after each event
 that an operator with a foot on the pedal may not notice. The console left, was silent for
 `STALE_MS` or was given the seat. The robot was stopped or restarted. A pause ended, or the link to
 the robot was lost.
+
+The page shows the state of its own pedal. The operator of another console gets only forces from the
+session. Therefore each change of the reason why its pedal does not count makes an event "refused",
+which the page and the log show. The terminal prints each new reason.
 """
 
-from collections.abc import Callable
+import tomllib
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
-from ravenjax.train.protocol.frame import CONSOLES
-from ravenjax.train.protocol.messages import STALE_MS, Command
-from ravenjax.train.session import pedal as words
+from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
+NETWORK = ("itp", "crtk")
+"""The consoles of `CONSOLES` whose users get the reasons."""
+HOLDS_MS = 50
+"""Only a reason that lasts longer than this is reported: a person cannot react to a shorter one."""
+_WORDS = tomllib.loads(Path(__file__).with_name("pedal.toml").read_text(encoding="utf-8"))
+REASONS: dict[str, str] = _WORDS["reasons"]
+RELEASED: dict[str, str] = _WORDS["released"]
+"""Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
+DOUBLE_PRESS_MS = 800
+"""The longest time of two presses that count as a pattern; an assumption."""
 GONE_MS = 2000
 """After this silence a console counts as gone, as in `robot_link.packet_filter`."""
 NOBODY, SCRIPT = "nobody", "script"
 
 
+def lift_message(since: str = "") -> str:
+    """Return that the pedal must be lifted. since: the cause, as in the event "rearm"."""
+    cause = _WORDS["since"].get(since)
+    return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
+
+
+def other_console_message(owner: str) -> str:
+    """Return that another console drives."""
+    return f"{owner} drives: wait until {owner} leaves or control is given to this console"
+
+
+def packets_message(cause: str) -> str:
+    """Return that the console's packets are refused. cause: one of `packet_filter.CAUSES`."""
+    why = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
+    return f"its packets are refused: {why}"
+
+
+class PedalReasons:
+    """Stores the reason that was last reported for each console."""
+
+    def __init__(self, say: Say = lambda _: None) -> None:
+        """say: prints a reason for the user."""
+        self.say = say
+        self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
+        # The new reason that must persist before it is reported, and for how many ms it has.
+        self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
+
+    def look(self, why: Mapping[str, str]) -> list[Event]:
+        """Take each console's reason ("" for none) and return the events for changes.
+
+        Call it once a millisecond, also in a pause.
+        """
+        events = []
+        for console, reason in why.items():
+            before, held = self._coming[console]
+            held = held + 1 if reason == before else 1
+            if reason == self._published[console]:
+                held = 0
+            elif held == HOLDS_MS:
+                self._published[console] = reason
+                events.append(self.once(console, reason))
+            self._coming[console] = reason, held
+        return events
+
+    def once(self, console: str, why: str) -> Event:
+        """Return the content of an event for a reason that does not last."""
+        line = f"{console}: {why}" if why else ""
+        if line:
+            self.say(line)
+        return {"console": console, "why": line}
+
+
+class DoublePress:
+    """Two short presses of a pedal, by which a console without buttons begins and ends a trial."""
+
+    def __init__(self) -> None:
+        self._down = False
+        self._changes: deque[int] = deque(maxlen=4)
+
+    def hear(self, down: bool, tick: int) -> bool:
+        """Take the pedal in a message. Return whether it ends the second of two short presses."""
+        if down == self._down:
+            return False
+        self._down = down
+        self._changes.append(tick)
+        is_fourth = not down and len(self._changes) == 4
+        is_double = is_fourth and tick - self._changes[0] <= DOUBLE_PRESS_MS
+        if is_double:
+            self._changes.clear()
+        return is_double
+
+
 class ConsoleArbiter:
     """The arbiter of one session."""
 
-    def __init__(self, record: Callable[..., None] = lambda *_, **__: None) -> None:
-        """record: receives the tick, the kind and the content of each event."""
-        self._record = record
+    def __init__(
+        self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
+    ) -> None:
+        """record: receives the tick, the kind and the content of each event. by_pedals: whether
+        pedals alone decide who drives.
+        """
+        self._record, self._by_pedals = record, by_pedals
         self.owner = NOBODY
         """The console that has the seat, one of `CONSOLES`."""
         self._armed: set[str] = set()  # consoles whose pedal was up as required
         self._heard: dict[str, int] = {}  # tick of each console's last message
-        self._down = False  # the owner's pedal, as it counts
+        self.down = False
+        """The owner's pedal, as it counts."""
         self._foot: dict[str, bool] = {}  # each console's pedal in its last message
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
@@ -47,16 +140,20 @@ class ConsoleArbiter:
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
             self._disarm(console, "silence", tick)
+        is_free = self.owner in (NOBODY, console) or (self._by_pedals and not self.down)
+        if pedal and not is_free:
+            # A pedal that was pressed while another one is down must be lifted first.
+            self._armed.discard(console)
         down = pedal and console in self._armed
-        if self.owner in (NOBODY, console):
+        if is_free and (down or self.owner in (NOBODY, console)):
             if not take({**message, "pedal": down}):
-                self._unheard[console] = words.REASONS["out_of_range"]
+                self._unheard[console] = REASONS["out_of_range"]
                 return
-            if self.owner == NOBODY and down:
+            if self.owner != console and down:
                 self._hand_to(console, "pedal", tick)
-            self._down = down
+            self.down = down
         self._heard[console], self._foot[console] = tick, pedal
-        if self._unheard.get(console) == words.REASONS["out_of_range"]:
+        if self._unheard.get(console) == REASONS["out_of_range"]:
             del self._unheard[console]
         if not pedal:
             self._armed.add(console)
@@ -76,10 +173,10 @@ class ConsoleArbiter:
         if not self._foot.get(console):
             return ""
         if tick - self._heard[console] > STALE_MS:
-            return words.REASONS["silent"]
-        if self.owner not in (NOBODY, console):
-            return words.other_console_message(self.owner)
-        return "" if console in self._armed else words.lift_message(self._since.get(console, ""))
+            return REASONS["silent"]
+        if self.owner not in (NOBODY, console) and (self.down or not self._by_pedals):
+            return other_console_message(self.owner)
+        return "" if console in self._armed else lift_message(self._since.get(console, ""))
 
     def obey(self, command: Command, tick: int) -> bool:
         """Carry out a command "seat". Return whether the seat has changed hands."""
@@ -94,7 +191,7 @@ class ConsoleArbiter:
         if target == self.owner or target not in CONSOLES:
             return False
         is_alive = tick - self._heard.get(self.owner, tick) <= STALE_MS
-        if do == "take" and self.owner != NOBODY and self._down and is_alive:
+        if do == "take" and self.owner != NOBODY and self.down and is_alive:
             refusal = f"the pedal of {self.owner} is down"
         elif do == "give" and by != "instructor" and self.owner not in (console, NOBODY):
             refusal = f"{self.owner} has the console"
@@ -108,24 +205,12 @@ class ConsoleArbiter:
 
     def step(self, tick: int) -> bool:
         """Advance by one tick. Return whether the owner has lost the seat by its silence."""
-        if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= GONE_MS:
+        gone_ms = STALE_MS if self._by_pedals else GONE_MS
+        if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= gone_ms:
             return False
         self._disarm(self.owner, "silence", tick)
         self._hand_to(NOBODY, "silent", tick)
         return True
-
-    def vacate(self, tick: int) -> str:
-        """Empty the seat if its pedal is up or silent; return the silent console or "".
-
-        Call it once a tick where pedals alone decide. Another pedal that was pressed in the
-        meantime must be lifted first.
-        """
-        is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
-        silent = self.owner if is_silent else ""
-        if is_silent or not self._down:
-            self._armed -= {console for console, is_down in self._foot.items() if is_down}
-            self.owner, self._down = NOBODY, False
-        return silent
 
     def rearm(self, why: str, tick: int) -> None:
         """Require that every pedal is lifted before it counts again."""
@@ -133,10 +218,10 @@ class ConsoleArbiter:
             self._record(tick, "rearm", why=why)
         self._armed.clear()
         self._since = dict.fromkeys(CONSOLES, why)
-        self._down = False
+        self.down = False
 
     def _hand_to(self, console: str, by: str, tick: int) -> None:
-        self.owner, self._down = console, False
+        self.owner, self.down = console, False
         self._heard[console] = tick
         self._record(tick, "owner", console=console, by=by)
 

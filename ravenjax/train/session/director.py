@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.train.protocol.frame import REAL, RUNNING, Frame
-from ravenjax.train.protocol.messages import Command
+from ravenjax.train.protocol import REAL, RUNNING, Command, Frame
 from ravenjax.train.robot import PEDAL_DOWN
 from ravenjax.train.scenario import Armable
 

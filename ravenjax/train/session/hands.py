@@ -18,8 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.train.protocol.messages import STALE_MS, Command, Json
-from ravenjax.train.protocol.world import itp_from_view, turn_vector
+from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn_vector
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
@@ -73,7 +72,7 @@ class Hands:
                 hand.add(increment)
         else:
             for arm, hand in self._hands.items():
-                hand.aim(_speeds(tables[arm]) if arm in tables else STILL)
+                hand.aim(_speeds(tables.get(arm, {})))
         self._pedal, self._heard = message["pedal"], tick
         return True
 
@@ -124,13 +123,11 @@ class _Hand:
             self._aim = STILL
 
     def stop(self) -> None:
-        """Stop at once."""
         if self._moving:
             self._aim, self._moving = STILL, False
             self._v, self._change = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        """Advance by one millisecond toward the speeds that were set."""
         if not self._moving:
             return
         v, change = self._v, self._change
@@ -161,13 +158,11 @@ class _Hand:
             self._quat = turn_by(self._quat, turn)
 
     def has_room(self, increment: Json) -> bool:
-        """Whether the position after this increment is in range."""
         x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
         x.append(self._grasped + increment.get("grasp_mrad", 0.0))
         return max(map(abs, x)) <= FARTHEST_UM
 
     def add(self, increment: Json) -> None:
-        """Move by a console's increment."""
         for i, d in enumerate(increment["delta_um"]):
             self._x[i] += d
         self._grasped += increment.get("grasp_mrad", 0.0)
@@ -176,7 +171,6 @@ class _Hand:
             self._quat = turn_by(self._quat, quat)
 
     def fill(self, values: list[float], scale: float) -> None:
-        """Append the arm's columns of a row of motion."""
         per_um = 1.0 / scale
         values += [_beyond(position) * per_um for position in self._x]
         values += (*self._quat, _beyond(self._grasped))

@@ -6,13 +6,26 @@ session can be repeated exactly.
 
 import collections
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated
 
-from ravenjax.train.protocol.frame import STOPPED, Frame
-from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.messages import Command
-from ravenjax.train.protocol.world import Point, to_world, view_from_world
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from ravenjax.errors import UserError
+from ravenjax.train.protocol import (
+    STOPPED,
+    Command,
+    Frame,
+    Increments,
+    Input,
+    Point,
+    closing_point,
+    to_world,
+    view_from_world,
+)
 from ravenjax.train.robot import PEDAL_DOWN, ArmName
 from ravenjax.train.scenario import Speeds
+from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
 
 INPUT_EVERY_MS = 16
@@ -26,7 +39,12 @@ REST_MS = 1500
 UNAVAILABLE_MS = 1000
 """The operator restarts a robot that does not follow for this time although the pedal is down."""
 GAIN_PER_S, GRASP_PER_RAD = 4.0, 4.0
+UNATTENDED_MS = 60_000
+"""The tick at which the session's time begins even if a script has not driven."""
 REACTIONS = ("none", "release", "slow", "stop")
+_HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
+    Annotated[Input | Increments, Field(discriminator="type")]
+)
 
 
 class Follower:
@@ -127,3 +145,57 @@ class Recorded:
         while self._said and self._said[0][0] <= tick:
             out.append(dict(self._said.popleft()[1]))
         return out
+
+
+class Scripted:
+    """Presents a scripted or recorded operator to the realtime loop as a console."""
+
+    def __init__(self, script: str, session: Session) -> None:
+        self._session = session
+        self._operator: Follower | Recorded
+        if script in REACTIONS:
+            speeds = session.scenario.speeds
+            self._operator = Follower(session.task, session.arms, speeds, script)
+        else:
+            self._operator = Recorded(read_commands(script))
+
+    def poll(self) -> list[Command]:
+        """Return the commands to carry out before this tick."""
+        session = self._session
+        commands = self._operator.messages(session.ticks, session.frame)
+        if session.ticks == UNATTENDED_MS and session.started is None:
+            commands.append({"type": "instructor", "do": "start"})
+        return commands
+
+    def tell(self, frame: Frame) -> None:
+        """Do nothing: a script reads the frame in `poll`."""
+
+
+class _Line(BaseModel):
+    tick: Annotated[int, Field(ge=0, strict=True)]
+    message: Command
+
+
+def read_commands(path: str | Path) -> list[tuple[int, Command]]:
+    """Return the tick and the command of each line. Raises UserError if a line is invalid."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}. Expected JSON lines") from None
+    commands = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            entry = _Line.model_validate_json(line)
+            if entry.message.get("type") in ("input", "increments"):
+                _HANDS.validate_python(entry.message)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"])) or "the line"
+            raise UserError(
+                f"{path}:{number}: {where}: {first['msg']}. Expected"
+                ' {"tick": ms, "message": {..}}'
+            ) from None
+        commands.append((entry.tick, entry.message))
+    return commands

@@ -13,8 +13,7 @@ from ravenjax.faults.fault import FaultSlot
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import GOLDEN, Frame, FrameLayout
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import GOLDEN, Frame, FrameLayout, Json
 from ravenjax.train.robot import E_STOP, Packet
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.blueprint import Blueprint

@@ -118,7 +118,14 @@ def plan_study(
     needed = _least(lambda n: comparisons * smallest_p(n, paired, groups) <= alpha)
     for_effect = None
     if effect is not None:
-        for_effect = max(needed, _for_effect(effect, power, alpha / comparisons, paired, groups))
+        # The import is slow.
+        from statsmodels.stats.power import TTestIndPower, TTestPower
+
+        test, each = (TTestPower(), 1) if paired else (TTestIndPower(), groups)
+        # Student's t-test at Holm's first level.
+        first = alpha / comparisons
+        least = _least(lambda n: n > 1 and float(test.power(effect, n, first)) >= power)
+        for_effect = max(needed, each * least)
     adjusted = min(1.0, comparisons * smallest)
     return StudyPlan(
         participants, paired, comparisons, smallest, adjusted, adjusted <= alpha, needed, for_effect
@@ -152,16 +159,6 @@ def describe_plan(plan: StudyPlan) -> str:
         " make a clear result harder."
     )
     return "\n".join(lines)
-
-
-def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups: int) -> int:
-    """Return the participants that Student's t-test needs at Holm's first level."""
-    # The import is slow.
-    from statsmodels.stats.power import TTestIndPower, TTestPower
-
-    test = TTestPower() if paired else TTestIndPower()
-    each = _least(lambda n: n > 1 and float(test.power(effect, n, alpha)) >= power)
-    return each if paired else groups * each
 
 
 def _least(enough: Callable[[int], bool]) -> int:

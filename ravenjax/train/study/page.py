@@ -10,10 +10,15 @@ import numpy as np
 
 from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.store.files import require_writable, write_text
-from ravenjax.train.recording import hazards as hazard_table
-from ravenjax.train.study import design, sessions
-from ravenjax.train.study.comparison import ComparedGroup, GroupComparison, compare_groups
-from ravenjax.train.study.sessions import TrainingStudy
+from ravenjax.train.recording import reader
+from ravenjax.train.study import design
+from ravenjax.train.study.comparison import (
+    ComparedGroup,
+    GroupComparison,
+    TrainingStudy,
+    collect_sessions,
+    compare_groups,
+)
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
@@ -39,12 +44,12 @@ def write_study(
     mixed: bool = False,
 ) -> StudyResult:
     """Write study.html, study.csv (one row a hazard) and study.txt; see
-    `sessions.collect_sessions`.
+    `collect_sessions`.
     """
     # jinja takes a while to import.
     from ravenjax.document import html
 
-    study = sessions.collect_sessions(folders, by, unblind=unblind, mixed=mixed)
+    study = collect_sessions(folders, by, unblind=unblind, mixed=mixed)
     comparisons = compare_groups(study)
     tested = [comparison for comparison in comparisons if not math.isnan(comparison.p)]
     floors = [design.smallest_p(comparison.people, comparison.paired) for comparison in tested]
@@ -86,7 +91,7 @@ def _table(study: TrainingStudy) -> str:
         for session, label, hazard in study.rows()
     ]
     columns = [name for name in rows[0] if not (study.blinded and name in _HIDDEN)]
-    return hazard_table.as_csv(columns, rows)
+    return reader.as_csv(columns, rows)
 
 
 def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:

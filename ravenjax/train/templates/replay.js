@@ -108,7 +108,8 @@
 
   function goals(line, ring, target) {
     const { targets = [] } = told.task;
-    const pegs = (told.task.pegs ?? []).map(({ number, top }) => ({ number, at: top }));
+    // Sessions recorded by earlier versions have the place of a peg under "top".
+    const pegs = (told.task.pegs ?? []).map(({ number, at, top }) => ({ number, at: at ?? top }));
     const path = told.task.path?.points ?? [];
     const placed = (at) => at.map((c) => PER_M * c);
     if (path.length) line(path.map(placed), COLOURS.done, 1.5);

@@ -17,7 +17,7 @@ from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.logs.trace import log as trace_log
 from ravenjax.store.motion import recording
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 
 DEBIANS_PYTHON = Path("/usr/bin/python3")
 START = 1_767_323_045_678_000_000  # ns, of the session

@@ -13,7 +13,7 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.motion import source
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {

@@ -13,11 +13,9 @@ from ravenjax.cli import main
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store.logs.session import description, log
+from ravenjax.train.debrief import figures
 from ravenjax.train.debrief import page as debrief
-from ravenjax.train.debrief import replay
-from ravenjax.train.protocol.jaws import closing_point
-from ravenjax.train.protocol.world import to_world
-from ravenjax.train.recording import hazards as hazard_table
+from ravenjax.train.protocol import closing_point, to_world
 from ravenjax.train.recording import reader, recorder
 
 MET = synthetic.hazard(0)
@@ -62,10 +60,10 @@ def text_of(html):
 
 
 def test_the_table_is_read_back_as_it_was_written(folder):
-    found = hazard_table.read_table(folder)
+    found = reader.read_table(folder)
     assert found == [MET, MISSED, ALARMED, UNSTRUCK]
     assert found[2].after == {"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
-    assert found[3].after == {} and hazard_table.read_table(folder.parent) == []
+    assert found[3].after == {} and reader.read_table(folder.parent) == []
 
 
 def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
@@ -137,7 +135,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     data = (tmp_path / log.FILE).read_bytes()
     # It never came to its end.
     (tmp_path / log.FILE).write_bytes(data[:-40])
-    first, second = hazard_table.from_recording(reader.read_recording(tmp_path), header)
+    first, second = reader.from_recording(reader.read_recording(tmp_path), header)
     assert first == MET
     assert (second.armed_ms, second.struck_ms, second.outcome) == (3900, 3950, "")
     assert second.score is None and second.response_ms is None
@@ -177,23 +175,23 @@ def test_text_from_a_session_cannot_become_markup(tmp_path):
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
-    told = replay.player_data(recording.without_pauses(), description.read_session(folder), [MET])
+    told = figures.player_data(recording.without_pauses(), description.read_session(folder), [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
-    assert np.diff(ms).max() <= replay.EVERY_MS
-    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= replay.EVERY_HAZARD_MS
+    assert np.diff(ms).max() <= figures.EVERY_MS
+    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= figures.EVERY_HAZARD_MS
     row = int(np.searchsorted(ms, 2400))
     for arm in ARMS:
         axis, joints = (
             recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos")
         )
-        place = np.array(told["arms"][arm]["tip"][row]) / replay.PER_M
+        place = np.array(told["arms"][arm]["tip"][row]) / figures.PER_M
         assert np.allclose(place, to_world(arm, closing_point(arm, axis, joints)), atol=1e-4)
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]
     assert told["task"]["targets"][0]["at"] == [0.0, 0.0, 0.19]
-    assert replay.player_data(recording.without_pauses(), {}, [MET]) is None
+    assert figures.player_data(recording.without_pauses(), {}, [MET]) is None
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from scipy import integrate, optimize
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.debrief import dexterity, figures, page
-from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.protocol import FrameLayout
 from ravenjax.train.recording import reader
 
 LAYOUT = FrameLayout.of(("gold", "green"))

@@ -15,7 +15,7 @@ import waiting
 
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.train import page
-from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.train.protocol import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
 FACTS = ("number", "hazard", "title", "group", "right_response", "within_s")

@@ -11,7 +11,7 @@ from page_visit import BROWSER, CHROMIUM, DRAWN, Visit, click, until
 
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.logs.session import description
-from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.protocol import PHASES
 
 pytestmark = BROWSER
 

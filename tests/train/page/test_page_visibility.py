@@ -5,8 +5,8 @@ session is blinded.
 import numpy as np
 import pytest
 
-from ravenjax.train.page.visibility import Visibility
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.page.hub import Visibility
+from ravenjax.train.protocol import Frame, FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
 HEADER = {

@@ -8,8 +8,8 @@ from closed_loop import decode
 
 from ravenjax.campaign import loading
 from ravenjax.train import scenario
-from ravenjax.train.judge.detectors import Trips
-from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.judge.watch import Trips
+from ravenjax.train.protocol import PHASES
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JointReport, encode_report
 from ravenjax.train.robot_link.packet_filter import increments_of, packet_of

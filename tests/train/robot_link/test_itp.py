@@ -11,7 +11,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol import STALE_MS
 from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, ItpServer
 
 BOTH = ("gold", "green")

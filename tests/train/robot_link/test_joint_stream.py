@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import waiting
 
-from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot_link.joint_stream import (
     BUFFER_BYTES,
     LONGEST_ORDER,
@@ -130,7 +130,7 @@ def test_orders_and_answers(server, listen):
         client.socket.sendall(piece)
         orders += server.poll()
     orders += until(server, lambda: server.counts["orders"] == 2)
-    assert [one.content for one in orders] == [{"order": "arm", "number": 3}, {"order": "sing"}]
+    assert [content for _, content in orders] == [{"order": "arm", "number": 3}, {"order": "sing"}]
     server.answer(orders[1], "no such order")
     assert client.heard(2)[1:] == [{"answer": "sing", "ok": False, "error": "no such order"}]
 

@@ -18,12 +18,10 @@ from itp_client import Clock, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.train import scenario
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol import STALE_MS, Frame, FrameLayout
 from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_stream import JointServer, encode_report
-from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.robot_link.joint_stream import JointServer, RemoteRobot, encode_report
 from ravenjax.train.session.advance import Session
 
 GOLD = ("gold",)
@@ -54,7 +52,7 @@ class StandIn:
         while not self._over.wait(0.002):
             with self._lock:
                 for order in self.joints.poll():
-                    self.orders.append(order.content)
+                    self.orders.append(order[1])
                     self.joints.answer(order)
 
     def publish(self):
@@ -156,7 +154,9 @@ from ravenjax.train import scenario
 from ravenjax.train.robot_link import process as robot_process
 say = lambda line: print(line, flush=True)
 loop = scenario.from_dict(json.loads(sys.argv[1]))
-robot_process.run_robot(loop, itp_port=0, joint_port=0, say=say)
+robot_process.run_robot(
+    loop, robot_process.ConsoleOptions(itp_port=0), joint_port=0, say=say
+)
 """
 
 

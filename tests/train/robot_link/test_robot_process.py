@@ -2,41 +2,36 @@
 
 import json
 import socket
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import waiting
 from itp_client import Clock, Console, datagram
 
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.robot_link.itp import ItpServer
+from ravenjax.train import scenario
+from ravenjax.train.protocol import Frame, FrameLayout
+from ravenjax.train.robot_link.itp import ItpConsole, ItpServer
 from ravenjax.train.robot_link.joint_stream import JointServer
-from ravenjax.train.robot_link.process import Station
+from ravenjax.train.robot_link.packet_filter import STILL
+from ravenjax.train.robot_link.process import JointConsole, PacketSession
 
 BOTH = ("gold", "green")
 
 
 class Integrator:
-    """A machine that adds up what it is asked, and remembers its orders."""
+    """A robot that takes all packets, and remembers its orders."""
 
     arms = BOTH
+    blueprint = SimpleNamespace(plan=SimpleNamespace(runs=4))
 
     def __init__(self):
         self.frame, self.packets, self.orders = Frame(FrameLayout.of(BOTH)), [], []
-        self.deaf, self.pedals = False, []
         self.frame["last_seq"] = 111
-        self.um = np.zeros((2, 3))
 
     def tick(self, packet):
         if packet is not None:
             self.packets.append(packet)
-            self.pedals.append(packet.surgeon_mode)
-            if not self.deaf:
-                self.um += np.array(packet.delta)
-                self.frame["last_seq"] = packet.sequence
-                self.frame["surgeon_mode"] = packet.surgeon_mode
-        for i, arm in enumerate(BOTH):
-            self.frame[f"{arm}/position"] = self.um[i] * 1e-6
+            self.frame["last_seq"] = packet.sequence
         return self.frame
 
     def arm(self, row):
@@ -58,28 +53,34 @@ class Integrator:
 
 
 class Rig:
-    """A station with open ports, a console and a listener beside it."""
+    """A robot's session with open ports, a console and a listener beside it."""
 
     def __init__(self, machine, hazards=3):
         self.clock = Clock()
         self.itp = ItpServer(machine.arms, port=0, clock=self.clock)
         self.joints = JointServer({"robot": "ravenjax", "arms": list(machine.arms)}, "127.0.0.1", 0)
-        self.station = Station(machine, self.itp, self.joints, hazards, estop_row=hazards)
+        self.session = PacketSession(scenario.from_dict({"name": "robot"}), machine)
+        self.consoles = [
+            JointConsole(self.joints, self.itp, self.session, hazards),
+            ItpConsole(self.itp, self.session),
+        ]
         self.machine = machine
         self.console = Console(self.itp.address)
         self.listener = socket.create_connection(self.joints.address)
         self.listener.settimeout(waiting.DEADLINE_S)
         self.rest, self.said = b"", []
 
-    def tick(self, count=1):
+    def tick(self, count=1, *crtk):
         for _ in range(count):
             self.clock.ms += 1.0
-            frame = self.station.tick()
-        return frame
+            self.session.move([*(c for each in self.consoles for c in each.poll()), *crtk])
+            for each in self.consoles:
+                each.tell(self.session.frame)
+            self.session.conclude()
 
     def report(self):
         """The report of the newest tick."""
-        tick = self.station.ticks - 1
+        tick = self.session.ticks - 1
         while not self.said or self.said[-1].get("tick") != tick:
             *lines, self.rest = (self.rest + self.listener.recv(1 << 16)).split(b"\n")
             self.said += map(json.loads, lines)
@@ -97,35 +98,29 @@ class Rig:
         )
         return self.answers()[-1]
 
-    def close(self):
-        for one in (self.console, self.listener, self.itp, self.joints):
-            one.close()
-
 
 @pytest.fixture
 def rig():
     made = Rig(Integrator())
     yield made
-    made.close()
+    for part in (made.console, made.listener, made.itp, made.joints):
+        part.close()
 
 
 def test_what_the_checks_did_is_told_now_and_then(rig):
     rig.machine.frame["tick"], rig.machine.frame["trips"] = 42, 13308
     rig.tick(150)
-    report = rig.report()
-    assert {name: list(values) for name, values in report["checks"].items()} == {
-        "joint_limit": [13308, 100 - 40]
-    }
+    assert rig.report()["checks"] == {"joint_limit": [13308, 100 - 40]}
 
 
 @pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
 def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
     def press(mode, count=3):
-        del rig.machine.pedals[:]
+        del rig.machine.packets[:]
         for _ in range(count):
             rig.console.send(surgeon_mode=mode)
             rig.tick()
-        return rig.machine.pedals
+        return [packet.surgeon_mode for packet in rig.machine.packets]
 
     if why != "beginning":
         press(0)
@@ -136,6 +131,26 @@ def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
         rig.ask(order=why)
     assert press(1) == [0, 0, 0]
     assert press(0) == [0, 0, 0] and press(1) == [1, 1, 1]
+
+
+def test_pedals_alone_decide_between_itp_and_crtk(rig):
+    def press(itp, crtk, count=3):
+        del rig.machine.packets[:]
+        for _ in range(count):
+            moved = dict.fromkeys(BOTH, STILL | {"delta_um": [7, 0, 0]})
+            hands = {"type": "increments", "console": "crtk", "pedal": crtk, "arms": moved}
+            if itp is not None:
+                rig.console.send(surgeon_mode=itp)
+            rig.tick(1, *([] if crtk is None else [hands]))
+        return [(packet.surgeon_mode, packet.delta[0][0]) for packet in rig.machine.packets]
+
+    press(0, False)
+    assert press(1, False) == [(1, 0)] * 3
+    assert press(1, True) == [(1, 0)] * 3
+    assert press(0, True) == [(0, 0)] * 3, "a pedal pressed meanwhile must be lifted first"
+    press(0, False)
+    assert press(0, True) == [(1, 7)] * 3, "the other pedal is up"
+    assert press(None, None, 260)[-1:] == [(0, 0)], "the CRTK process is gone"
 
 
 def test_the_robot_sees_a_stream_without_gaps_and_reports_the_consoles_numbers(rig):

@@ -9,7 +9,7 @@ from ravenjax.campaign.faults import design
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
 from ravenjax.train import scenario
-from ravenjax.train.scenario import hazard as hazards
+from ravenjax.train.scenario import campaign as hazards
 
 FILE = """
 name = "written"

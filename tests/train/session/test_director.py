@@ -3,7 +3,7 @@
 import pytest
 from made_frames import made, running
 
-from ravenjax.train.protocol.frame import PHASES, VIEWS
+from ravenjax.train.protocol import PHASES, VIEWS
 from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director
 
 FAULT = [

@@ -19,8 +19,8 @@ from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import mapping, scene
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.train.scenario import Speeds
-from ravenjax.train.session.command_log import read_commands
 from ravenjax.train.session.hands import SMOOTHING_MS, Hands
+from ravenjax.train.session.scripts import read_commands
 
 ARMS = ("gold", "green")
 SETUP = RavenSetup(arms=ARMS, tools=("r_grasper", "r_grasper"))

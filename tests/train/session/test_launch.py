@@ -150,7 +150,10 @@ def test_a_second_session_begins_without_jax_and_trimesh(tmp_path):
         from ravenjax.train import launch, scenario
         from ravenjax.train.page import process
         setting = scenario.load_scenario("first_steps", ["duration_s=5"])
-        launch.run_headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
+        folder = Path(sys.argv[1])
+        launch.run_headless(
+            launch.SessionOptions(scenario=setting, folder=folder, seed=0, script="release")
+        )
         print([name for name in ("jax", "trimesh") if name in sys.modules])
     """
     # the first session traces the tick through JAX, and keeps what it traced

@@ -5,11 +5,12 @@ change.
 import pytest
 
 from ravenjax.train import scenario
-from ravenjax.train.consoles import Refusals
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol import STALE_MS, VIEWS
+from ravenjax.train.robot_link.itp import Refusals
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
-from ravenjax.train.session import blueprint, pedal
+from ravenjax.train.session import blueprint
 from ravenjax.train.session.advance import Session
+from ravenjax.train.session.console_arbiter import REASONS, packets_message
 
 CHOSEN = scenario.from_dict({"name": "pedal", "arms": ["gold"], "duration_s": 60})
 
@@ -50,30 +51,43 @@ def instructor(do):
 
 
 def test_a_foot_that_is_down_from_the_beginning_is_told_once_to_lift(told):
-    assert told.run(True, 600) == [f"itp: {pedal.REASONS['lift']}"]
+    assert told.run(True, 600) == [f"itp: {REASONS['lift']}"]
     assert told.run(False, 100) == [""]  # nothing is wrong any more
     assert told.run(True, 100) == [] and told.session.frame.number("pedal") == 1
-    assert told.lines == [f"itp: {pedal.REASONS['lift']}"]
+    assert told.lines == [f"itp: {REASONS['lift']}"]
 
 
 def test_each_change_of_the_reason_is_told_once(told):
     told.run(False, 100)
     assert told.run(True, 300) == []
-    assert told.run(None, STALE_MS + 200) == [f"itp: {pedal.REASONS['silent']}"]
-    assert told.run(True, 100) == [f"itp: {pedal.REASONS['lift']} (the console was silent)"]
+    assert told.run(None, STALE_MS + 200) == [f"itp: {REASONS['silent']}"]
+    assert told.run(True, 100) == [f"itp: {REASONS['lift']} (the console was silent)"]
     told.run(False, 100)
     assert told.run(True, 100) == []
-    assert told.run(True, 100, instructor("pause")) == [f"itp: {pedal.REASONS['paused']}"]
+    assert told.run(True, 100, instructor("pause")) == [f"itp: {REASONS['paused']}"]
     assert told.run(True, 100, instructor("resume")) == [
-        f"itp: {pedal.REASONS['lift']} (the session was paused)"
+        f"itp: {REASONS['lift']} (the session was paused)"
     ]
     told.run(False, 100)
     assert told.run(True, 100) == []
     assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [
-        f"itp: {pedal.REASONS['stopped']}"
+        f"itp: {REASONS['stopped']}"
     ]
     again = told.run(True, 200, {"type": "operator", "do": "restart"})
-    assert again[-1] == f"itp: {pedal.REASONS['lift']} (the robot was restarted)"
+    assert again[-1] == f"itp: {REASONS['lift']} (the robot was restarted)"
+
+
+def test_two_short_presses_begin_a_trial_and_have_it_repeated(told):
+    def press(*times):
+        for down, ms in times:
+            told.run(down, ms)
+        return VIEWS[int(told.session.frame.number("view"))]
+
+    taps = [(False, 900), (True, 100), (False, 100), (True, 100), (False, 10)]
+    assert press((False, 100), (True, 1000), (False, 100), (True, 1000), (False, 10)) == "real"
+    assert press(*taps) == "virtual"
+    assert press((True, 1000)) == "virtual" and press(*taps) == "replay"
+    assert press((True, 4000)) == "real", "the robot has repeated the motion"
 
 
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
@@ -85,7 +99,7 @@ def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
             gate.counts[cause] += count
         return [one for _ in range(STALE_MS) for one in refusals.poll()]
 
-    why = pedal.packets_message("behind")
+    why = packets_message("behind")
     assert commands(behind=50) == [{"type": "unheard", "why": why}] and commands(behind=50) == []
     said = {"type": "unheard", "console": "itp", "why": why}
     assert told.run(None, 100, said) == [f"itp: {why}"]

@@ -5,9 +5,8 @@ from made_frames import TIPS, made, running
 
 from ravenjax.errors import UserError
 from ravenjax.train import tasks
-from ravenjax.train.protocol.frame import PHASES
-from ravenjax.train.session.command_log import read_commands
-from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower
+from ravenjax.train.protocol import PHASES
+from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, read_commands
 
 
 def follower(reaction="release"):

@@ -8,7 +8,7 @@ import pytest
 from ravenjax.train import scenario
 from ravenjax.train.session import advance, scripts
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.command_log import read_commands
+from ravenjax.train.session.scripts import read_commands
 
 BURST = {"site": "usb_out", "effect": "overwrite", "start_ms": 0}
 CHOSEN = scenario.from_dict(

@@ -14,7 +14,7 @@ from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.operator import make_packet, row_by_row
 from ravenjax.train.judge.watch import Judge
-from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol import Frame
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
 

@@ -1,6 +1,4 @@
-"""Studies: assignment, collection, blinding, and comparisons against what the sessions were made
-of.
-"""
+"""Studies: design, collection, blinding, and comparisons against what the sessions were made of."""
 
 import csv
 import dataclasses
@@ -13,11 +11,11 @@ import pytest
 import synthetic_session as synthetic
 
 from ravenjax.errors import StoreError, UserError
-from ravenjax.stats import intervals
+from ravenjax.stats import intervals, multiplicity
+from ravenjax.stats.comparison import clustered
 from ravenjax.store.logs.session import description
-from ravenjax.train.recording import hazards
+from ravenjax.train.recording import reader
 from ravenjax.train.study import comparison, design, page
-from ravenjax.train.study import sessions as study_sessions
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]
 
@@ -77,28 +75,28 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
         UserError,
         match=r"not of one study: they have 2 different scenarios, which differ in name",
     ):
-        study_sessions.collect_sessions([tmp_path])
-    assert "different scenarios" in study_sessions.collect_sessions([tmp_path], mixed=True).notes[0]
+        comparison.collect_sessions([tmp_path])
+    assert "different scenarios" in comparison.collect_sessions([tmp_path], mixed=True).notes[0]
 
 
 def test_what_cannot_be_compared_says_why(tmp_path):
     with pytest.raises(UserError, match="contains no session"):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     one = session(tmp_path, "P1", "cue", [met(0, 500.0)])
     with pytest.raises(
         UserError, match="all 1 sessions have cue 'on', so there is nothing to compare"
     ):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     shutil.copytree(one, tmp_path / "copy")
     with pytest.raises(UserError, match="is a copy of"):
-        study_sessions.collect_sessions([tmp_path])
+        comparison.collect_sessions([tmp_path])
     description.update_session(one, {"sha256": {"hazards.csv": "0" * 64}})
     with pytest.raises(StoreError, match=r"hazards\.csv: has changed since the session ended"):
-        study_sessions.collect_sessions([one])
+        comparison.collect_sessions([one])
 
 
 def test_a_name_is_no_formula_of_a_spreadsheet():
-    text = hazards.as_csv(["who", "mm"], [{"who": "=HYPERLINK(0)", "mm": -1.5}])
+    text = reader.as_csv(["who", "mm"], [{"who": "=HYPERLINK(0)", "mm": -1.5}])
     assert text == "who,mm\n'=HYPERLINK(0),-1.5\n"
 
 
@@ -107,7 +105,7 @@ def test_hazards_that_were_cut_off_count_for_nobody(tmp_path):
     session(tmp_path, "P8", "cue", [synthetic.hazard(0, struck=None)])
     cut_off = dataclasses.replace(met(1, 900.0), outcome="interrupted")
     session(tmp_path, "P7", "cue", [met(0, 500.0), cut_off])
-    found = study_sessions.collect_sessions([tmp_path])
+    found = comparison.collect_sessions([tmp_path])
     assert [hazard.number for one, _, hazard in found.rows() if one.participant == "P7"] == [0]
     cut, left_out = found.notes
     assert "1 of 14 hazards are left out" in cut and "P8-cue" in left_out
@@ -126,7 +124,7 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
                 for k in range(2)
             ]
             session(tmp_path, one, group, hazards)
-    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
+    found = comparison.compare_groups(comparison.collect_sessions([tmp_path]))
     right, time, unintended, depth = found
     assert math.isnan(right.p) and math.isnan(depth.p) and not right.clear
     assert time.p == unintended.p == pytest.approx(2 / 2**7)
@@ -164,7 +162,7 @@ def test_groups_of_different_participants_are_compared(result):
 def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):
     made(tmp_path, both=True)
     session(tmp_path, "P99", "cue", [met(0, 100.0)])  # did one condition only
-    found = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))
+    found = comparison.compare_groups(comparison.collect_sessions([tmp_path]))
     right, time = found[:2]
     assert (
         right.paired
@@ -180,7 +178,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
     for i in range(8):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
-    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
+    right, time = comparison.compare_groups(comparison.collect_sessions([tmp_path]))[:2]
     expected = intervals.rate_difference(7, 8, 3, 8)
     assert right.difference == pytest.approx([100 * bound for bound in expected])
     assert math.isinf(time.first.median)
@@ -193,7 +191,7 @@ def test_to_carry_on_has_no_time(tmp_path):
     for i in range(3):
         session(tmp_path, f"A{i}", "cue", [met(0, 400.0 + i), carried])
         session(tmp_path, f"B{i}", "control", [met(0, 800.0 + i), carried])
-    right, time = comparison.compare_groups(study_sessions.collect_sessions([tmp_path]))[:2]
+    right, time = comparison.compare_groups(comparison.collect_sessions([tmp_path]))[:2]
     assert len(right.first.values) == 6 and len(time.first.values) == 3 and right.second.mean == 100
 
 
@@ -218,3 +216,50 @@ def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     assert {one.first.label for one in open_.comparisons} == {"control"}
     sizes = [[abs(one.difference.value) for one in run.comparisons] for run in (blind, open_)]
     assert sizes[0] == pytest.approx(sizes[1])
+
+
+# --- design ---
+
+
+def test_assignment_is_balanced_in_every_block_and_the_same_again():
+    got = design.assign_groups(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got == design.assign_groups(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got != design.assign_groups(PEOPLE, ["a", "b", "c"], seed=12)
+    for block in (0, 1):
+        names = [one.group for one in got if one.block == block]
+        assert sorted(names) == ["a", "a", "b", "b", "c", "c"]
+    longer = design.assign_groups([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
+    assert longer[:12] == got and longer[12].block == 2
+    assert [one.participant for one in got] == PEOPLE
+
+
+def largest(n, paired):
+    """p of a difference without any overlap."""
+    first, second = ([np.array([base + i]) for i in range(n)] for base in (0.0, 1000.0))
+    return clustered.permutation_p(first, second, is_paired=paired)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 6, 7, 8, 13, 14, 20, 30])
+@pytest.mark.parametrize("paired", [True, False])
+def test_the_floor_is_what_the_test_reaches(n, paired):
+    people = n if paired else 2 * n
+    assert design.smallest_p(people, paired) == pytest.approx(largest(n, paired), rel=0.02)
+
+
+def test_six_pairs_can_never_be_clear_over_four_outcomes():
+    found = design.plan_study(6)
+    assert (found.smallest_p, found.adjusted, found.possible) == (0.03125, 0.125, False)
+    holm = multiplicity.holm_test({str(i): found.smallest_p for i in range(4)})
+    assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
+    text = design.describe_plan(found)
+    assert (
+        "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text
+        and "no result can be clear" in text
+    )
+
+
+def test_an_effect_needs_more_and_a_smaller_one_more_still():
+    large, small = (design.plan_study(6, effect=effect).for_effect for effect in (1.0, 0.5))
+    assert design.plan_study(6).needed == 8 < large < small
+    # 33.4 pairs for d 0.5, power 0.8 and one test (Cohen 1988), so 34
+    assert design.plan_study(6, outcomes=1, effect=0.5).for_effect == 34

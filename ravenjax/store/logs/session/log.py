@@ -207,7 +207,7 @@ def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
     """Return the sentence of each kind of event, and the severity of those that are not mere
     information.
 
-    The kinds are those of `ravenjax.train.protocol.messages`.
+    The kinds are those of `ravenjax.train.protocol`.
     """
     kinds = tomllib.loads(Path(__file__).with_name("events.toml").read_text("utf-8"))
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined)

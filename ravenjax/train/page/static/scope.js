@@ -80,7 +80,7 @@ export class Scope {
   /** The middle of the visible content, and its extent to each side, m. */
   extent() {
     const { path, pegs = [], targets = [], object } = this.task;
-    const places = [...targets.map(({ at }) => at), ...pegs.map(({ top }) => top), ...(path?.points ?? []), ...(object ? [object.at] : [])];
+    const places = [...targets.map(({ at }) => at), ...pegs.map(({ at }) => at), ...(path?.points ?? []), ...(object ? [object.at] : [])];
     for (const arm of this.arms) if (this.tip(arm)) places.push(this.tip(arm));
     if (!places.length) return { middle: [0, 0, 0.2], half: HALF[1] };
     const ends = [0, 1, 2].map((k) => [Math.min(...places.map((at) => at[k])), Math.max(...places.map((at) => at[k]))]);
@@ -223,7 +223,7 @@ export class Scope {
         words(pen, "next", left ? across - beside : across + beside, up + 4, "#aab7c5", left ? "right" : "left");
       }
     }
-    const spots = pegs.map((one) => [one.number, one.top, one]);
+    const spots = pegs.map((one) => [one.number, one.at, one]);
     if (object) spots.push([object.number, this.thing(), object]);
     for (const [number, at, { radius_m: radius = 0.002, height_m: tall = 0, colour = DONE }] of spots) {
       if (tall) {
@@ -319,7 +319,7 @@ export class Scope {
     if (!one && object?.number === target) one = { ...object, at: this.thing() };
     if (!one && path) one = { at: path.points[target % (path.points.length - 1)], radius_m: path.radius_m };
     if (!one) return null;
-    const at = one.at ?? one.top;
+    const { at } = one;
     const arm = one.arm ?? this.turn();
     const tips = (arm ? [arm] : this.arms).map((name) => this.tip(name)).filter(Boolean);
     return { at, radius: one.radius_m ?? 0.002, arm, distance: tips.length ? Math.min(...tips.map((tip) => distance(tip, at))) : null };

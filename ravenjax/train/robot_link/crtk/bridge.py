@@ -17,8 +17,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.train import processes
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import Command, Say
+from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
@@ -100,14 +99,12 @@ class CrtkConsole:
         return commands
 
     def tell(self, frame: Frame) -> None:
-        """Publish a tick."""
         self._bytes[: self._tail] = frame.row.view(np.uint8)
         clocks = time.time_ns(), time.monotonic_ns()
         _TAIL.pack_into(self._bytes.data, self._tail, *clocks, self.taken)
         self.rows.put(self._bytes)
 
     def close(self) -> None:
-        """Remove the rings."""
         self.rows.close()
         self.commands.close()
 
@@ -168,7 +165,6 @@ class RobotRings:
         return self._sent
 
     def close(self) -> None:
-        """Close both rings."""
         self._rows.close()
         self._commands.close()
 

@@ -83,7 +83,6 @@ class DdsTransport:
         return any(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
-        """Leave the domain."""
         self._readers.clear()
         self._writers.clear()
         del self._participant

@@ -1,21 +1,28 @@
 """Translates CRTK's messages into commands for the robot, and the robot's rows into CRTK's
 messages.
 
+`OperatingState` decides the state that CRTK sees, and whether its consoles hold the robot's pedal
+down. docs/how-to/crtk.md describes the states and the commands.
+
 This module uses no transport, clock or process. Messages and rows go in with their time; messages
-and commands of `protocol.messages` come out.
+and commands of `protocol` come out.
 """
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from ravenjax.store.logs import ros_types
-from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.protocol.messages import STALE_MS, Command, Json, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.robot import (
     ARMS,
+    E_STOP,
+    INIT,
     JOINTS,
+    PEDAL_DOWN,
+    PEDAL_UP,
     ArmName,
     joints_of_motors,
     motors_of_joints,
@@ -28,20 +35,177 @@ from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
 from ravenjax.train.robot_link.crtk.motion import (
     BASE,
     SETTLED_TICKS,
-    STILL,
     Setpoint,
     SetpointFollower,
     Trajectory,
     from_base,
     to_base,
 )
-from ravenjax.train.robot_link.crtk.operating_state import OperatingState
-from ravenjax.train.session import pedal
+from ravenjax.train.robot_link.packet_filter import STILL
+from ravenjax.train.session.console_arbiter import REASONS, RELEASED
 
+State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
+Order = Literal["estop", "restart"]
+IDLE_MS = 5000
+"""The robot lifts the pedal of a console that is silent for this time (raven2 `local_io.cpp`)."""
+REFUSED_MS = 500
+"""A pedal that the robot does not follow for this time does not count: another console drives."""
+COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 Message = tuple[str, Any]
 RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
 """Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
 ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
+
+
+class OperatingState:
+    """The operating state of one robot. Times are ms of one monotonic clock."""
+
+    runlevel = PEDAL_UP
+    is_busy = False  # whether a move is under way
+    pedal = False  # whether CRTK wants the pedal down
+    why = ""  # why the pedal came up last
+    # Another console holds the pedal: CRTK cannot drive until it lets go.
+    other_drives = False
+    _stopped = _lost = False
+    _disabled = True  # nobody has enabled the robot
+    _disabling = False  # a stop was ordered but has not happened yet
+    # A restart was ordered; the pedal goes down once the robot is ready.
+    _restarting = False
+    _present = _clutch = False  # feet on the two pedals
+    _clutched = False  # the pedal was down when the clutch was pressed
+    _streams = False  # servo commands came since pedal-down
+    _servo_ms = _word_ms = _down_ms = _up_ms = -math.inf
+
+    @property
+    def state(self) -> State:
+        if self._lost:
+            return "FAULT"
+        if self._stopped or self.runlevel == E_STOP:
+            return "DISABLED" if self._disabled else "FAULT"
+        if self.runlevel == INIT or self.other_drives:
+            return "ENABLED"
+        if self._disabled:
+            return "DISABLED"
+        return "ENABLED" if self.pedal and self.runlevel == PEDAL_DOWN else "PAUSED"
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether the robot is homed. A robot without power has lost its homing."""
+        return self.runlevel in (PEDAL_UP, PEDAL_DOWN)
+
+    @property
+    def drives(self) -> bool:
+        """Whether commands of motion are followed."""
+        return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
+
+    def command(self, word: str, now_ms: float) -> list[Order]:
+        """Return the orders for the robot. Raises ValueError if CRTK has no such command."""
+        if word not in COMMANDS:
+            raise ValueError(f"state command {word!r}, expected one of {', '.join(COMMANDS)}")
+        self._word_ms = now_ms
+        state = self.state
+        if word in ("disable", "unhome"):
+            self._release(word)
+            if self.runlevel != E_STOP:
+                self._disabling = True
+                return ["estop"]
+            self._disabled = True
+        elif word == "pause" and state == "ENABLED":
+            self._release(word)
+        elif word == "resume" and state == "PAUSED":
+            self._press(now_ms)
+        elif word == "enable" and state in ("DISABLED", "FAULT"):
+            if not self.is_homed or self._stopped or self._lost:
+                self._restarting = True
+                return ["restart"]
+            self._disabled = False
+            self._press(now_ms)
+        elif word == "home" and not self.is_homed:
+            self._disabled = False
+            return ["restart"]
+        return []
+
+    def foot(self, present: bool | None, clutch: bool | None, now_ms: float) -> None:
+        """Take the feet on the pedals: operator present, and clutch. A value of None is unknown.
+
+        A present operator drives, except while the clutch is held.
+        """
+        self._word_ms = now_ms
+        if present is not None:
+            steps_on, self._present = present and not self._present, present
+            if (
+                steps_on
+                and not self._clutch
+                and self.state in ("PAUSED", "DISABLED")
+                and self.is_homed
+            ):
+                self._disabled = False
+                self._press(now_ms)
+            elif not present:
+                self._release("operator")
+        if clutch is not None and clutch != self._clutch:
+            self._clutch = clutch
+            if clutch:
+                down = self.pedal
+                self._release("clutch")
+                self._clutched = down
+            elif self._clutched and self.state == "PAUSED":
+                self._press(now_ms)
+
+    def servo(self, now_ms: float) -> None:
+        """Record that a servo command came."""
+        self._servo_ms = self._word_ms = now_ms
+        self._streams = True
+
+    def word(self, now_ms: float) -> None:
+        """Record that another, single command of motion came."""
+        self._word_ms = now_ms
+        self._streams = False
+
+    def observe(
+        self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
+    ) -> None:
+        """Take the run level, and whether the robot is stopped, commanded and lost."""
+        was_stopped = self._stopped or self.runlevel == E_STOP
+        if lost and not self._lost:
+            # A robot that was enabled need not be enabled again afterwards.
+            self._release("lost")
+        self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
+        is_stopped = stopped or runlevel == E_STOP
+        if is_stopped and not was_stopped:
+            self._release("stopped")
+            self._disabled = False
+        if is_stopped and self._disabling:
+            self._disabled, self._disabling = True, False
+        if self._restarting and not (is_stopped or lost) and runlevel == PEDAL_UP:
+            self._restarting = self._disabled = False
+            self._press(now_ms)
+        if self.pedal or runlevel != PEDAL_DOWN:
+            self._up_ms = now_ms
+        self.other_drives = now_ms - self._up_ms > REFUSED_MS
+        if not self.pedal:
+            return
+        if self.is_busy:
+            self._word_ms = now_ms
+        if not connected:
+            self._release("nobody")
+        elif self._streams and not self.is_busy and now_ms - self._servo_ms > STALE_MS:
+            self._release("silence")
+        elif now_ms - self._word_ms > IDLE_MS:
+            self._release("idle")
+        elif runlevel == PEDAL_DOWN:
+            self._down_ms = now_ms
+        elif now_ms - self._down_ms > REFUSED_MS:
+            self._release("refused")
+
+    def _press(self, now_ms: float) -> None:
+        self.pedal, self._streams, self._clutched = True, False, False
+        self._down_ms = now_ms
+
+    def _release(self, why: str) -> None:
+        if self.pedal:
+            self.why = why
+        self.pedal = self._clutched = self._restarting = False
 
 
 class RobotRow(NamedTuple):
@@ -82,8 +246,8 @@ class Interpreter:
     ) -> None:
         """tools: one for each arm. refused: receives the reason why a message is not followed."""
         self.state = OperatingState()
-        self.counts: dict[str, int] = {}
-        """Counts of messages that were not followed, by reason."""
+        self.reasons: set[str] = set()
+        """Why messages were not followed. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
             ARM_NAMES[arm]: _Arm(arm, tool, grasp_gain)
@@ -129,7 +293,7 @@ class Interpreter:
     def _want_pedal(self, wanted: bool) -> None:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
-            self._refused(pedal.REASONS["rival"])
+            self._refused(REASONS["rival"])
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
         (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
@@ -171,22 +335,21 @@ class Interpreter:
         return ""
 
     def _refuse(self, why: str) -> None:
-        self.counts[why] = self.counts.get(why, 0) + 1
-        if self.counts[why] == 1:
+        if why not in self.reasons:
+            self.reasons.add(why)
             self._refused(why)
 
     # --- rows from the robot, commands to it ---
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
-        """Take the robot's newest row."""
         frame = row.frame
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
         was_down = self.state.pedal
         self.state.observe(runlevel, stopped, connected, now_ms, lost=not (fresh and heard))
-        if was_down and not self.state.pedal and self.state.why in pedal.RELEASED:
-            self._refused(pedal.RELEASED[self.state.why])
+        if was_down and not self.state.pedal and self.state.why in RELEASED:
+            self._refused(RELEASED[self.state.why])
         drives = self.state.drives
         if self._taken is None and row.last_command >= self._sent:
             self._taken = row.number

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ravenjax.train.protocol.messages import Json
+from ravenjax.train.protocol import Json
 from ravenjax.train.robot import ITP_AXES, ArmName, tip_pose
+from ravenjax.train.robot_link.packet_filter import STILL
 
 SPEED_UM_MS = 200.0
 """0.2 m/s; recorded teleoperation stays below 232 um per ms."""
@@ -28,9 +29,6 @@ SLIP_UM, SLIP_RAD = 20.0, 2e-3
 SETTLED_TICKS = 30
 """Ticks of the software after which it has reached its setpoint."""
 
-STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
-"""The increment of an arm that does not move."""
-
 BASE: dict[ArmName, np.ndarray] = {
     "gold": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "green": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
@@ -39,6 +37,12 @@ BASE: dict[ArmName, np.ndarray] = {
 
 Source: raven2 `src/raven/crtk_motion_api.cpp`; `params/raven_*_crtk.yaml` give poses to check with.
 """
+FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
+"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
+STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
+"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
+"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
 
 def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
@@ -137,14 +141,6 @@ class SetpointFollower:
             "quat": Rotation.from_rotvec(self._axes.T @ turn).as_quat().tolist(),
             "grasp_mrad": -steps,
         }
-
-
-FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
-"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
-STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
-"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
-"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
 
 class Trajectory:

@@ -22,6 +22,10 @@ from ravenjax.train.robot_link.crtk import messages, ros1_node
 PYTHON = "RAVENJAX_ROS1_PYTHON"
 """Environment variable with the Python that has rospy, if it is not the system's."""
 PATIENCE_S = 20.0
+_HELP = (
+    "start `roscore`, or set ROS_MASTER_URI. On Debian and Ubuntu `apt-get install python3-rospy"
+    f" python3-roslaunch` installs both. {PYTHON} may name another Python that has rospy"
+)
 
 
 class Ros1Transport:
@@ -49,7 +53,11 @@ class Ros1Transport:
         heard = [self._described(name, name == "ravenstate") for name in subscribed]
         try:
             self._link.send(([self._described(name) for name in published], heard))
-            self._await_node()
+            end = time.monotonic() + PATIENCE_S
+            while not self._is_ready:  # messages that arrive meanwhile are dropped
+                if not self._link.poll(max(0.0, end - time.monotonic())):
+                    raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
+                self._receive()
         except BaseException:
             self.close()
             raise
@@ -103,26 +111,12 @@ class Ros1Transport:
             self._defined[number] = messages.MessageTypes("ros1", {kind: definition})
         return word, content
 
-    def _await_node(self) -> None:
-        """Wait until the node is ready. Messages that arrive earlier are dropped."""
-        end = time.monotonic() + PATIENCE_S
-        while not self._is_ready:
-            if not self._link.poll(max(0.0, end - time.monotonic())):
-                raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
-            self._receive()
-
     def _described(self, name: str, as_published: bool = False) -> list[Any]:
         kind = messages.kind_of(name)
         definition, md5 = self.types.store.generate_msgdef(kind)
         if as_published:
             definition = md5 = ""
         return [name, kind.replace("/msg/", "/"), md5, definition, messages.is_latched(name)]
-
-
-_HELP = (
-    "start `roscore`, or set ROS_MASTER_URI. On Debian and Ubuntu `apt-get install python3-rospy"
-    f" python3-roslaunch` installs both. {PYTHON} may name another Python that has rospy"
-)
 
 
 def _python() -> str:

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol.frame import CHANNELS
-from ravenjax.train.protocol.messages import Json, Say
+from ravenjax.train.protocol import CHANNELS, Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,
@@ -28,8 +27,7 @@ from ravenjax.train.robot import (
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
-from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport
-from ravenjax.train.robot_link.remote import RobotLink
+from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
 """State command for each order."""

@@ -22,7 +22,7 @@ function scope(task, tips, target, progress = 0) {
 const close = (a, b) => assert.ok(Math.abs(a - b) < 1e-9, `${a} is not ${b}`);
 
 test("of pegs and laps it is the arm's turn that the progress says", () => {
-  const task = { pegs: [{ number: 0, top: [0.01, 0, 0.19], height_m: 0.006 }], object: { number: 1, at: [0, 0, 0.19] }, turns: { arms: ["gold", "green"], of: 8 } };
+  const task = { pegs: [{ number: 0, at: [0.01, 0, 0.19], height_m: 0.006 }], object: { number: 1, at: [0, 0, 0.19] }, turns: { arms: ["gold", "green"], of: 8 } };
   const tips = { gold: [0, 0, 0.2], green: [0, 0, 0.19] };
   assert.deepEqual([0, 1, 2, 3, 8].map((placed) => scope(task, tips, 1, Math.fround(placed / 8)).turn()), ["gold", "green", "gold", "green", "gold"]);
   close(scope(task, tips, 1).goal().distance, 0.01); // L's, though R is nearer

@@ -1,0 +1,483 @@
+"""The operator's tasks: reach targets (also in levels), transfer an object, follow a line, or none.
+
+All positions are in world coordinates, m. A task lies around the middle of the tips' start
+positions. Tips in a frame are in frame 0 of their arm. Tasks do not affect the robot: pegs and
+objects stay in place, without contact.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.train.protocol import (
+    Event,
+    Frame,
+    Json,
+    Point,
+    closing_point,
+    tissue_height,
+    to_world,
+)
+from ravenjax.train.robot import ArmName, Arms
+from ravenjax.train.scenario import Scenario
+from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
+
+Tips = Mapping[ArmName, Point]
+"""Where the jaws of each arm close, m, world."""
+POINTS = 200
+"""Points of the line; on the largest line they are half a millimetre apart."""
+AHEAD = 8
+"""Points that the tip may pass in one tick. A hand passes no more, but a short cut does."""
+LOOK_AHEAD_M = 0.003
+"""How far ahead on the line a scripted operator aims."""
+PATH_COLOUR = "#3f7fbf"
+CLOSED_RAD, OPEN_RAD = 0.8, 1.1
+"""Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
+0.67 with the 900 mrad of the generated motion of the same name.
+"""
+LIFT_M = 0.008
+"""How high a scripted operator carries the object over pegs."""
+PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
+PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
+LEAST_WAY_M = 0.005
+"""The least distance from one target to the next, so that the tip must move."""
+TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
+
+
+class Field(NamedTuple):
+    """The place of a task, and the seed of its goals."""
+
+    arms: Arms  # arms that do the task, in turn
+    begin: Tips  # where the tips begin
+    middle: tuple[float, float]  # of the tips, m
+    seed: int
+
+
+class Wish(NamedTuple):
+    """The next aim of a scripted operator: where a tip should go, and what its jaws should do."""
+
+    point: Point  # m, world
+    closed: bool = False
+
+
+class Task:
+    """A task under way; call `step` once a tick. This base class has no goals and is never done."""
+
+    def __init__(self, kind: str, field: Field) -> None:
+        self.kind, self._field = kind, field
+        self.done = False
+        self.target = -1
+        """Number of the present goal; -1: none."""
+        self.progress = 0.0
+        """0 to 1."""
+        self._published = -1
+        self._events: list[Event] = []
+
+    def step(self, frame: Frame, tick: int) -> list[Event]:
+        """Advance by one tick. Return the events "target", "object", "level" and "task_done"."""
+        self._events = []
+        if not self.done:
+            places, numbers = frame.layout.places, frame.numbers
+            tips: dict[ArmName, Point] = {}
+            for arm in self._field.begin:
+                axis, joints = places[f"{arm}/tip"], places[f"{arm}/link_jpos"]
+                tips[arm] = to_world(arm, closing_point(arm, numbers[axis], numbers[joints]))
+            self._step(frame, tips, tick)
+        if self.target != self._published:
+            self._published = self.target
+            self._record(tick, "target", target=self.target)
+        return self._events
+
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        """Advance what is specific to the kind of task."""
+
+    def restart(self) -> None:
+        """Adapt to a robot that was homed again: what is held is lost, what is done stays done."""
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        """Return where the tip (m, world) should go next, or None."""
+        return None
+
+    def geometry(self) -> Json:
+        """Return JSON of what the page draws, m, world. `turns`: the arms, and how many turns."""
+        empty = dict.fromkeys(("object", "path", "turns"))
+        return {"kind": self.kind, "targets": [], "pegs": []} | empty
+
+    def result(self) -> Json:
+        """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
+        return {
+            "kind": self.kind,
+            "progress": round(self.progress, 4),
+            "done": self.done,
+            "score": round(100.0 * self._score(), 1),
+        }
+
+    def _score(self) -> float:
+        return self.progress
+
+    def _finish(self, tick: int) -> None:
+        self.done, self.target, self.progress = True, -1, 1.0
+        self._record(tick, "task_done")
+
+    def _record(self, tick: int, kind: str, **what: Any) -> None:
+        self._events.append({"tick": tick, "kind": kind, **what})
+
+
+def round_point(point: Point) -> list[float]:
+    """Return a point for the page, rounded to a micrometre."""
+    return [round(x, 6) for x in point]
+
+
+def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
+    return {"number": number, "at": round_point(at), "radius_m": radius_m, "colour": colour}
+
+
+class PathTask(Task):
+    """One arm follows the line. Two arms take turns, lap by lap."""
+
+    def __init__(self, settings: Path, field: Field) -> None:
+        super().__init__("path", field)
+        self.settings, self._arms = settings, field.arms
+        self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
+        self.target = 0
+        self._tolerance_m = settings.tolerance_mm / 1e3
+        # Points passed so far; the next is this one, modulo POINTS.
+        self._at = 0
+        self._on = False  # whether the tip has come to the line
+        self._ticks, self._within = 0, 0
+        spacing = math.dist(self.points[0], self.points[1])
+        self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
+
+    @property
+    def _arm(self) -> ArmName:
+        return self._arms[(self._at // POINTS) % len(self._arms)]
+
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        tip = tips[self._arm]
+        near, ahead = min(
+            (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
+        )
+        if not self._on:
+            self._on = near <= self._tolerance_m
+            return
+        self._ticks += 1
+        self._within += near <= self._tolerance_m
+        if not ahead or near > self._tolerance_m:  # a tip that left the line resumes where it left
+            return
+        lap = self._at // POINTS
+        self._at += ahead
+        if self._at // POINTS > lap and len(self._arms) > 1:
+            self._on = False
+        self.target = self._at % POINTS
+        self.progress = self._at / (POINTS * self.settings.laps)
+        if self._at >= POINTS * self.settings.laps:
+            self._finish(tick)
+
+    def restart(self) -> None:
+        self._on = False
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or arm != self._arm:
+            return None
+        return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
+
+    def geometry(self) -> Json:
+        path = {
+            "points": [round_point(point) for point in (*self.points, self.points[0])],
+            "radius_m": self._tolerance_m,
+            "colour": PATH_COLOUR,
+        }
+        turns = {"arms": self._arms, "of": self.settings.laps}
+        return super().geometry() | {"path": path, "turns": turns}
+
+    def _score(self) -> float:
+        return self.progress * (self._within / self._ticks) if self._ticks else 0.0
+
+
+def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
+    radius, turn = settings.radius_mm / 1e3, 2.0 * math.pi * share
+    aside = {"circle": math.sin(turn), "eight": 0.5 * math.sin(2.0 * turn), "line": 0.0}
+    x, y = middle[0] + radius * math.cos(turn), middle[1] + radius * aside[settings.shape]
+    return x, y, tissue_height(x, y) + settings.height_mm / 1e3
+
+
+class PegTask(Task):
+    """One object, transferred repeatedly. Two arms take turns.
+
+    It is kinematic, without contact. The jaws of the true links that close within `tolerance_mm` of
+    the object take it along, and release it when they open. Over its peg the object is placed.
+    Elsewhere it drops to the tissue, from where it must be fetched.
+    """
+
+    def __init__(self, settings: PegTransfer, field: Field) -> None:
+        super().__init__("peg_transfer", field)
+        self.settings, self._arms = settings, field.arms
+        spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
+        self.pegs: list[Point] = []
+        for row, k in itertools.product(range(2), range(per_row)):
+            x = field.middle[0] + spacing * (k - (per_row - 1) / 2.0)
+            y = field.middle[1] + spacing * (row - 0.5)
+            self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
+        rng = np.random.default_rng([field.seed, settings.seed, 2])
+        ways = [int(rng.integers(len(self.pegs)))]
+        for _ in range(settings.transfers):
+            ways.append(int(rng.choice([peg for peg in range(len(self.pegs)) if peg != ways[-1]])))
+        self.ways = ways
+        """The pegs on which the object is to be, in order."""
+        self.object: Point = self.pegs[ways[0]]
+        self.held: ArmName | None = None
+        self.placed, self.dropped = 0, 0
+        self.target = len(self.pegs)
+        self._tolerance_m = settings.tolerance_mm / 1e3
+        self._closed: dict[ArmName, bool] = dict.fromkeys(self._arms, False)
+
+    @property
+    def _arm(self) -> ArmName:
+        return self._arms[self.placed % len(self._arms)]
+
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        for arm, closed in self._closed.items():
+            opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
+            closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
+            if closes or opens:
+                self._closed[arm] = closes
+            if arm == self.held:
+                self.object = tips[arm]
+                if opens:
+                    self._let_go(tick)
+            elif (
+                closes
+                and self.held is None
+                and math.dist(tips[arm], self.object) <= self._tolerance_m
+            ):
+                self.held = arm
+                self.target = self.ways[self.placed + 1]
+                self._record_object(tick)
+
+    def _let_go(self, tick: int) -> None:
+        x, y, z = self.object
+        self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
+        self.target = len(self.pegs)
+        if math.dist(self.object, peg) <= self._tolerance_m:
+            self.object = peg
+            self.placed += 1
+            self.progress = self.placed / self.settings.transfers
+        else:
+            self.object = (x, y, min(z, tissue_height(x, y) + OBJECT_RADIUS_M))
+            self.dropped += 1
+        self._record_object(tick)
+        if self.placed == self.settings.transfers:
+            self._finish(tick)
+
+    def _record_object(self, tick: int) -> None:
+        self._record(tick, "object", held=self.held or "", at=round_point(self.object))
+
+    def restart(self) -> None:
+        """Put a held object back on its peg, because the robot that held it has moved away."""
+        if self.held is not None:
+            self.held, self.object = None, self.pegs[self.ways[self.placed]]
+            self.target = len(self.pegs)
+        self._closed = dict.fromkeys(self._arms, False)
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or arm != self._arm:
+            return None
+        holding = self.held == arm
+        x, y, z = self.pegs[self.target] if holding else self.object
+        aside = math.hypot(tip[0] - x, tip[1] - y)
+        there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
+        if holding and tip[2] < z + LIFT_M - 0.002 and aside > self._tolerance_m:
+            return Wish((tip[0], tip[1], z + LIFT_M), True)  # lift it first
+        over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
+        return Wish((x, y, over), holding != there)
+
+    def geometry(self) -> Json:
+        height = {"height_m": self.settings.height_mm / 1e3}
+        pegs = [
+            _spot(k, top, PEG_RADIUS_M, PEG_COLOURS["peg"]) | height
+            for k, top in enumerate(self.pegs)
+        ]
+        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, PEG_COLOURS["object"])
+        turns = {"arms": self._arms, "of": self.settings.transfers}
+        return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
+
+    def _score(self) -> float:
+        """Return the share of transfers done. A drop costs half a transfer."""
+        return max(0.0, self.placed - 0.5 * self.dropped) / self.settings.transfers
+
+
+class ReachTask(Task):
+    """Targets in a box over the tissue. Two arms take turns."""
+
+    def __init__(self, settings: Reach, field: Field) -> None:
+        super().__init__("reach", field)
+        self.settings = settings
+        rng = np.random.default_rng([field.seed, settings.seed, 1])
+        self.targets: list[tuple[ArmName, Point]] = []
+        before = dict(field.begin)
+        for k in range(settings.targets):
+            arm = field.arms[k % len(field.arms)]
+            before[arm] = _draw(settings, field.middle, rng, before[arm])
+            self.targets.append((arm, before[arm]))
+        self.target = 0
+        self._inside_ms = 0
+
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        arm, point = self.targets[self.target]
+        if math.dist(tips[arm], point) > self.settings.tolerance_mm / 1e3:
+            self._inside_ms = 0
+            return
+        self._inside_ms += 1
+        if self._inside_ms <= self.settings.dwell_ms:
+            return
+        self._inside_ms = 0
+        self.target += 1
+        self.progress = self.target / len(self.targets)
+        if self.target == len(self.targets):
+            self._finish(tick)
+
+    def restart(self) -> None:
+        self._inside_ms = 0
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or self.targets[self.target][0] != arm:
+            return None
+        return Wish(self.targets[self.target][1])
+
+    def geometry(self) -> Json:
+        radius = self.settings.tolerance_mm / 1e3
+        targets = [
+            _spot(k, at, radius, TARGET_COLOURS[arm]) | {"arm": arm}
+            for k, (arm, at) in enumerate(self.targets)
+        ]
+        return super().geometry() | {"targets": targets}
+
+
+class LevelsTask(Task):
+    """Rounds of targets in levels. A level ends after some rounds in a row within its time.
+
+    A round has the same targets each time. Its time runs from its first target to its last, so that
+    nobody is hurried between rounds. Surgical skills are taught in this way (Ritter, Scott, Surg.
+    Innov. 14, 2007). Targets are numbered through all levels.
+    """
+
+    def __init__(self, settings: Levels, field: Field) -> None:
+        super().__init__("levels", field)
+        self.settings = settings
+        self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
+        self._level = 0
+        self._in_a_row = 0
+        # Durations of the rounds of each level.
+        self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
+        # Tick at which the round's first target was reached.
+        self._begun: int | None = None
+        self._reach = self._round(0)
+        self.target = 0
+
+    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        if self._published < 0:
+            self._record_level(tick)
+        # The round's own events are not passed on.
+        self._reach._step(frame, tips, tick)
+        if self._begun is None and self._reach.target != 0:
+            self._begun = tick
+        if self._reach.done:
+            self._judge(tick)
+        if not self.done:
+            self.target = self._first[self._level] + self._reach.target
+
+    def _round(self, number: int) -> ReachTask:
+        level, field = self.settings.level[number], self._field
+        arms = tuple(level.arms or field.arms)
+        return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
+
+    def _judge(self, tick: int) -> None:
+        assert self._begun is not None
+        level, levels = self._level, len(self.settings.level)
+        took = tick - self._begun
+        within = took <= 1000.0 * self.settings.level[level].within_s
+        self._rounds_ms[level].append(took)
+        self._in_a_row = self._in_a_row + 1 if within else 0
+        self._begun = None
+        if self._in_a_row == self.settings.in_a_row:
+            self._level, self._in_a_row = level + 1, 0
+        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / levels
+        if self._level == levels:
+            self._finish(tick)
+            return
+        self._reach = self._round(self._level)
+        self._record_level(tick, took, within)
+
+    def _record_level(self, tick: int, took_ms: int | None = None, within: bool = False) -> None:
+        level = self.settings.level[self._level]
+        self._record(
+            tick,
+            "level",
+            level=self._level + 1,
+            of=len(self.settings.level),
+            title=level.title,
+            within_s=level.within_s,
+            in_a_row=self._in_a_row,
+            needs=self.settings.in_a_row,
+            took_ms=took_ms,
+            within=within,
+        )
+
+    def restart(self) -> None:
+        self._reach.restart()
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        return None if self.done else self._reach.wish(arm, tip)
+
+    def geometry(self) -> Json:
+        targets = [
+            target | {"number": first + target["number"]}
+            for level, first in enumerate(self._first)
+            for target in self._round(level).geometry()["targets"]
+        ]
+        return super().geometry() | {"targets": targets}
+
+    def result(self) -> Json:
+        return super().result() | {
+            "levels": len(self.settings.level),
+            "levels_proficient": self._level,
+            "rounds_s_of_level": [[ms / 1000.0 for ms in rounds] for rounds in self._rounds_ms],
+        }
+
+
+def _draw(
+    settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
+) -> Point:
+    """Draw a point that is not too near to `before`; in a small box the farthest of 20."""
+    extent = settings.extent_mm / 1e3
+    points = []
+    for _ in range(20):
+        x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
+        point = (x, y, tissue_height(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
+        if math.dist(point, before) > LEAST_WAY_M:
+            return point
+        points.append(point)
+    return max(points, key=lambda point: math.dist(point, before))
+
+
+def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
+    """Return the task of a session. tips: where the tips begin, m, frame 0 of their arm."""
+    settings = scenario.task
+    arms = settings.arms or scenario.arms
+    begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
+    x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
+    field = Field(tuple(arms), begin, (x, y), seed)
+    match settings:
+        case Reach():
+            return ReachTask(settings, field)
+        case PegTransfer():
+            return PegTask(settings, field)
+        case Path():
+            return PathTask(settings, field)
+        case Levels():
+            return LevelsTask(settings, field)
+        case _:
+            return Task("free", field)
