@@ -89,7 +89,8 @@ def question_plan(config: CampaignConfig) -> Plan:
         program.setup, injection=dataclasses.replace(injection, triggers=triggers)
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
-    return dataclasses.replace(ready, program=program, varied=values)
+    golden = plan.golden_runs(values, ready.runs)
+    return dataclasses.replace(ready, program=program, varied=values, golden=golden)
 
 
 def _asked(path: str) -> bool:
