@@ -59,7 +59,7 @@ MOTION_BYTES = 3_000_000
 def question_plan(config: CampaignConfig) -> Plan:
     """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
-    if "noise" in ready.keys.values():
+    if config.campaign.noise:
         raise UserError("noise is drawn again in each run, which a page does not do: turn it off")
     program = ready.program
     if not program.setup.injection.sites:
@@ -69,7 +69,7 @@ def question_plan(config: CampaignConfig) -> Plan:
             " campaign's own faults"
         )
     # A page draws the lengths of packets once, for all its runs.
-    values = ready.varied | {key: np.zeros_like(ready.varied[key]) for key in ready.keys}
+    values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
     covered = {
         full for path in values for full in paths.named_numbers(program.params, program.setup, path)
     }
@@ -89,8 +89,12 @@ def question_plan(config: CampaignConfig) -> Plan:
         program.setup, injection=dataclasses.replace(injection, triggers=triggers)
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
-    golden = plan.golden_runs(values, ready.runs)
-    return dataclasses.replace(ready, program=program, varied=values, golden=golden)
+    return dataclasses.replace(
+        ready,
+        program=program,
+        varied=values,
+        golden=plan.golden_runs(values, ready.runs),
+    )
 
 
 def _asked(path: str) -> bool:
