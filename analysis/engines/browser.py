@@ -248,7 +248,7 @@ def agreement(config: Any, ready: Plan) -> None:
 
 def main() -> None:
     """Print everything."""
-    config = rj.load_campaign("quick")
+    config = rj.load_campaign("quick", ["campaign.packets=every_cycle"])
     ready = program.question_plan(config)
     speed(ready, program.describe_program(config))
     agreement(config, ready)

@@ -290,7 +290,7 @@ def robot_table(faulty: Runs, free: Runs, main: Sequence[str]) -> Table:
 
 
 def condition_table(
-    faulty: Runs, fast: Runs, others: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
+    faulty: Runs, fast: Runs, packets: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
 ) -> Table:
     """Return how the motion on which a threshold must be quiet changes the threshold, and so the
     share detected.
@@ -302,7 +302,7 @@ def condition_table(
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
         ("every motion and scale", modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
-        *((f"every; faults: {words}", modelled, some, 0.1) for words, some in others.items()),
+        *((f"every; faults: {words}", modelled, some, 0.1) for words, some in packets.items()),
     )
     rows = []
     for words, free, some, scale in conditions:

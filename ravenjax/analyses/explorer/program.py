@@ -59,11 +59,8 @@ MOTION_BYTES = 3_000_000
 def question_plan(config: CampaignConfig) -> Plan:
     """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
-    if ready.keys:
-        raise UserError(
-            f"{', '.join(ready.keys)} is drawn again in each run, which a page does not do: leave"
-            " noise, bursts and drawn packets out of the campaign"
-        )
+    if config.campaign.noise:
+        raise UserError("noise is drawn again in each run, which a page does not do: turn it off")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
@@ -71,7 +68,8 @@ def question_plan(config: CampaignConfig) -> Plan:
             " of its groups a [[group.fault]]; a page offers the places and effects of the"
             " campaign's own faults"
         )
-    values = dict(ready.varied)
+    # A page draws the lengths of packets once, for all its runs.
+    values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
     covered = {
         full for path in values for full in paths.named_numbers(program.params, program.setup, path)
     }
@@ -91,7 +89,12 @@ def question_plan(config: CampaignConfig) -> Plan:
         program.setup, injection=dataclasses.replace(injection, triggers=triggers)
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
-    return dataclasses.replace(ready, program=program, varied=values)
+    return dataclasses.replace(
+        ready,
+        program=program,
+        varied=values,
+        golden=plan.golden_runs(values, ready.runs),
+    )
 
 
 def _asked(path: str) -> bool:

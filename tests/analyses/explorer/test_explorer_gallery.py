@@ -55,7 +55,7 @@ def test_the_index_opens_from_a_file_and_each_link_computes(tmp_path):
     )
     names = ["elbow", "shoulder"]
     cards = gallery.build_gallery(
-        tmp_path, [*(written(tmp_path, name) for name in names), "seed_burst"]
+        tmp_path, [*(written(tmp_path, name) for name in names), "drawn_robots"]
     )
     assert [card.file for card in cards] == ["elbow.html", "shoulder.html", ""]
     with sync_api.sync_playwright() as playwright:
