@@ -3,13 +3,17 @@ with one golden run for all.
 """
 
 import functools
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench import workload
 from bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
+from ravenjax.engines.xla.engine import ScanKernel
+from ravenjax.ir.regions import Region, arrange_regions
+from ravenjax.ir.time_loop import Split, split_lanes
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import CAMPAIGN
 
@@ -19,6 +23,8 @@ SIZES = {"cuda": (4096, 65_536, 811_008), "simd": (16, 256, 4096, 16_384)}
 """Runs of a batch, by engine."""
 XLA_SIZES = {"cpu": (1024,), "gpu": (65_536, 524_288)}
 """Runs of a batch of `xla` and `mjx`, by JAX's backend. XLA needs 10 to 60 s to compile each."""
+_FREE = ("neg", "bitcast", "constant", "input")
+"""Operations without a cost: they become part of others, or disappear."""
 TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 20}
 """Ticks of a run, by engine."""
 
@@ -46,19 +52,59 @@ def measure_batches(
             work.run, kernel, work.blocks(kernel, runs, kernel.lanes), engine.threads
         )
         run()
+        operations = count_operations(kernel, work)
         times = workload.repeat(run, seconds / len(sizes))
+        rate = runs * work.ticks / min(times)
         rows.append(
             {
                 "engine": engine.name,
                 "device": engine.device,
                 "runs": runs,
                 "lanes": kernel.lanes,
-                "ticks_per_s": runs * work.ticks / min(times),
+                "ticks_per_s": rate,
+                "operations_per_tick": operations,
+                "operations_per_s": operations * rate,
                 "seconds": times,
                 **start,
             }
         )
     return rows
+
+
+def count_operations(kernel: Any, work: Workload) -> float:
+    """Return the operations of a tick in each run.
+
+    Of printed code: those that every tick needs, a multiply-add counts as one. Of XLA: its own
+    count, a multiply-add counts as two.
+    """
+    if isinstance(kernel, ScanKernel):
+        lanes, compiled = max(kernel.compiled.items())
+        # XLA counts the loop body once.
+        return float((compiled.cost_analysis() or {}).get("flops", 0.0)) / lanes
+    if not isinstance(kernel, traced.PrintedKernel):
+        return 0.0
+    loop = kernel.forms(work.golden_runs(kernel.lanes), work.motion).traced.without_signals()
+    return float(by_stage(split_lanes(loop, len(work.program.varied), True))["lane"].total())
+
+
+def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
+    """Return operations by stage of the "lane" part and of the "shared" part.
+
+    Operations without cost, and lane operations that only some ticks need, are left out.
+    """
+    step, loop = parted.loop.step, parted.loop
+    leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
+    of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]
+    lane = arrange_regions(step.operations, parted.lane, leaving)
+    shared = arrange_regions(step.operations, parted.shared, of_groups)
+    parts = {
+        "lane": [i for i in lane if not isinstance(i, Region)],
+        "shared": [i for i in shared if not isinstance(i, Region)],
+    }
+    return {
+        part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
+        for part, numbers in parts.items()
+    }
 
 
 def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> dict[str, float]:

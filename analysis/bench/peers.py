@@ -131,7 +131,7 @@ def _measure_jax(
         "device": str(jax.config.jax_default_device or jax.devices()[0]),
         "compile_s": time.perf_counter() - began,
         # XLA counts the loop body once.
-        "flops_per_step": float((compiled.cost_analysis() or {}).get("flops", 0.0)) / robots,
+        "operations_per_step": float((compiled.cost_analysis() or {}).get("flops", 0.0)) / robots,
     }
     run = functools.partial(compiled, start)
     work = lambda: jax.block_until_ready(run())  # noqa: E731

@@ -76,12 +76,13 @@ def measure(
     quick: bool = False,
     only: Sequence[str] = (),
     tell: Callable[[str], None] = lambda _: None,
+    price: float | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
     """Return rows by table, measured for about `total_s` seconds. `tell` is called with the next
     part.
 
-    `only`: limits the run to these tables. Compiled code is neither taken from the user's cache nor
-    left in it.
+    `only`: limits the run to these tables. `price`: of the machine, dollars an hour. Compiled code
+    is neither taken from the user's cache nor left in it.
     """
     end, load = time.perf_counter() + total_s, os.getloadavg()[0]
     host, _ = process.call(machine.describe, environment={}, limit_s=total_s + LATE_S)
@@ -120,6 +121,9 @@ def measure(
             except RuntimeError as error:
                 absent.append({"part": part.name, "why": str(error)})
             clocks.append(clock | {"s": time.perf_counter() - began})
+    if price is not None:
+        for row in found.get("engines", []):
+            row["cents_per_million_runs"] = compute_cents(price, row["ticks_per_s"])
     host |= {"load_before": load, "load_after": os.getloadavg()[0]}
     machine_rows = [{"what": what, "is": value} for what, value in host.items()]
     follows = {"ratios": compute_ratios(found), "absent": absent, "clocks": clocks}
@@ -131,6 +135,11 @@ def share_time(left_s: float, parts: Sequence[Part]) -> float:
     spare = left_s - sum(part.fixed_s for part in parts)
     wanted = sum(part.longest_s for part in parts)
     return parts[0].longest_s * min(1.0, max(0.1, spare / wanted)) if wanted else 0.0
+
+
+def compute_cents(price: float, ticks_per_s: float) -> float:
+    """Return what a million runs of 10 s cost on a machine for `price` dollars an hour."""
+    return 100.0 * price / 3600.0 * 1e6 * 10_000 / ticks_per_s
 
 
 def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -203,7 +212,12 @@ def _text(value: Any) -> str:
 
 
 def bench(
-    json: bool, quick: bool, markdown: Path | None, only: Sequence[str], seconds: float | None
+    json: bool,
+    quick: bool,
+    markdown: Path | None,
+    only: Sequence[str],
+    seconds: float | None,
+    price: float | None,
 ) -> int:
     """Run the benchmark and return the exit code of `ravenjax bench`."""
     from ravenjax.cli import console
@@ -215,15 +229,18 @@ def bench(
         )
     if seconds is not None and not LEAST_S <= seconds <= LONGEST_S:
         raise UserError(f"--seconds {seconds:g}: expected {LEAST_S:g} to {LONGEST_S:g}")
+    if price is not None and not price > 0.0:
+        raise UserError(f"--price {price:g}: expected dollars an hour, more than 0")
 
     def tell(what: str) -> None:
         console.err.print(f"measuring: {what}", markup=False, highlight=False, soft_wrap=True)
 
-    found = measure(seconds or (QUICK_S if quick else FULL_S), quick, only, tell)
+    found = measure(seconds or (QUICK_S if quick else FULL_S), quick, only, tell, price)
     every = make_tables(found)
     if markdown is not None:
         words = [f"--only {' '.join(only)}"] if only else []
         words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
+        words += [f"--price {price:g}"] if price is not None else []
         command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
         markdown.write_text(write_markdown("How fast the engines are", command, every))
     if json:

@@ -6,7 +6,6 @@ find the stages worth optimising.
 
 import dataclasses
 import sys
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any
@@ -15,13 +14,11 @@ from jax.extend import core
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
+from bench.engines import by_stage
 from bench.workload import Workload
 from ravenjax.engines import traced
-from ravenjax.ir.regions import Region, arrange_regions
-from ravenjax.ir.time_loop import Split, split_lanes
+from ravenjax.ir.time_loop import split_lanes
 
-_FREE = ("neg", "bitcast", "constant", "input")
-"""Operations without a cost: they become part of others, or disappear."""
 STAGES = frozenset(("stages", "plant", "console"))
 """Folders, of a robot or common to all, whose files are stages."""
 
@@ -66,26 +63,6 @@ def stage(eqn: core.JaxprEqn) -> str:
     inside = [frame for frame in own if not STAGES.isdisjoint(PurePath(frame.file_name).parts)]
     outermost = (inside or own)[-1:]  # innermost frames come first
     return "".join(f"{PurePath(f.file_name).stem}.{f.function_name}" for f in outermost)
-
-
-def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
-    """Return operations by stage of the "lane" part and of the "shared" part.
-
-    Operations without cost, and lane operations that only some ticks need, are left out.
-    """
-    step, loop = parted.loop.step, parted.loop
-    leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
-    of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]
-    lane = arrange_regions(step.operations, parted.lane, leaving)
-    shared = arrange_regions(step.operations, parted.shared, of_groups)
-    parts = {
-        "lane": [i for i in lane if not isinstance(i, Region)],
-        "shared": [i for i in shared if not isinstance(i, Region)],
-    }
-    return {
-        part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
-        for part, numbers in parts.items()
-    }
 
 
 def main() -> None:

@@ -194,7 +194,7 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
 
     jpos, jvel, jacc = joints(angle, False), joints(speed, True), joints(acceleration, True)
     gravity = Vec((-9.81, 0.0, 0.0))
-    mass, bias = link_dynamics.mass_matrix_and_bias(recording.SETUP, ARM, jpos, jvel, gravity, 1.0)
+    mass, bias = link_dynamics.mass_matrix_and_bias(ARM, jpos, jvel, gravity, 1.0)
     force = Vec(
         sum(mass[max(i, j)][min(i, j)] * jacc[j] for j in range(N)) + bias[i] for i in range(N)
     )

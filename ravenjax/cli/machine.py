@@ -19,6 +19,7 @@ def bench(
     markdown: Path | None = None,
     only: Annotated[list[TableName] | None, Parameter(consume_multiple=True, negative="")] = None,
     seconds: float | None = None,
+    price: float | None = None,
 ) -> int:
     """Measure the speed of this machine, and compare it with MuJoCo and MJX.
 
@@ -37,9 +38,11 @@ def bench(
         these parts alone
     seconds
         how long it may take, about; default: 160, and 35 of a quick run
+    price
+        dollars that this machine costs an hour: adds cents per million runs of 10 s
     """
     suite = console.load_module("bench.suite")
-    return suite.bench(json, quick, markdown, only or (), seconds)
+    return suite.bench(json, quick, markdown, only or (), seconds, price)
 
 
 def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:

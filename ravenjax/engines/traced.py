@@ -204,10 +204,8 @@ def trace_function(
 
 
 def printable_program(program: TickProgram) -> TickProgram:
-    """Return `program` for printed code, which stops lanes itself: unrolled, without ends."""
-    return dataclasses.replace(
-        program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
-    )
+    """Return `program` for printed code, which stops lanes itself: without ends."""
+    return dataclasses.replace(program, ends=False)
 
 
 class PrintedKernel:

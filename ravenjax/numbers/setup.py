@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from ravenjax.numbers.vec import cast
 from ravenjax.vocabulary.checks import CheckUse
@@ -68,8 +68,6 @@ class Setup:
     leading_joints: ClassVar[tuple[int, ...]] = ()
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
-    # how engine mjx computes link dynamics; "mjx": by mujoco.mjx, if the robot supports it
-    link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     injection: Injection = Injection()
     # sets of haptic threshold and gains that are evaluated side by side
     cues: int = 1

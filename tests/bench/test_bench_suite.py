@@ -83,6 +83,8 @@ def test_ratios_are_those_of_the_best():
     }
     ratios = {(r["engine"], r["over"]): r["times"] for r in suite.compute_ratios(found)}
     assert ratios == {("simd", "mjx"): 1000.0, ("simd", "mujoco.rollout"): 5.0}
+    # a million runs of 10 s are 1e10 ticks: 1000 s on the faster one
+    assert suite.compute_cents(3.6, 1e7) == pytest.approx(100.0)
 
 
 @pytest.mark.slow

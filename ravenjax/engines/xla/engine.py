@@ -20,6 +20,7 @@ import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.errors import UserError
 from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
@@ -129,7 +130,7 @@ class ScanKernel:
         longest = SERIES_BYTES // (lanes * self.series * self.dtype.itemsize)
         self.length = segment_ticks(program.ticks, min(MAX_SEGMENT, longest))
         self.segment, self.shapes = _segment_function(program, self.length, keep_signals)
-        self._compiled: dict[int, Any] = {}
+        self.compiled: dict[int, Any] = {}
         self._locks = collections.defaultdict(threading.Lock)
 
     def size(self, rows: int) -> int:
@@ -138,10 +139,10 @@ class ScanKernel:
 
     def _compile(self, lanes: int, arguments: tuple[Any, ...]) -> Any:
         with self._locks[lanes]:
-            if lanes not in self._compiled:
+            if lanes not in self.compiled:
                 function = jax.jit(self.segment, donate_argnums=(3,))
-                self._compiled[lanes] = function.lower(*arguments).compile()
-        return self._compiled[lanes]
+                self.compiled[lanes] = function.lower(*arguments).compile()
+        return self.compiled[lanes]
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Compile for blocks and motions of these types, for both sizes in parallel."""
@@ -227,7 +228,7 @@ class ScanKernel:
 
 @dataclasses.dataclass(frozen=True)
 class ScanEngine:
-    """`xla` (unrolled link dynamics) or `mjx` (link dynamics by mujoco.mjx)."""
+    """`xla` (the links move by the printed equations) or `mjx` (by `mjx.step`)."""
 
     name: str
 
@@ -242,9 +243,15 @@ class ScanEngine:
         return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
 
     def _program(self, program: TickProgram) -> TickProgram:
-        dynamics = "mjx" if self.name == "mjx" else "unrolled"
+        if self.name == "xla":
+            return program
+        if not hasattr(program.setup, "link_dynamics"):
+            raise UserError(
+                "engine 'mjx' moves the links of the Raven-II only, not those of this robot:"
+                " use engine xla, or auto"
+            )
         return dataclasses.replace(
-            program, setup=dataclasses.replace(program.setup, link_dynamics=dynamics)
+            program, setup=dataclasses.replace(program.setup, link_dynamics="mjx")
         )
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:

@@ -25,6 +25,8 @@ class RavenSetup(setup.Setup):
     console: Literal["increments", "absolute"] = "increments"
     # how a faulty DAC command is stored for USB
     dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"
+    # what moves the links: printed equations, or in engine mjx a step of MuJoCo MJX
+    link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     substeps: int = 1  # plant steps per 1 ms tick
     # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
     packets: tuple[tuple[float, ...], ...] = ()

@@ -35,16 +35,10 @@ moves from tick 60 on.
 def campaign(ticks, friction=1.0, arm="gold"):
     """A fault-free run and one for each of FAULTS from tick 30 on, for 40 ms."""
     groups = [{"name": "free"}]
-    for site, channel, effect, value in FAULTS:
-        fault = {
-            "site": site,
-            "channel": channel,
-            "effect": effect,
-            "value": value,
-            "start_ms": 30,
-            "duration_ms": 40,
-        }
-        groups.append({"name": f"{site} {channel}", "fault": [fault]})
+    for row in FAULTS:
+        fault = dict(zip(("site", "channel", "effect", "value"), row, strict=True))
+        fault |= {"start_ms": 30, "duration_ms": 40}
+        groups.append({"name": f"{row[0]} {row[1]}", "fault": [fault]})
     return {
         "campaign": {"name": "scan", "duration_s": ticks / 1e3, "arms": [arm]},
         "operator": {"motion": "suture"},

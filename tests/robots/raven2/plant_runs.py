@@ -104,7 +104,7 @@ def frictionless(params: robot.PlantParams) -> robot.PlantParams:
     return replace(params, friction_scale=0.0)
 
 
-def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
+def energy(params: robot.PlantParams, out) -> np.ndarray:
     """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own
     metric.
     """
@@ -113,7 +113,7 @@ def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
     @jax.jit
     @jax.vmap
     def of_links(q, v):
-        mass, _ = link_dynamics.mass_matrix_and_bias(one, "gold", Vec(q), Vec(v), params.gravity)
+        mass, _ = link_dynamics.mass_matrix_and_bias("gold", Vec(q), Vec(v), params.gravity)
         return 0.5 * v @ jnp.array([list(row) for row in mass]) @ v
 
     links = of_links(columns(out.jpos), columns(out.jvel))

@@ -34,6 +34,11 @@ def one_arm(arm: ArmName) -> mujoco.MjModel:
 
     Its seven degrees of freedom come in the order of `JOINTS`.
     """
+    return one_arm_spec(arm).compile()
+
+
+def one_arm_spec(arm: ArmName) -> mujoco.MjSpec:
+    """Return the model of `one_arm` before it is compiled."""
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(resources.find_model(MODEL)))
@@ -46,7 +51,7 @@ def one_arm(arm: ArmName) -> mujoco.MjModel:
             spec.delete(body)
     for unused in (*spec.meshes, *spec.materials, *spec.textures):
         spec.delete(unused)
-    return spec.compile()
+    return spec
 
 
 def base_body(arm: ArmName) -> str:

@@ -1,16 +1,22 @@
 """Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
 
-`setup.link_dynamics` selects one of two implementations of the same quantities. "unrolled" replays
-a straight-line program derived from the compiled model; "mjx" calls mujoco.mjx. Joint order and
-units: `raven2.arms.JOINTS`, rad and m.
+A straight-line program, derived from the compiled model, computes M and bias. With
+`setup.link_dynamics` "mjx" a step of MuJoCo MJX moves the links instead. Joint order and units:
+`raven2.arms.JOINTS`, rad and m.
 """
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import io
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ravenjax.ir.program import Program
 from ravenjax.mechanics import rigid_program
@@ -19,14 +25,18 @@ from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
-from ravenjax.robots.raven2.setup import RavenSetup
 
 if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link
 
+LEVERS = (138.0, 123.0, 2400.0, 5.4, 9.0, 9.0, 9.0)
+"""About how far a motor turns per joint, rad/rad (insertion: rad/m): scales of joints against each
+other, so that damping of pairs is not the small difference of large numbers.
+"""
+
 
 def mass_matrix_and_bias(
-    setup: RavenSetup, arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
+    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
 ) -> tuple[tuple[Vec, ...], Vec]:
     """Return (M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
 
@@ -36,11 +46,8 @@ def mass_matrix_and_bias(
     of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
     numbers among the arguments are folded as constants.
     """
-    if setup.link_dynamics == "mjx":
-        mass, bias = _by_mjx(arm, qpos, qvel, gravity)
-    else:
-        program = functools.partial(arm_program, arm)
-        mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
+    program = functools.partial(arm_program, arm)
+    mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
     mass = [[mul(x, mass_scale) for x in row] for row in mass]
     bias = [mul(x, mass_scale) for x in bias]
     for i, link in enumerate(arm_links(arm)):
@@ -49,34 +56,69 @@ def mass_matrix_and_bias(
     return tuple(Vec(row) for row in mass), Vec(bias)
 
 
-def _by_mjx(
-    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
-) -> tuple[list[list[Scalar]], list[Scalar]]:
-    dtype = jnp.result_type(*qpos, *qvel, *gravity)
-    dtype = dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
+def solve_by_mjx(
+    arm: ArmName,
+    timestep: float,
+    system: Sequence[Vec],
+    right: Vec,
+    qpos: Vec,
+    qvel: Vec,
+    gravity: Vec,
+    mass_scale: Scalar,
+) -> Vec:
+    """Return x of system x = right, 7 speeds that joints gain, by one `mjx.step`.
+
+    system: 7x7, its lower triangle, M / timestep + D; right: N m, insertion N. MuJoCo computes M
+    and bias. Dampers of joints, and tendons with a damper for each pair of joints, have damping D,
+    which MuJoCo's implicit integrator takes at the end of the step. `qfrc_applied` returns what
+    bias and dampers take at the start.
+    """
+    dtype = jnp.result_type(*right)
+    real = functools.partial(jnp.array, dtype=dtype)
     mjx, model, data = _mjx_model(arm, str(dtype))
-    down = jnp.asarray(arm_model.frame_rotation(arm), dtype) @ jnp.array(gravity, dtype)
-    model = model.replace(opt=model.opt.replace(gravity=down))
-    data = data.replace(qpos=jnp.array(qpos, dtype), qvel=jnp.array(qvel, dtype))
-    data = mjx.com_pos(model, mjx.kinematics(model, data))
-    data = mjx.rne(model, mjx.com_vel(model, mjx.crb(model, data)))
-    # MJX widens numbers if x64 is on
-    mass, bias = (x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias))
-    return [list(row) for row in mass], list(bias)
+    mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
+    joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
+    full = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
+    damping = full - real(mass) / timestep
+    shares = damping / jnp.outer(lever, lever)
+    # GPUs would otherwise multiply matrices with 10 bits
+    with jax.default_matmul_precision("highest"):
+        option = model.opt.replace(
+            timestep=timestep, gravity=real(arm_model.frame_rotation(arm)) @ real(gravity)
+        )
+        model = model.replace(
+            opt=option,
+            body_mass=model.body_mass * mass_scale,
+            body_inertia=model.body_inertia * mass_scale,
+            tendon_damping=shares[np.tril_indices(len(right), -1)],
+            dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * shares.sum(axis=1),
+        )
+        applied = real(right + bias) + damping @ speed
+        data = data.replace(qpos=real(qpos), qvel=speed, qfrc_applied=applied)
+        # MJX widens numbers if x64 is on
+        return Vec((mjx.step(model, data).qvel - speed).astype(dtype))
 
 
 @functools.cache
 def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return module `mjx`, the arm's model without armature, and its data, for reals of type
-    `dtype`.
+    """Return module `mjx`, the arm's model with a tendon for each pair of joints, and its data, for
+    reals of type `dtype`.
     """
     # The import takes half a second and prints a line for each optional backend that is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
-    compiled = arm_model.one_arm(arm)
+    import mujoco
+
+    spec, names = arm_model.one_arm_spec(arm), arm_model.joint_names(arm)
+    for i, j in zip(*np.tril_indices(len(names), -1), strict=True):
+        tendon = spec.add_tendon()
+        tendon.wrap_joint(names[i], LEVERS[i])
+        tendon.wrap_joint(names[j], LEVERS[j])
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    compiled = spec.compile()
     with jax.ensure_compile_time_eval():
-        model = mjx.put_model(compiled)
-        return mjx, model.replace(dof_armature=model.dof_armature * 0.0), mjx.make_data(compiled)
+        return mjx, mjx.put_model(compiled), mjx.make_data(compiled)
 
 
 @functools.cache

@@ -202,7 +202,7 @@ def track_target(
     turning = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
     # The controller's G(q) cancels the model's exactly. Both are left out, for any gravity.
     mass, bias = link_dynamics.mass_matrix_and_bias(
-        setup, arm, locked, turning, Vec.full(3, 0.0), params.mass_scale
+        arm, locked, turning, Vec.full(3, 0.0), params.mass_scale
     )
 
     system, right = [], []

@@ -149,7 +149,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
     _, weight = link_dynamics.mass_matrix_and_bias(
-        setup, arm, links, at_rest, params.gravity, params.mass_scale
+        arm, links, at_rest, params.gravity, params.mass_scale
     )
     still = cast_to_real(setup, at_rest)
     carried = geometry.carried(weight)
@@ -198,7 +198,7 @@ def step(
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
         system, right = under_way.equations()
-        under_way.move(solve_spd(system, right))
+        under_way.move(under_way.solve(system, right))
     return under_way.end()
 
 
@@ -225,8 +225,8 @@ def step_all(
         jpos, jvel = (one.jpos(), other.jpos()), (one.state.jvel, other.state.jvel)
         pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
         ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
-        yielding = [solve_spd(ready[i][0], pair.ways[i]) for i in (0, 1)]
-        gained = [solve_spd(system, right) for system, right in ready]
+        yielding = [arm.solve(ready[i][0], pair.ways[i]) for i, arm in enumerate(both)]
+        gained = [arm.solve(*equations) for arm, equations in zip(both, ready, strict=True)]
         force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
         for i, arm in enumerate(both):
             speeds = gained[i] + yielding[i] * (force - pair.normal.force)
@@ -268,9 +268,8 @@ class _ArmTick:
         params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
         jpos, jvel = self.jpos(), state.jvel
-        mass, bias = link_dynamics.mass_matrix_and_bias(
-            self.setup, self.arm, jpos, jvel, params.gravity, params.mass_scale
-        )
+        self._links = jpos, jvel, params.gravity, params.mass_scale
+        mass, bias = link_dynamics.mass_matrix_and_bias(self.arm, *self._links)
         friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
         self._link_speed = self._geometry.motors(jvel)
         scale = _whole(state, signal.cable_scale)
@@ -324,6 +323,12 @@ class _ArmTick:
             system[i][i] = system[i][i] + stick
             right.append(force - stick * jvel[i])
         return tuple(Vec(row) for row in system), Vec(right)
+
+    def solve(self, system: tuple[Vec, ...], right: Vec) -> Vec:
+        """Return the speeds that the joints gain under `right`, as of `equations`."""
+        if self.setup.link_dynamics == "mjx":
+            return link_dynamics.solve_by_mjx(self.arm, self.dt, system, right, *self._links)
+        return solve_spd(system, right)
 
     def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
         """Compute one substep, in which the joints gain these speeds (rad/s, m/s).

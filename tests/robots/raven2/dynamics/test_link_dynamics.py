@@ -1,7 +1,6 @@
 """Unrolled link dynamics and the linear solver against C MuJoCo and MJX."""
 
 import copy
-import dataclasses
 import functools
 
 import jax
@@ -17,12 +16,15 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model
-from ravenjax.robots.raven2.dynamics.link_dynamics import mass_matrix_and_bias
+from ravenjax.robots.raven2.dynamics.link_dynamics import (
+    LEVERS,
+    mass_matrix_and_bias,
+    solve_by_mjx,
+)
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
-UNROLLED, MJX = RavenSetup(), dataclasses.replace(RavenSetup(), link_dynamics="mjx")
 AXES = np.eye(3)
 
 
@@ -93,19 +95,6 @@ def within_range(rng: np.random.Generator, count: int) -> np.ndarray:
     return rng.uniform(low, high, size=(count, 7))
 
 
-def stacked(setup: RavenSetup, arm, mass_scale=1.0):
-    """Arrays (qpos, qvel, gravity) with a leading axis -> M and bias."""
-
-    def one(qpos, qvel, gravity):
-        mass, bias = mass_matrix_and_bias(
-            setup, arm, Vec(qpos), Vec(qvel), Vec(gravity), mass_scale
-        )
-        rows = [[jnp.asarray(x, qpos.dtype) for x in row] for row in mass]
-        return jnp.array(rows), jnp.array(list(bias))
-
-    return jax.jit(jax.vmap(one))
-
-
 @pytest.mark.parametrize("arm", ARMS)
 def test_both_arms_equal_mujoco(arm):
     model = arm_model.operating_scene()
@@ -113,8 +102,15 @@ def test_both_arms_equal_mujoco(arm):
     own = slice(first, first + 7)
     rng = np.random.default_rng(7)
     q, v = within_range(rng, 10), rng.normal(size=(10, 7))
+
+    @jax.jit
+    @jax.vmap
+    def printed(qpos, qvel):
+        mass, bias = mass_matrix_and_bias(arm, Vec(qpos), Vec(qvel), Vec((-9.81, 0.0, 0.0)))
+        return jnp.array(mass), jnp.array(bias)
+
     with jax.enable_x64(True):
-        mass, bias = stacked(UNROLLED, arm)(q, v, np.tile([-9.81, 0.0, 0.0], (10, 1)))
+        mass, bias = printed(q, v)
     for i in range(10):
         qpos, qvel = model.key_qpos[0].copy(), np.zeros(14)
         qpos[own], qvel[own] = q[i], v[i]
@@ -124,19 +120,32 @@ def test_both_arms_equal_mujoco(arm):
 
 
 @pytest.mark.parametrize("arm", [pytest.param("gold", marks=pytest.mark.slow), "green"])
-def test_mjx_equals_unrolled(arm):
-    """In any gravity, with scaled masses."""
-    rng = np.random.default_rng(3)
-    inputs = within_range(rng, 20), rng.normal(size=(20, 7)), 9.8 * rng.normal(size=(20, 3))
+def test_a_step_of_mjx_solves_the_printed_equations(arm):
+    """In any gravity, with scaled masses and damping between any two joints."""
+    rng, lever = np.random.default_rng(3), np.array(LEVERS)
+    states = within_range(rng, 20), rng.normal(size=(20, 7)), 9.8 * rng.normal(size=(20, 3))
+    root = rng.normal(size=(20, 7, 7))
+    damping = 0.01 * np.outer(lever, lever) * (root @ root.transpose(0, 2, 1) + np.eye(7))
+    inputs = *states, damping, 0.1 * lever * rng.normal(size=(20, 7))
+
+    @jax.jit
+    @jax.vmap
+    def gained(qpos, qvel, gravity, damping, right):
+        links = Vec(qpos), Vec(qvel), Vec(gravity), 1.3
+        mass, _ = mass_matrix_and_bias(arm, *links)
+        system = [damping[i] + jnp.array(row) / 1e-3 for i, row in enumerate(mass)]
+        known = tuple(map(Vec, system)), Vec(right)
+        return jnp.array(solve_spd(*known)), jnp.array(solve_by_mjx(arm, 1e-3, *known, *links))
+
     with jax.enable_x64(True):
-        unrolled, mjx = stacked(UNROLLED, arm, 1.3)(*inputs), stacked(MJX, arm, 1.3)(*inputs)
-    for a, b in zip(unrolled, mjx, strict=True):
-        assert a.dtype == b.dtype == np.float64
-        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-13)
-    mass, bias = stacked(UNROLLED, arm, 1.3)(*(jnp.asarray(x, jnp.float32) for x in inputs))
-    assert mass.dtype == bias.dtype == np.float32
-    np.testing.assert_allclose(mass, unrolled[0], rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(bias, unrolled[1], rtol=1e-4, atol=1e-4)
+        expected, found = gained(*inputs)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+    _, narrow = gained(*(jnp.asarray(x, jnp.float32) for x in inputs))
+    assert narrow.dtype == np.float32
+    # the forces of dampers that cancel have the digits of the fastest motor
+    fastest = (lever * (np.abs(states[1]) + np.abs(expected))).max(axis=1, keepdims=True)
+    assert (lever * np.abs(narrow - expected) / fastest).max() < 2e-6
 
 
 @pytest.mark.slow

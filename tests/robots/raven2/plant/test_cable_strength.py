@@ -82,7 +82,7 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
         weak = replace(free, cable_strength=Vec(strength))
         breakable = replace(state, intact=Vec.full(N, 1.0))
         end, out = simulate(BREAKING, coast, weak, state=breakable)
-        total = energy(one, free, out)
+        total = energy(free, out)
     arm, stiffness = np.array(transmission.CABLE_PER_MOTOR), np.array(free.cable_stiffness)
     springs = 2.0 * stiffness * (np.cosh(arm * columns(out.stretch)) - 1.0)
     parted = columns(out.carried) > strength

@@ -68,11 +68,9 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
             gravity_0 = Vec(
                 (-9.81, 0.0, 0.0)
             )  # of no consequence: the controller's G(q) cancels it
-            mass, bias = link_dynamics.mass_matrix_and_bias(
-                SETUP, "gold", locked, turning, gravity_0
-            )
+            mass, bias = link_dynamics.mass_matrix_and_bias("gold", locked, turning, gravity_0)
             _, weight = link_dynamics.mass_matrix_and_bias(
-                SETUP, "gold", locked, Vec.full(7, 0.0), gravity_0
+                "gold", locked, Vec.full(7, 0.0), gravity_0
             )
             square = jnp.array([[mass[i][j] for j in range(5)] for i in range(5)])
             return square, jnp.stack(bias)[:5], jnp.stack(weight)[:5]

@@ -104,11 +104,10 @@ def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Ve
     )
     stiffness, damping = np.array(params.cable_stiffness), np.array(params.cable_damping)
     link_viscous = np.array(params.link_viscous)
-    one = setup()
 
     @jax.jit
     def links(q, v):
-        mass, bias = link_dynamics.mass_matrix_and_bias(one, "gold", Vec(q), Vec(v), params.gravity)
+        mass, bias = link_dynamics.mass_matrix_and_bias("gold", Vec(q), Vec(v), params.gravity)
         return jnp.array([list(row) for row in mass]), jnp.stack(bias)
 
     def slope(_, x, drive):
@@ -162,7 +161,7 @@ def test_energy_is_never_made() -> None:
         params = replace(weightless(robot.params(one, "gold")), cable_damping=Vec.full(N, 0.0))
         state, _ = simulate(one, wave(200), params)
         _, out = simulate(one, constant([0] * N, 400), frictionless(params), state=state)
-        total = energy(one, params, out)
+        total = energy(params, out)
         assert total[0] > 1e-2
         assert (np.diff(total) < 1e-6 * total[0]).all()
         assert total[-1] > 0.9 * total[50]
