@@ -7,7 +7,7 @@ import dataclasses
 import json
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -180,10 +180,6 @@ def _write(path: Path, text: str) -> None:
 
 BRIEF_COLUMNS = ("quantity", "published", "predicted", "band", "inside")
 INSIDE = {True: "yes", False: "NO", None: ""}
-_LEGEND = (
-    "A number is followed by its interval and by what it was counted over or read from. *Band* is"
-    " the acceptance band of the predicted value."
-)
 
 
 def line_rows(findings: Findings) -> list[tuple[str, ...]]:
@@ -197,44 +193,32 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, with_claims: bool) -> str:
-    """Return the Markdown page of a record.
+    """Return the Markdown page of a record (`templates/findings.md`).
 
     `with_claims`: include what the study's claims rest on. Findings that are kept leave this to the
     page over all studies.
     """
-    study, lines = record["study"], record["lines"]
-    standing = standings(lines)
-    parts = [f"# {study['title']}", study["question"], f"Source: {study['source']}"]
-    if standing:
-        parts.append(f"**{'. '.join(one.sentence for one in standing)}.**")
-        parts.append("\n".join(f"- {targets()[one.id].definition}" for one in standing))
-    if lines:
-        compared = any(line["published"] for line in lines)
-        parts.append("## Published and predicted" if compared else "## In numbers")
-        heads = (*BRIEF_COLUMNS, "likely reason of a difference")
-        parts += [_LEGEND, cells.table(heads, map(_line, lines))]
-    if record["notes"]:
-        parts += ["## Notes", *record["notes"]]
-    for table in record["tables"]:
-        rows = (tuple(map(cells.cell, row)) for row in table["rows"])
-        parts += [f"## {table['title']}", cells.table(table["columns"], rows), table["note"]]
-    parts += [
-        claims.section(record) if with_claims else "",
-        *_made_by(study["name"], record["provenance"]),
-    ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    values = {
+        **record,
+        "standings": standings(record["lines"]),
+        "targets": targets(),
+        "compared": any(line["published"] for line in record["lines"]),
+        "columns": (*BRIEF_COLUMNS, "likely reason of a difference"),
+        "lines": [*map(_line, record["lines"])],
+        "claims": claims.section(record) if with_claims else "",
+    }
+    return claims.fill_page("findings.md", **values) + "\n"
 
 
 def _line(line: Record) -> tuple[str, ...]:
-    def estimate(one: Record | None) -> str:
-        if one is None:
+    def estimate(found: Record | None) -> str:
+        if found is None:
             return wording.DASH
-        text, over = cells.with_interval(one), cells.counted_over(one)
+        text, over = cells.with_interval(found), cells.counted_over(found)
         return f"{text}; {over}" if over else text
 
     return (
-        (f"{line['target']}: " if line["target"] else "")
-        + line["quantity"]
+        ": ".join(filter(None, (line["target"], line["quantity"])))
         + (f", {line['unit']}" if line["unit"] else ""),
         estimate(line["published"]),
         estimate(line["predicted"]),
@@ -242,22 +226,3 @@ def _line(line: Record) -> tuple[str, ...]:
         INSIDE[line["passed"]],
         line["reason"],
     )
-
-
-def _made_by(name: str, made: Record) -> Iterator[str]:
-    yield "## How it was made"
-    yield f"```\nravenjax reproduce {name}\n```"
-    rows = [
-        (
-            c["variant"],
-            wording.format_count(c["runs"]),
-            wording.format_number(c["seconds"]),
-            c["question"],
-            f"`{c['command']}`",
-        )
-        for c in made["campaigns"]
-    ]
-    yield cells.table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
-    versions = ", ".join(f"{package} {version}" for package, version in made["versions"].items())
-    engine = f"Engine {made['engine']} on {made['device']}; code" if made["engine"] else "Code"
-    yield f"{engine} {made['code_hash'][:16]}; {versions}."
