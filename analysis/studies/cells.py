@@ -73,11 +73,12 @@ def percent(share: StudyEstimate) -> str:
     return f"{text}{ends} of {wording.format_count(share.n)}"
 
 
-def plain(value: StudyEstimate | Estimate) -> str:
+def plain(value: StudyEstimate | Estimate, digits: int = 3) -> str:
     """Write 12 (10 to 15); a dash if unknown."""
     if not np.isfinite(value.value):
         return wording.DASH
-    text, low, high = map(wording.format_number, (value.value, value.low, value.high))
+    ends = value.value, value.low, value.high
+    text, low, high = (wording.format_number(end, digits) for end in ends)
     return f"{text} ({low} to {high})" if np.isfinite([value.low, value.high]).any() else text
 
 

@@ -1,7 +1,7 @@
 """Writes what each study claims and which evidence supports it, as Markdown.
 
 The data are in `claims/NAME.toml`, one file per study. They become part of a study's page, and of
-one page over all studies (`templates/credibility.md`). Terms and their order are those of the
+one page over all studies (`templates/credibility.md.j2`). Terms and their order are those of the
 guidance *Assessing the Credibility of Computational Modeling and Simulation in Medical Device
 Submissions* (FDA, November 2023). Evidence that several claims share is in `claims/model.toml`.
 
@@ -50,9 +50,7 @@ class _Strict(BaseModel):
 
 
 class Quotation(_Strict):
-    """The place of a number in findings: a line, a cell, a target, or a count of lines inside their
-    bands.
-    """
+    """The place of a number in findings: a line, a cell, a target, or lines that are counted."""
 
     line: str = ""  # quantity of a line
     table: str = ""  # title of a table; used with row and column
@@ -173,9 +171,7 @@ class Quoted(NamedTuple):
 
 
 def filled(text: str, numbers: Mapping[str, Quotation], record: Record | None) -> str:
-    """Return the text with its numbers filled in. Without findings, each number is marked as
-    absent.
-    """
+    """Return the text with its numbers filled in; without findings they are marked as absent."""
     return text.format_map({name: quoted(place, record) for name, place in numbers.items()})
 
 
@@ -243,7 +239,7 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
 
 def _written(records: Mapping[str, Record], home: str, single: bool) -> str:
     return fill_page(
-        "credibility.md",
+        "credibility.md.j2",
         single=single,
         records=records,
         model=sorted(of_model().values(), key=lambda row: CATEGORIES.index(row.category)),
@@ -270,9 +266,7 @@ def fill_page(template: str, **values: Any) -> str:
 
 
 def answers(record: Record) -> list[str]:
-    """Return one line per claim of a study: title, answer, and what the answer is not
-    adequate for.
-    """
+    """Return the title, the answer and what it is not adequate for, of each claim of a study."""
     return [
         f"{claim.title}: {filled(claim.answer, claim.numbers, record)} Not adequate for "
         f"{filled(claim.not_adequate_for, claim.numbers, record)}"
@@ -281,9 +275,7 @@ def answers(record: Record) -> list[str]:
 
 
 def anchor(heading: str) -> str:
-    """Return the anchor of a heading, as the documentation's site and GitHub make it if headings
-    are unique.
-    """
+    """Return the anchor of a unique heading, as GitHub and the documentation's site make it."""
     return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
@@ -293,9 +285,7 @@ def _lacking(rows: Iterable[Evidence], shared: Iterable[str] = ()) -> str:
 
 
 def _pointers(home: str, evidence: Evidence, record: Record | None, study: str = "") -> str:
-    """Write the places that show evidence. `study`: whose tables they are, unless the page is
-    about it.
-    """
+    """Write the places that show evidence. `study`: whose tables, if not the page's own."""
     where = f" of `ravenjax reproduce {study}`" if study else ""
     tables = []
     for pattern in evidence.tables:

@@ -8,11 +8,13 @@ reason if the two differ.
 """
 
 import dataclasses
+import itertools
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +29,7 @@ Cell = str | int | float
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or the baseline with one open question answered
-    differently.
-    """
+    """One campaign of a study: the baseline, or one open question answered differently."""
 
     name: str  # also the name of its folder
     campaign: str  # file name of a bundled campaign
@@ -153,12 +153,27 @@ def plain(value: Any) -> Any:
 
 
 def read_variants(study: str) -> tuple[Variant, ...]:
-    """Return the variants of `variants/STUDY.toml`. The first is the baseline. A row may name
-    another campaign than the file.
+    """Return the variants of `variants/STUDY.toml`. The first is the baseline.
+
+    A row may name another campaign than the file. With `each`, a row stands for one variant for
+    each combination of these values, which replace `$NAME` in its texts. With `needs`, it is left
+    out without the recording of that name, whose path replaces `$file`.
     """
-    content = read_toml(f"variants/{study}.toml")
-    rows = ({"campaign": content["campaign"], **row} for row in content["variants"])
-    return tuple(Variant(**{**row, "overrides": tuple(row["overrides"])}) for row in rows)
+    from studies.dsn16 import recording
+
+    content, variants = read_toml(f"variants/{study}.toml"), []
+    for row in content["variants"]:
+        file = recording.locate(row["needs"]) if "needs" in row else ""
+        each = row.get("each", {})
+        for values in itertools.product(*each.values()) if file is not None else ():
+            words = {"file": file, **dict(zip(each, values, strict=True))}
+            name, question, *overrides = (
+                Template(text).substitute(words)
+                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
+            )
+            campaign = row.get("campaign", content["campaign"])
+            variants.append(Variant(name, campaign, tuple(overrides), question))
+    return tuple(variants)
 
 
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
@@ -205,9 +220,7 @@ class Published:
         return _at(self.numbers, key)["value"]
 
     def estimate(self, key: str) -> StudyEstimate:
-        """Return a published number with its interval and source. Raises KeyError as
-        `value` does.
-        """
+        """Return a published number with its interval and source. Raises KeyError."""
         row = _at(self.numbers, key)
         value, error = row["value"], row.get("error", math.nan)
         low, high = row.get("low", value - error), row.get("high", value + error)
