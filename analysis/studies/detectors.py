@@ -7,7 +7,7 @@ they detect.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -244,7 +244,7 @@ def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[
 
 
 def condition_rows(
-    faulty: Runs, fast: Runs, modelled: Runs, main: Sequence[str]
+    faulty: Runs, fast: Runs, others: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
 ) -> Iterator[tuple[str | float, ...]]:
     """Yield what a threshold detects by the motion on which it must be quiet."""
     still_down = unclutched(modelled)
@@ -254,6 +254,7 @@ def condition_rows(
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
         ("every motion and scale", modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
+        *((f"every; faults: {words}", modelled, some, 0.1) for words, some in others.items()),
     ):
         for name in main if free["hours"].sum() > 0 else ():
             threshold = threshold_for(free, name)
@@ -307,14 +308,13 @@ def compare(context: study.Context) -> study.Findings:
     quiet = [points[name] for name in main if name in points]
     others = [point(faulty, modelled, name) for name in OTHERS]
     hours = float(modelled["hours"].sum())
+    conditions = condition_rows(faulty, fast, runs.by_packets(folders), modelled, main)
     return study.Findings(
         lines=tuple(_lines(faulty, modelled, quiet, others)),
         tables=(
             layer_table(faulty, [*quiet, *others]),
             study.read_table(NAME, "robots", robot_rows(faulty, free, main)),
-            study.read_table(
-                NAME, "conditions", condition_rows(faulty, fast, modelled, main), per_hour=PER_HOUR
-            ),
+            study.read_table(NAME, "conditions", conditions, per_hour=PER_HOUR),
             hazard_table(faulty, main),
         ),
         notes=study.read_notes(

@@ -139,8 +139,8 @@ def compare(context: Context) -> Findings:
     """Compare effects of the force by its size and grip, with their null models, and reaction
     times.
     """
-    force, grip, turned = (
-        read(context.folders[name]).frame for name in ("force", "grip", "turned")
+    force, grip, turned, cycle = (
+        read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
     pairs = {
         **{(words, f"{MIDDLE:g}"): paired(force, one, MIDDLE) for one, words in FORCES.items()},
@@ -148,6 +148,7 @@ def compare(context: Context) -> Findings:
         ("null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"): paired(
             turned, STRONG, MIDDLE
         ),
+        (f"{FORCES[STRONG]}, a packet each cycle", f"{MIDDLE:g}"): paired(cycle, STRONG, MIDDLE),
     }
     effects = {
         (*words, robot): effect(some.where(stopped(some) == (robot == STOPPED)), SCALE)

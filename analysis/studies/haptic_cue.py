@@ -7,7 +7,7 @@ threshold costs weight x (share of hazards missed) + false cues per hour. The we
 it is swept. Kinds of faults and recordings are resampled to show how certain a choice is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -301,6 +301,7 @@ def compare(context: study.Context) -> study.Findings:
         *runs.design_lines(faulty, modelled),
         *(line for k in compared for line in _cue_lines(faulty, modelled, k)),
         *(_choice_line(thresholds, at) for at in chosen),
+        *_packet_lines(runs.by_packets(folders), compared),
     )
     choice, rules = choice_rows(thresholds, place, chosen), rule_rows(faulty, free, sets)
     return study.Findings(
@@ -329,6 +330,14 @@ def _cue_lines(faulty: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
         yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
         yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
     yield study.own_line(f"{words}: false cues", "1/h", false_cues(modelled, k))
+
+
+def _packet_lines(faulty: Mapping[str, Runs], compared: Sequence[int]) -> Iterator[study.Line]:
+    for words, some in faulty.items():
+        for k in compared:
+            mm = some.made.cues[k].threshold_mm
+            quantity = f"{mm:g} mm: unintended motion missed, {words}"
+            yield study.percent_line(quantity, felt(some, k).missed)
 
 
 def _choice_line(thresholds: Sequence[float], at: Choice) -> study.Line:

@@ -48,6 +48,7 @@ MOTIONS = ("suture", "peg_transfer")
 HEADLINE_SCALES = (0.1, 0.2)
 HEADLINE_CUES_MM = (1.0, 3.0)
 BASELINE, PUBLISHED = "pairs", "threshold: threshold 3 mm, published"
+EVERY_CYCLE = "every_cycle"
 EARLY = {1.0: "threshold: threshold 1 mm", 2.0: "threshold: threshold 2 mm"}
 """Thresholds below the smallest motion, and the words of their variants."""
 VARIANTS = study.read_variants(NAME)
@@ -355,6 +356,7 @@ def compare(context: study.Context) -> study.Findings:
             *_advance_lines(advances),
             *_idle_lines(released),
             *(line for motion in MOTIONS for line in _free_lines(runs[f"free_{motion}"])),
+            *_large(paired(runs[EVERY_CYCLE], RELEASE), ", a packet each cycle"),
         ),
         tables=(
             read_table(NAME, "variants", variant_rows(others, two)),
@@ -374,8 +376,7 @@ def _sampled(pairs: Pairs) -> Pairs:
 def _pair_lines(pairs: Mapping[int, Pairs], early: Mapping[float, Pairs]) -> Iterator[Line]:
     """Yield what reactions change. `early`: pairs by cues below the smallest motion."""
     released = pairs[RELEASE]
-    for measure in map(excursion, SIZES_MM[1:]):
-        yield _avoided(released, measure, f"lifting the pedal avoids, of {measure.name}")
+    yield from _large(released)
     for threshold, part in early.items():
         measure = excursion(SIZES_MM[0])
         words = f"lifting the pedal at a cue of {threshold:g} mm avoids, of {measure.name}"
@@ -394,6 +395,11 @@ def _pair_lines(pairs: Mapping[int, Pairs], early: Mapping[float, Pairs]) -> Ite
         without = found.n - found.without
         count = StudyEstimate(found.caused, n=without, of="faults without it otherwise")
         yield own_line(words, "faults", count)
+
+
+def _large(released: Pairs, words: str = "") -> Iterator[Line]:
+    for measure in map(excursion, SIZES_MM[1:]):
+        yield _avoided(released, measure, f"lifting the pedal avoids, of {measure.name}{words}")
 
 
 def _avoided(pairs: Pairs, measure: Measure, words: str) -> Line:

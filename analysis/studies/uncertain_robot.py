@@ -57,6 +57,8 @@ EVENTS = {
 }
 """Events of a fault, columns of runs. Each is a rate over the faults that changed a bit."""
 LAYER_EVENT = "unintended"
+EVERY_CYCLE = "length of packets 0"
+"""Name of the robot that gets a packet in each control cycle."""
 THIRDS = ("lowest third", "middle third", "highest third")
 
 
@@ -433,9 +435,11 @@ def compare(context: study.Context) -> study.Findings:
 
 def _lines(robots: Sequence[RobotRates], effects: Sequence[Dependence]) -> Iterator[study.Line]:
     of = f"faults of this design, {kinds.count(robots[0].kinds)}, the known robot"
+    cycle = next(robot for robot in robots if robot.name == EVERY_CYCLE)
     for event, words in EVENTS.items():
         share = robots[0].rate(event)
         yield study.percent_line(words, share, of)
+        yield study.percent_line(f"{words}, a packet each cycle", cycle.rate(event), of)
         (low, _), (high, _) = extremes(robots, event)
         span = Estimate(share.value, low.value, high.value)
         value = study.in_percent(span, len(robots), "robots, extremes")

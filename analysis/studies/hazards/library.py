@@ -29,7 +29,7 @@ from studies.study import (
     study,
 )
 
-NAME, BASELINE = "hazard_library", "library"
+NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
 MANIFEST: dict[str, tuple[str, ...]] = {
     "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
     "get_usb": ("B01", "B02", "B03", "B23"),
@@ -46,6 +46,7 @@ def compare(context: Context) -> Findings:
     """Compare every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
     outcomes = safecomp45.hazard_outcomes(frame)
+    others = safecomp45.hazard_outcomes(folder.read_all(context.folders[EVERY_CYCLE]))
     values = {one.hazard.id: documented(frame, one.hazard) for one in outcomes}
     fields = ("id", "layer", "title", "source", "expected", "documented_only")
     unrun = [
@@ -55,7 +56,7 @@ def compare(context: Context) -> Findings:
     ]
     risks = report_risk(risk.counts(frame))
     return Findings(
-        lines=tuple(_lines(outcomes, Published(NAME))),
+        lines=tuple(_lines(outcomes, others, Published(NAME))),
         tables=(
             read_table(NAME, "rows", row_rows(outcomes, values)),
             read_table(NAME, "documented", unrun),
@@ -139,8 +140,9 @@ def _within(values: pd.Series, documented_values: object) -> pd.Series:
     return values.isin(listed)
 
 
-def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Line]:
-    by_id = {one.hazard.id: one for one in found}
+def _lines(
+    found: Sequence[HazardOutcome], others: Sequence[HazardOutcome], published: Published
+) -> Iterator[Line]:
     runnable = [one for one in found if one.verdict != NOT_SIMULATED]
 
     def count(quantity: str, holds: Callable[[HazardOutcome], bool]) -> Line:
@@ -157,11 +159,14 @@ def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Lin
         "put_usb_jumps": "USB write, motor commands: injections with a jump",
         "in_range": "operator's packets in their range: injections with an effect",
     }
-    for key, ids in MANIFEST.items():
-        rows = [by_id[name] for name in ids if name in by_id and by_id[name].valid]
-        predicted = _manifest(rows, "jump" if key == "put_usb_jumps" else "")
-        reason = "published: drawn values; here every value and hazard counts alike"
-        yield Line(words[key], "%", published.estimate(key), predicted, reason=reason)
+    for packets, part in {"": found, ", a packet each cycle": others}.items():
+        by_id = {one.hazard.id: one for one in part}
+        for key, ids in MANIFEST.items():
+            rows = [by_id[name] for name in ids if name in by_id and by_id[name].valid]
+            predicted = _manifest(rows, "jump" if key == "put_usb_jumps" else "")
+            reason = "published: drawn values; here every value and hazard counts alike"
+            quantity = f"{words[key]}{packets}"
+            yield Line(quantity, "%", published.estimate(key), predicted, reason=reason)
 
 
 def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
@@ -192,4 +197,10 @@ def _mean(mean: Estimate | None) -> str:
     )
 
 
-STUDY = study(NAME, (Variant(BASELINE, "hazard_library.toml"),), compare)
+_PACKETS = Variant(
+    EVERY_CYCLE,
+    "hazard_library.toml",
+    (f"campaign.packets={EVERY_CYCLE}",),
+    "And with a packet in each control cycle?",
+)
+STUDY = study(NAME, (Variant(BASELINE, "hazard_library.toml"), _PACKETS), compare)

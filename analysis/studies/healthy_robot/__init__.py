@@ -23,7 +23,7 @@ from studies.healthy_robot.camera_log import CameraLog
 from studies.study import StudyEstimate, read_table
 
 NAME, COLUMN = "healthy_robot", "param:plant.kinematic_errors.scale"
-FREE, FAULTS = "free", "faults"
+FREE, FAULTS, EVERY_CYCLE = "free", "faults", "every_cycle"
 OFF, HALF, FULL = SCALES = (0.0, 0.5, 1.0)
 SHARES = {
     "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
@@ -110,7 +110,8 @@ def compare(context: study.Context) -> study.Findings:
             read_table(NAME, "report", rows, robots=ROBOTS, factor=factor),
             read_table(NAME, "explained", _explained_rows(log)),
         ]
-    lines += _headline_lines(pairs, folder.read_all(context.folders[FREE]))
+    cycle = scaled_faults(context.folders[EVERY_CYCLE])
+    lines += _headline_lines(pairs, cycle, folder.read_all(context.folders[FREE]))
     count = len(pairs.events[OFF])
     tables.append(read_table(NAME, "headlines", _headline_rows(pairs), faults=count))
     return study.Findings(tuple(lines), tuple(tables), (*notes, *study.read_notes(NAME)))
@@ -181,12 +182,16 @@ def _explained_rows(log: CameraLog) -> Iterator[tuple[str, ...]]:
     yield "null: a static quadratic map of the joints", *cells(tip_error.quadratic_left(log)), ""
 
 
-def _headline_lines(pairs: ScaledFaults, free: pd.DataFrame) -> Iterator[study.Line]:
-    of = f"faults of this design, {kinds.count(pairs.faults)}"
+def _headline_lines(
+    pairs: ScaledFaults, cycle: ScaledFaults, free: pd.DataFrame
+) -> Iterator[study.Line]:
     names = {OFF: "no kinematic errors", FULL: "measured"}
     for event, words in SHARES.items():
         for scale, name in names.items():
-            yield study.percent_line(f"{words}, {name}", pairs.share(event, scale), of)
+            for some, packets in ((pairs, ""), (cycle, ", a packet each cycle")):
+                of = f"faults of this design, {kinds.count(some.faults)}"
+                quantity = f"{words}, {name}{packets}"
+                yield study.percent_line(quantity, some.share(event, scale), of)
     for scale, name in names.items():
         robots = free.loc[np.isclose(free[COLUMN], scale), "rms_model_deviation_mm"].to_numpy(float)
         value = StudyEstimate(*mean(robots), len(robots), "robots drawn")
