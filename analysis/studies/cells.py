@@ -38,11 +38,8 @@ def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
 
 def counted_over(estimate: Mapping[str, Any]) -> str:
     """Write what an estimate was counted over or read from: `36 segments`; "" if unknown."""
-    return (
-        f"{wording.format_count(estimate['n'])} {estimate['of']}".rstrip()
-        if estimate["n"]
-        else estimate["of"]
-    )
+    count = f"{wording.format_count(estimate['n'])} " if estimate["n"] else ""
+    return f"{count}{estimate['of']}".rstrip()
 
 
 def cell(value: str | float | None) -> str:
@@ -50,16 +47,16 @@ def cell(value: str | float | None) -> str:
     return value if isinstance(value, str) else number(value)
 
 
-def table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+def table(columns: Iterable[str], rows: Iterable[Sequence[str | float | None]]) -> str:
     """Write a Markdown table."""
-    heads = [escaped(column) for column in columns]
+    heads = [*map(escaped, columns)]
     body = ["| " + " | ".join(map(escaped, row)) + " |" for row in rows]
     return "\n".join(["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads), *body])
 
 
-def escaped(text: str) -> str:
-    """Escape text so that it stays in one cell."""
-    return " ".join(text.split()).replace("|", r"\|")
+def escaped(value: str | float | None) -> str:
+    """Write a value so that it stays in one cell."""
+    return " ".join(cell(value).split()).replace("|", r"\|")
 
 
 # --- cells of a study's tables ---
@@ -76,17 +73,23 @@ def percent(share: StudyEstimate) -> str:
     return f"{text}{ends} of {wording.format_count(share.n)}"
 
 
-def plain(value: StudyEstimate | Estimate) -> str:
+def plain(value: StudyEstimate | Estimate, digits: int = 3) -> str:
     """Write 12 (10 to 15); a dash if unknown."""
     if not np.isfinite(value.value):
         return wording.DASH
-    text, low, high = map(wording.format_number, (value.value, value.low, value.high))
+    ends = value.value, value.low, value.high
+    text, low, high = (wording.format_number(end, digits) for end in ends)
     return f"{text} ({low} to {high})" if np.isfinite([value.low, value.high]).any() else text
 
 
-def hourly(value: StudyEstimate) -> str:
+def counted(rate: StudyEstimate) -> str:
+    """Write 0.8 (0 to 2.1); 3."""
+    return f"{plain(rate)}; {wording.format_count(rate.n)}"
+
+
+def hourly(rate: StudyEstimate) -> str:
     """Write 0.8 (0 to 2.1); 3 in 4.0 h."""
-    return f"{plain(value)}; {wording.format_count(value.n)} in {value.of.rpartition(' in ')[2]}"
+    return f"{counted(rate)} in {rate.of.rpartition(' in ')[2]}"
 
 
 def quartiles(values: np.ndarray) -> str:

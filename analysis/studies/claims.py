@@ -1,9 +1,9 @@
 """Writes what each study claims and which evidence supports it, as Markdown.
 
 The data are in `claims/NAME.toml`, one file per study. They become part of a study's page, and of
-one page over all studies. Terms and their order are those of the guidance *Assessing the
-Credibility of Computational Modeling and Simulation in Medical Device Submissions* (FDA, November
-2023). Evidence that several claims share is in `claims/model.toml`.
+one page over all studies (`templates/credibility.md.j2`). Terms and their order are those of the
+guidance *Assessing the Credibility of Computational Modeling and Simulation in Medical Device
+Submissions* (FDA, November 2023). Evidence that several claims share is in `claims/model.toml`.
 
 A text may hold numbers of findings, each by its name in braces. `numbers` says where each is read,
 so that no number is typed by hand:
@@ -16,22 +16,19 @@ In patterns for a line's quantity, a table's title, a row or a column, * matches
 
 import posixpath
 import re
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import UserError
+from ravenjax.report import wording
 from studies import cells
-from studies.study import standings
+from studies.study import HERE, read_toml, standings
 
 Record = Mapping[str, Any]
 """Content of findings.json."""
-
-FOLDER = Path(__file__).parent / "claims"
 
 Category = Literal[
     "code verification",
@@ -53,9 +50,7 @@ class _Strict(BaseModel):
 
 
 class Quotation(_Strict):
-    """The place of a number in findings: a line, a cell, a target, or a count of lines inside their
-    bands.
-    """
+    """The place of a number in findings: a line, a cell, a target, or lines that are counted."""
 
     line: str = ""  # quantity of a line
     table: str = ""  # title of a table; used with row and column
@@ -129,23 +124,23 @@ class _ModelFile(_Strict):
 _F = TypeVar("_F", bound=_Strict)
 
 
-def _read(model: type[_F], path: Path) -> _F:
+def _read(model: type[_F], path: str) -> _F:
     try:
-        return model.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, ValidationError) as error:
-        raise UserError(f"{path}: {error}") from None
+        return model.model_validate(read_toml(path))
+    except ValueError as error:
+        raise UserError(f"{HERE / path}: {error}") from None
 
 
 @cache
 def of_study(name: str) -> tuple[Claim, ...]:
     """Return the claims of a study; none if it has no file. Raises UserError."""
-    path = FOLDER / f"{name}.toml"
-    return _read(_StudyFile, path).claim if path.is_file() else ()
+    path = f"claims/{name}.toml"
+    return _read(_StudyFile, path).claim if (HERE / path).is_file() else ()
 
 
 @cache
 def _model_file() -> _ModelFile:
-    return _read(_ModelFile, FOLDER / "model.toml")
+    return _read(_ModelFile, "claims/model.toml")
 
 
 def of_model() -> dict[str, ModelEvidence]:
@@ -176,26 +171,24 @@ class Quoted(NamedTuple):
 
 
 def filled(text: str, numbers: Mapping[str, Quotation], record: Record | None) -> str:
-    """Return the text with its numbers filled in. Without findings, each number is marked as
-    absent.
-    """
-    return text.format_map({name: quoted(one, record) for name, one in numbers.items()})
+    """Return the text with its numbers filled in; without findings they are marked as absent."""
+    return text.format_map({name: quoted(place, record) for name, place in numbers.items()})
 
 
-def quoted(one: Quotation, record: Record | None) -> Quoted:
+def quoted(place: Quotation, record: Record | None) -> Quoted:
     """Return the number that the findings have at a place."""
     if record is None:
         return Quoted(ABSENT)
-    if one.target:
-        found = [state for state in standings(record["lines"]) if state.id == one.target]
+    if place.target:
+        found = [state for state in standings(record["lines"]) if state.id == place.target]
         return Quoted(found[0].sentence if found else ABSENT)
-    if one.inside:
-        passed = [line["passed"] for line in _matching(one.inside, record["lines"], "quantity")]
-        judged = [one for one in passed if one is not None]
+    if place.inside:
+        passed = [line["passed"] for line in _matching(place.inside, record["lines"], "quantity")]
+        judged = [inside for inside in passed if inside is not None]
         return Quoted(f"{sum(judged)} of {len(judged)}" if judged else NOT_PREDICTED)
-    if one.table:
-        return Quoted(_cell(one, record))
-    lines = _matching(one.line, record["lines"], "quantity")
+    if place.table:
+        return Quoted(_cell(place, record))
+    lines = _matching(place.line, record["lines"], "quantity")
     if len(lines) != 1:
         return Quoted(ABSENT)
     predicted, published, band = (lines[0][key] for key in ("predicted", "published", "band"))
@@ -208,12 +201,12 @@ def quoted(one: Quotation, record: Record | None) -> Quoted:
     )
 
 
-def _cell(one: Quotation, record: Record) -> str:
-    tables = _matching(one.table, record["tables"], "title")
+def _cell(place: Quotation, record: Record) -> str:
+    tables = _matching(place.table, record["tables"], "title")
     if len(tables) != 1:
         return ABSENT
-    columns = [k for k, name in enumerate(tables[0]["columns"]) if fits(one.column, name)]
-    rows = [row for row in tables[0]["rows"] if all(map(fits, one.row, map(cells.cell, row)))]
+    columns = [k for k, name in enumerate(tables[0]["columns"]) if fits(place.column, name)]
+    rows = [row for row in tables[0]["rows"] if all(map(fits, place.row, map(cells.cell, row)))]
     return cells.cell(rows[0][columns[0]]) if len(columns) == len(rows) == 1 else ABSENT
 
 
@@ -231,12 +224,8 @@ def fits(pattern: str, text: str) -> bool:
 
 def section(record: Record) -> str:
     """Return the claims of one study for its own page; "" if it has none."""
-    rows = of_study(record["study"]["name"])
-    about = (
-        "In the order of FDA's guidance on the credibility of computational models (November"
-        " 2023). What is said *of the model* is in credibility.md of the folder above."
-    )
-    return "\n\n".join(["## Credibility", about, *_claims(rows, record, "")]) if rows else ""
+    name = record["study"]["name"]
+    return _written({name: record}, home="", single=True) if of_study(name) else ""
 
 
 def page(records: Mapping[str, Record], home: str = "") -> str:
@@ -245,55 +234,39 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
     `home`: folder of the page in the repository. With it, pages of docs/ become links; without it,
     code.
     """
-    in_short = [
-        (
-            f"[{claim.title}](#{anchor(claim.title)})",
-            filled(claim.answer, claim.numbers, record),
-            f"{claim.influence}, {claim.consequence}",
-        )
-        for name, record in records.items()
-        for claim in of_study(name)
-    ]
-    parts = [
-        "# How credible each claim is",
-        *_model_file().about,
-        "## Claims in short",
-        cells.table(("claim about", "answer", "influence, consequence"), in_short),
-        "## Headline numbers",
-        cells.table(HEADLINE_COLUMNS, (_headline(one, records) for one in _model_file().headline)),
-        "## The model",
-        "What several claims rest on. *Bench test* is a comparison with recordings of a robot in a"
-        " laboratory, or with published experiments on one.",
-        _model(records, home),
-    ]
-    for name, record in records.items():
-        if rows := of_study(name):
-            parts += [
-                f"## {record['study']['title']}",
-                f"`ravenjax reproduce {name}`; source: {record['study']['source']}.",
-                *_claims(rows, record, home),
-            ]
-    return "\n\n".join(parts) + "\n"
+    return _written(records, home, single=False) + "\n"
 
 
-HEADLINE_COLUMNS = (
-    *("number", "value and interval", "independent units", "condition", "robot", "packets"),
-    *("motion", "null", "what would change it"),
-)
-
-
-def _headline(one: Headline, records: Mapping[str, Record]) -> tuple[str, ...]:
-    found = quoted(one.number, records.get(one.study))
-    return (
-        *(one.what, found.text, found.over, one.condition, one.robot, one.packets, one.motion),
-        *(one.null, one.what_would_change_it),
+def _written(records: Mapping[str, Record], home: str, single: bool) -> str:
+    return fill_page(
+        "credibility.md.j2",
+        single=single,
+        records=records,
+        model=sorted(of_model().values(), key=lambda row: CATEGORIES.index(row.category)),
+        shared=of_model(),
+        about=_model_file().about,
+        headlines=[
+            (row, quoted(row.number, records.get(row.study))) for row in _model_file().headline
+        ],
+        categories=CATEGORIES,
+        claims_of=of_study,
+        filled=filled,
+        anchor=anchor,
+        lacking=_lacking,
+        pointers=partial(_pointers, home),
     )
 
 
+def fill_page(template: str, **values: Any) -> str:
+    """Return a filled template of this folder as Markdown without repeated empty lines."""
+    templates = wording.text_templates("studies")
+    templates.filters |= {"escaped": cells.escaped, "table": cells.table}
+    text = templates.get_template(template).render(values)
+    return re.sub(r"\n{3,}", "\n\n", text).strip()
+
+
 def answers(record: Record) -> list[str]:
-    """Return one line per claim of a study: title, answer, and what the answer is not
-    adequate for.
-    """
+    """Return the title, the answer and what it is not adequate for, of each claim of a study."""
     return [
         f"{claim.title}: {filled(claim.answer, claim.numbers, record)} Not adequate for "
         f"{filled(claim.not_adequate_for, claim.numbers, record)}"
@@ -302,72 +275,27 @@ def answers(record: Record) -> list[str]:
 
 
 def anchor(heading: str) -> str:
-    """Return the anchor of a heading, as the documentation's site and GitHub make it if headings
-    are unique.
-    """
+    """Return the anchor of a unique heading, as GitHub and the documentation's site make it."""
     return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
-def _model(records: Mapping[str, Record], home: str) -> str:
-    ordered = sorted(of_model().values(), key=lambda one: CATEGORIES.index(one.category))
-    rows = []
-    for one in ordered:
-        record = records.get(one.study) if one.study else None
-        text = filled(one.text, one.numbers, record) + _pointers(one, record, home, one.study)
-        rows.append((one.category, f"*{one.name}*", text))
-    rows.append(("no evidence", "", _lacking(ordered)))
-    return cells.table(("category", "name", "evidence"), rows)
-
-
-def _claims(rows: Iterable[Claim], record: Record, home: str) -> Iterator[str]:
-    for claim in rows:
-        yield f"### {claim.title}"
-        yield f"**{filled(claim.answer, claim.numbers, record)}**"
-        yield cells.table(("step", "here"), _steps(claim, record, home))
-
-
-def _steps(claim: Claim, record: Record, home: str) -> Iterator[tuple[str, str]]:
-    def text(of: str) -> str:
-        return filled(of, claim.numbers, record)
-
-    yield "Question of interest", claim.question
-    yield "Context of use", claim.context_of_use
-    risk = f"Influence {claim.influence}, consequence {claim.consequence}. {text(claim.risk)}"
-    yield "Model risk", risk
-    shared = [of_model()[name] for name in claim.rests_on]
-    for category in CATEGORIES:
-        names = [f"*{one.name}*" for one in shared if one.category == category]
-        parts = [f"Of the model: {', '.join(names)}."] if names else []
-        parts += [
-            text(one.text) + _pointers(one, record, home)
-            for one in claim.evidence
-            if one.category == category
-        ]
-        if parts:
-            yield f"Evidence: {category}", " ".join(parts)
-    yield "No evidence", _lacking([*shared, *claim.evidence]).capitalize() + "."
-    yield "Credibility goal", text(claim.goal) or "None was set beforehand."
-    yield (
-        "Adequacy",
-        f"Adequate for {text(claim.adequate_for)} **Not adequate for"
-        f" {text(claim.not_adequate_for)}**",
-    )
-    yield "What would change it", text(claim.what_would_change_it)
-
-
-def _lacking(rows: Iterable[Evidence]) -> str:
-    present = {one.category for one in rows}
+def _lacking(rows: Iterable[Evidence], shared: Iterable[str] = ()) -> str:
+    present = {row.category for row in (*rows, *map(of_model().__getitem__, shared))}
     return ", ".join(category for category in CATEGORIES if category not in present)
 
 
-def _pointers(one: Evidence, record: Record | None, home: str, study: str = "") -> str:
+def _pointers(home: str, evidence: Evidence, record: Record | None, study: str = "") -> str:
+    """Write the places that show evidence. `study`: whose tables, if not the page's own."""
     where = f" of `ravenjax reproduce {study}`" if study else ""
     tables = []
-    for pattern in one.tables:
+    for pattern in evidence.tables:
         found = _matching(pattern, record["tables"], "title") if record else []
         title = found[0]["title"] if len(found) == 1 else pattern.replace("*", "..")
         tables.append(f"table *{title}*{where}")
-    tests, pages = [f"`{test}`" for test in one.tests], [_link(page, home) for page in one.pages]
+    tests, pages = (
+        [f"`{test}`" for test in evidence.tests],
+        [_link(page, home) for page in evidence.pages],
+    )
     return f" ({'; '.join([*tests, *pages, *tables])})"
 
 

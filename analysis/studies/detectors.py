@@ -23,25 +23,11 @@ from ravenjax.stats.bootstrap.units import label_codes
 from ravenjax.stats.intervals import alpha_of
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import OTHER_LAYER
-from studies import kinds, runs
+from studies import kinds, runs, study
 from studies.cells import BY_DEFINITION, hourly, percent, plain
-from studies.haptic_cue import MOVED, design_lines, of_robot
-from studies.runs import AS_MODELLED, CLUTCHED, MOTIONS, RECORDINGS, SCALE, UNCERTAIN, Runs, share
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    StudyEstimate,
-    Table,
-    Variant,
-    in_percent,
-    own_line,
-    read_notes,
-    read_table,
-    study,
-)
+from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
 
-NAME, CAMPAIGN = "detectors", "detectors.toml"
+NAME = "detectors"
 CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
 OTHERS = {CHECKS: "told_ms", STOPS: "stop_ms", CUE: "warned_ms"}
 """Other sources of alarms, and the columns of their times. Each has one threshold."""
@@ -62,12 +48,6 @@ TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
 MAIN = (PUBLISHED[0], "derivative_sum", TIP_ERROR, "overdrive")
 FAST = "suture_fast"
-NOISY_RECORDINGS = tuple((motion, 11) for motion in ("suture", "reach", "peg_transfer", "palpate"))
-FREE_RUNS, FREE_RUNS_NOISY = 32, 8
-"""Numbers of runs of the groups without faults, which come first: of all, and of the first two
-groups.
-"""
-FREE_S = 120
 
 
 def names_of(some: Runs) -> list[str]:
@@ -93,66 +73,42 @@ def spoke_ms(faulty: Runs, name: str, threshold: float) -> np.ndarray:
 
 
 def alarms(free: Runs, name: str, threshold: float) -> np.ndarray:
-    """Return the number of separate false alarms of each run: for checks 1 if one tripped, for the
-    cue its pulses.
-    """
+    """Return the number of separate false alarms of each run; of checks at most 1."""
     if name == CUE:
         return free[f"cue{free.made.verdict_cue}_count"]
     if name not in OTHERS:
         return free[f"{place(free, name, threshold)}_alarms"]
     # A run without a fault is its own golden run, so its column `response` is always silent.
     actions = ("stop", "flag") if name == CHECKS else ("stop",)
-    columns = [
-        f"check_{check}_count"
-        for check in checks.check_names(free.frame)
-        if ROBOT.check(check).action in actions
-    ]
-    return (free.frame[columns].to_numpy() > 0).any(axis=1).astype(int)
+    tripping = [n for n in checks.check_names(free.frame) if ROBOT.check(n).action in actions]
+    counts = free.frame[[f"check_{check}_count" for check in tripping]]
+    return (counts.to_numpy() > 0).any(axis=1).astype(int)
 
 
-def false_alarms(free: Runs, name: str, threshold: float) -> StudyEstimate:
+def false_alarms(free: Runs, name: str, threshold: float = math.nan) -> study.StudyEstimate:
     return runs.per_hour(free, alarms(free, name, threshold))
 
 
-def fault_free(folder: Path, recording: str) -> Runs:
+def fault_free(folder: Path) -> Runs:
     """Read a fault-free recording. With noise, the robot as modelled gets another name."""
-    free = runs.fault_free(runs.read(folder), recording)
+    free = runs.fault_free(folder)
     if free.made.config["campaign"]["noise"]:
         return Runs(free.frame.replace({"robot": NOISY}), free.made)
     # Without noise, this group repeats the robot as modelled.
     return free.where(free["robot"] != MORE_NOISE)
 
 
-class Areas(NamedTuple):
-    """AUC of each detector [d] and their covariance [d, d]; NaN without positives or negatives."""
-
-    value: np.ndarray
-    covariance: np.ndarray
-    positives: int
-    negatives: int
-
-    def estimate(self, d: int, of: str = "positive runs") -> StudyEstimate:
-        """Return one area with its normal interval, within 0..1. `of`: what the positive
-        runs are.
-        """
-        from scipy.stats import norm
-
-        half = norm.isf(alpha_of(0.95) / 2) * np.sqrt(max(self.covariance[d, d], 0.0))
-        value = float(self.value[d])
-        low, high = max(0.0, float(value - half)), min(1.0, float(value + half))
-        return StudyEstimate(value, low, high, self.positives, of)
-
-
-def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
-    """Return areas of score [runs, detectors] against positive (bool [runs]). `kind` [runs] is each
-    run's cluster.
+def areas(
+    score: np.ndarray, positive: np.ndarray, kind: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the AUC of score [runs, d] against positive (bool [runs]), [d], and its covariance
+    [d, d] if runs of one `kind` [runs] are a cluster. They are NaN without positives or negatives.
     """
     from scipy.stats import rankdata
 
-    score, positive = np.asarray(score, float), np.asarray(positive, bool)
     m, n, detectors = int(positive.sum()), int((~positive).sum()), score.shape[1]
     if not m or not n:
-        return Areas(np.full(detectors, np.nan), np.full((detectors, detectors), np.nan), m, n)
+        return np.full(detectors, np.nan), np.full((detectors, detectors), np.nan)
     rank = rankdata(score, axis=0)
     # Share of the other class that a run beats. A tie counts half.
     beats = np.empty_like(rank)
@@ -160,44 +116,52 @@ def areas(score: np.ndarray, positive: np.ndarray, kind: np.ndarray) -> Areas:
     beats[~positive] = 1.0 - (rank[~positive] - rankdata(score[~positive], axis=0)) / m
     value = beats[positive].mean(axis=0)
     code, clusters = label_codes(kind)
+
+    def correction(units: int) -> float:
+        return units / (units - 1) if units > 1 else np.nan
+
     both, scaled = np.zeros((detectors, detectors)), []
     for members, count in ((positive, m), (~positive, n)):
         sums = np.zeros((clusters, detectors))
         np.add.at(sums, code[members], beats[members] - value)
-        both += _more(len(np.unique(code[members]))) * (sums.T @ sums) / count**2
+        both += correction(len(np.unique(code[members]))) * (sums.T @ sums) / count**2
         scaled.append(sums / count)
     cross = scaled[0].T @ scaled[1]
-    return Areas(value, both + _more(clusters) * (cross + cross.T), m, n)
+    return value, both + correction(clusters) * (cross + cross.T)
 
 
-def _more(units: int) -> float:
-    """Return the correction for a small number of clusters."""
-    return units / (units - 1) if units > 1 else np.nan
+def area_estimates(
+    faulty: Runs, positive: np.ndarray, of: str = ""
+) -> dict[str, study.StudyEstimate]:
+    """Return the AUC of each detector's largest score, with its normal interval within 0..1."""
+    from scipy.stats import norm
 
-
-def scores(faulty: Runs) -> np.ndarray:
-    """Return the largest score of each detector, [runs, detectors]."""
-    columns = [f"detector{d}_score" for d in range(len(faulty.made.detectors))]
-    return faulty.frame[columns].to_numpy(float)
+    names = names_of(faulty)
+    score = faulty.frame[[f"detector{d}_score" for d in range(len(names))]].to_numpy(float)
+    value, covariance = areas(score, positive, kinds.names(faulty["group"]))
+    half = norm.isf(alpha_of(0.95) / 2) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    ends = np.maximum(0.0, value - half), np.minimum(1.0, value + half)
+    columns = (part.tolist() for part in (value, *ends))
+    return {
+        name: study.StudyEstimate(*numbers, int(positive.sum()), of)
+        for name, *numbers in zip(names, *columns, strict=True)
+    }
 
 
 class Point(NamedTuple):
-    """One detector at one threshold. Rates are fractions."""
+    """One detector, or one of OTHERS, at one threshold. Rates are fractions."""
 
     name: str
     threshold: float  # NaN: without a threshold
-    false: StudyEstimate  # false alarms per hour
-    caught: StudyEstimate  # of runs with an unintended motion: those with an alarm
-    before: StudyEstimate  # of these runs: those with the alarm before the motion began
+    false: study.StudyEstimate  # false alarms per hour
+    caught: study.StudyEstimate  # of runs with an unintended motion: those with an alarm
+    before: study.StudyEstimate  # of these runs: those with the alarm before the motion began
 
     @property
     def words(self) -> str:
         """Return `tip_error, threshold 3`, or the name alone."""
-        return (
-            self.name
-            if math.isnan(self.threshold)
-            else f"{self.name}, threshold {self.threshold:g}"
-        )
+        some = "" if math.isnan(self.threshold) else f", threshold {self.threshold:g}"
+        return self.name + some
 
 
 def threshold_for(free: Runs, name: str, per_hour: float = PER_HOUR) -> float | None:
@@ -209,16 +173,27 @@ def threshold_for(free: Runs, name: str, per_hour: float = PER_HOUR) -> float | 
     hours = free["hours"].sum()
     if not hours > 0:
         raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
-    thresholds = sorted(next(one.thresholds for one in free.made.detectors if one.name == name))
-    rates = np.array([alarms(free, name, one).sum() / hours for one in thresholds])
+    thresholds = sorted(free.made.detectors[names_of(free).index(name)].thresholds)
+    rates = np.array([alarms(free, name, at).sum() / hours for at in thresholds])
     quiet = np.logical_and.accumulate((rates <= per_hour)[::-1])[::-1]
     return float(np.array(thresholds)[quiet][0]) if quiet.any() else None
 
 
 def point(faulty: Runs, free: Runs, name: str, threshold: float = math.nan) -> Point:
     """Return the performance of a detector, or one of OTHERS, at a threshold."""
-    rates = caught(faulty, name, threshold), before(faulty, name, threshold)
-    return Point(name, threshold, false_alarms(free, name, threshold), *rates)
+    times, moved = spoke_ms(faulty, name, threshold), faulty["unintended"]
+    before = BY_DEFINITION
+    if not by_definition(faulty, name, threshold):
+        early = (times >= 0) & (times < faulty["unintended_ms"])
+        before = share(early, moved, faulty.faults, MOVED)
+    false, told = false_alarms(free, name, threshold), caught(faulty, name, threshold)
+    return Point(name, threshold, false, told, before)
+
+
+def caught(faulty: Runs, name: str, threshold: float) -> study.StudyEstimate:
+    """Return the share of the runs with an unintended motion that have an alarm at a threshold."""
+    spoke = spoke_ms(faulty, name, threshold) >= 0
+    return share(spoke, faulty["unintended"], faulty.faults, MOVED)
 
 
 def by_definition(faulty: Runs, name: str, threshold: float) -> bool:
@@ -234,78 +209,53 @@ def by_definition(faulty: Runs, name: str, threshold: float) -> bool:
     return name == STOPS or far >= rules.limit_mm
 
 
-def caught(faulty: Runs, name: str, threshold: float) -> StudyEstimate:
-    """Return the share of the runs with an unintended motion that have an alarm at a threshold."""
-    moved = faulty["unintended"]
-    return share(spoke_ms(faulty, name, threshold) >= 0, moved, faulty.faults, MOVED)
-
-
-def before(faulty: Runs, name: str, threshold: float) -> StudyEstimate:
-    """Return the share of these runs with the alarm before the motion began."""
-    if by_definition(faulty, name, threshold):
-        return BY_DEFINITION
-    times = spoke_ms(faulty, name, threshold)
-    early = (times >= 0) & (times < faulty["unintended_ms"])
-    return share(early, faulty["unintended"], faulty.faults, MOVED)
-
-
-def layer_table(faulty: Runs, chosen: Sequence[Point]) -> Table:
+def layer_table(faulty: Runs, chosen: Sequence[Point]) -> study.Table:
     """Return the share of unintended motion detected, by layer of the fault."""
     moved = faulty.where(faulty["unintended"])
     layers, rows = moved["layer"].astype(str), []
     for layer in (*LAYERS.values(), OTHER_LAYER):
         part = moved.where(layers == layer)
         if len(part.frame):
-            shares = (percent(caught(part, one.name, one.threshold)) for one in chosen)
+            shares = (percent(caught(part, at.name, at.threshold)) for at in chosen)
             cells = len(np.unique(part["cell"]))
             rows.append((layer, len(part.frame), cells, kinds.count(part.faults), *shares))
-    return read_table(NAME, "layers", rows, chosen=" | ".join(one.words for one in chosen))
+    return study.read_table(NAME, "layers", rows, chosen=" | ".join(at.words for at in chosen))
 
 
-def robot_table(faulty: Runs, free: Runs, main: Sequence[str]) -> Table:
-    """Return how an uncertain robot and noise change false alarms, and the threshold that would be
-    needed.
-    """
-    modelled, rows = of_robot(free, AS_MODELLED), []
+def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[str | float, ...]]:
+    """Yield false alarms of uncertain robots and with noise, and the threshold they need."""
+    modelled = of_robot(free, AS_MODELLED)
     for robot in dict.fromkeys(free["robot"].tolist()):
         if robot == AS_MODELLED:
             continue
         mine = of_robot(free, robot)
         same = modelled.where(np.isin(modelled["recording"], mine["recording"]))
         for name in main:
-            threshold, needed = threshold_for(same, name), threshold_for(mine, name)
+            chosen = threshold_for(same, name), threshold_for(mine, name)
             rates = ["", ""]
-            if threshold is not None:
-                rates = [hourly(false_alarms(part, name, threshold)) for part in (same, mine)]
-            shares = [
-                "" if one is None else percent(caught(faulty, name, one))
-                for one in (threshold, needed)
-            ]
-            told = ["none is quiet" if one is None else one for one in (threshold, needed)]
-            rows.append((robot, name, told[0], *rates, told[1], *shares))
+            if chosen[0] is not None:
+                rates = [hourly(false_alarms(part, name, chosen[0])) for part in (same, mine)]
+            shares = ("" if at is None else percent(caught(faulty, name, at)) for at in chosen)
+            told = ["none is quiet" if at is None else at for at in chosen]
+            yield robot, name, told[0], *rates, told[1], *shares
         for name in (CUE, CHECKS):
-            rates = [hourly(false_alarms(part, name, np.nan)) for part in (same, mine)]
-            rows.append((robot, name, "", *rates, "", "", ""))
-    return read_table(NAME, "robots", rows)
+            rates = (hourly(false_alarms(part, name)) for part in (same, mine))
+            yield robot, name, "", *rates, "", "", ""
 
 
-def condition_table(
+def condition_rows(
     faulty: Runs, fast: Runs, packets: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
-) -> Table:
-    """Return how the motion on which a threshold must be quiet changes the threshold, and so the
-    share detected.
-    """
+) -> Iterator[tuple[str | float, ...]]:
+    """Yield what a threshold detects by the motion on which it must be quiet."""
     still_down = unclutched(modelled)
-    conditions = (
+    for words, free, some, scale in (
         ("every motion and scale", modelled, faulty, 0.1),
         ("every motion, scale 0.1", at_scale(modelled, 0.1), faulty, 0.1),
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
         ("every motion and scale", modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
         *((f"every; faults: {words}", modelled, some, 0.1) for words, some in packets.items()),
-    )
-    rows = []
-    for words, free, some, scale in conditions:
+    ):
         for name in main if free["hours"].sum() > 0 else ():
             threshold = threshold_for(free, name)
             cells: tuple[str | float, ...] = ("none is quiet", "", "", "", "")
@@ -314,13 +264,11 @@ def condition_table(
                 others = share(spoke >= 0, ~some["unintended"], some.faults, "")
                 rates = map(percent, (found.caught, others, found.before))
                 cells = (threshold, hourly(found.false), *rates)
-            rows.append((words, scale, name, *cells))
-    return read_table(NAME, "conditions", rows, per_hour=PER_HOUR)
+            yield words, scale, name, *cells
 
 
-def hazard_table(faulty: Runs, main: Sequence[str]) -> Table:
+def hazard_table(faulty: Runs, main: Sequence[str]) -> study.Table:
     """Return how areas depend on what a detector is to detect."""
-    listed, score, kind = names_of(faulty), scores(faulty), kinds.names(faulty["group"])
     hazard, leapt = faulty["hazard"], faulty["jump_tip"].astype(bool)
     jumped = faulty[faulty.made.verdict_jump].astype(bool)
     calm = (hazard == "none") & ~jumped & ~leapt
@@ -332,116 +280,83 @@ def hazard_table(faulty: Runs, main: Sequence[str]) -> Table:
     rows = []
     for words, hit in told.items():
         mine = hit | calm
-        auc = areas(score[mine], hit[mine], kind[mine])
-        cells = (plain(auc.estimate(listed.index(name))) for name in main)
-        rows.append((words, auc.positives, *cells))
+        auc = area_estimates(faulty.where(mine), hit[mine])
+        rows.append((words, int(hit.sum()), *(plain(auc[name]) for name in main)))
     count = wording.format_count(int(calm.sum()))
-    return read_table(NAME, "hazards", rows, calm=count, main=" | ".join(main))
-
-
-def unclutched(free: Runs) -> Runs:
-    """Return motion in which the pedal stays down."""
-    return free.where(~np.char.startswith(free["recording"].astype(str), CLUTCHED))
+    return study.read_table(NAME, "hazards", rows, calm=count, main=" | ".join(main))
 
 
 def at_scale(free: Runs, scale: float) -> Runs:
     return free.where(np.isclose(free[SCALE], scale))
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare all detectors over the same runs."""
-    faulty = runs.pooled([runs.read(context.folders[name]) for name in MOTIONS])
-    fast = runs.pooled([runs.read(context.folders[FAST])])
-    free = runs.joined(
-        [
-            fault_free(context.folders[f"{kind}_{motion}_{seed}"], f"{motion} {seed}")
-            for kind, recordings in (("free", RECORDINGS), ("noise", NOISY_RECORDINGS))
-            for motion, seed in recordings
-        ]
-    )
+    folders = context.folders
+    faulty, fast = runs.pooled(folders), runs.pooled(folders, [FAST])
+    recordings = [name for name in folders if name.startswith(("free_", "noise_"))]
+    free = runs.joined([fault_free(folders[name]) for name in recordings])
     modelled = of_robot(free, AS_MODELLED)
-    points: dict[str, Point] = {}
-    for name in names_of(faulty):
-        threshold = threshold_for(modelled, name)
-        if threshold is not None:
-            points[name] = point(faulty, modelled, name, threshold)
-    steps = [one for name, one in points.items() if name.startswith("steps")]
-    best = max(steps, key=lambda one: one.caught.value, default=None)
-    main = tuple(dict.fromkeys([MAIN[0], *([best.name] if best else []), *MAIN[1:]]))
+    points = {
+        name: point(faulty, modelled, name, threshold)
+        for name in names_of(faulty)
+        if (threshold := threshold_for(modelled, name)) is not None
+    }
+    steps = [at for name, at in points.items() if name.startswith("steps")]
+    best = sorted(steps, key=lambda at: -at.caught.value)[:1]
+    main = tuple(dict.fromkeys([MAIN[0], *(at.name for at in best), *MAIN[1:]]))
     quiet = [points[name] for name in main if name in points]
-    published = [point(faulty, modelled, *one) for one in (PUBLISHED, FORK, CLIP)]
     others = [point(faulty, modelled, name) for name in OTHERS]
     hours = float(modelled["hours"].sum())
-    notes = read_notes(
-        NAME,
-        motion=events.event_meaning("unintended_motion", faulty.made.rules),
-        hours=hours,
-        recordings=len(np.unique(modelled["recording"])),
-        unseen=alarm_rate(0, hours).high,
-        per_hour=PER_HOUR,
-        kinds=kinds.NOTE,
-    )
-    return Findings(
-        lines=tuple(_lines(faulty, modelled, quiet, published, others)),
+    conditions = condition_rows(faulty, fast, runs.by_packets(folders), modelled, main)
+    return study.Findings(
+        lines=tuple(_lines(faulty, modelled, quiet, others)),
         tables=(
             layer_table(faulty, [*quiet, *others]),
-            robot_table(faulty, free, main),
-            condition_table(faulty, fast, runs.by_packets(context.folders), modelled, main),
+            study.read_table(NAME, "robots", robot_rows(faulty, free, main)),
+            study.read_table(NAME, "conditions", conditions, per_hour=PER_HOUR),
             hazard_table(faulty, main),
         ),
-        notes=notes,
+        notes=study.read_notes(
+            NAME,
+            motion=events.event_meaning("unintended_motion", faulty.made.rules),
+            hours=hours,
+            recordings=len(np.unique(modelled["recording"])),
+            unseen=alarm_rate(0, hours).high,
+            per_hour=PER_HOUR,
+        ),
     )
 
 
 def _lines(
-    faulty: Runs,
-    modelled: Runs,
-    quiet: Sequence[Point],
-    published: Sequence[Point],
-    others: Sequence[Point],
-) -> Iterator[Line]:
-    auc = areas(scores(faulty), faulty["unintended"], kinds.names(faulty["group"]))
-    yield from design_lines(faulty, modelled)
-    for one in quiet:
-        area = auc.estimate(names_of(faulty).index(one.name), MOVED)
-        yield own_line(f"AUC, {one.name}", "", area)
+    faulty: Runs, modelled: Runs, quiet: Sequence[Point], others: Sequence[Point]
+) -> Iterator[study.Line]:
+    yield from runs.design_lines(faulty, modelled)
+    auc = area_estimates(faulty, faulty["unintended"], MOVED)
+    for at in quiet:
+        yield study.own_line(f"AUC, {at.name}", "", auc[at.name])
 
-    def rates(one: Point, words: str, early: bool, false: bool) -> Iterator[Line]:
-        caught, before = one.caught, one.before
-        yield own_line(f"{words}: {CAUGHT}", "%", in_percent(caught, caught.n, caught.of))
-        if early and before is not BY_DEFINITION:
-            value = in_percent(before, before.n, before.of)
-            yield own_line(f"{words}: caught before it began", "%", value)
+    def rates(at: Point, words: str, early: bool, false: bool) -> Iterator[study.Line]:
+        yield study.percent_line(f"{words}: unintended motion caught", at.caught)
+        if early and at.before is not BY_DEFINITION:
+            yield study.percent_line(f"{words}: caught before it began", at.before)
         if false:
-            yield own_line(f"{words}: false alarms", "1/h", one.false)
+            yield study.own_line(f"{words}: false alarms", "1/h", at.false)
 
-    for one in quiet:
-        yield from rates(one, one.words, early=True, false=False)
+    for at in quiet:
+        yield from rates(at, at.words, early=True, false=False)
     slow = at_scale(unclutched(modelled), 0.1)
-    for one in quiet if slow["hours"].sum() > 0 else ():
-        threshold = threshold_for(slow, one.name)
+    for at in quiet if slow["hours"].sum() > 0 else ():
+        threshold = threshold_for(slow, at.name)
         if threshold is not None:
-            words = f"{one.name}, threshold {threshold:g}, quiet at scale 0.1 without clutching"
-            there = point(faulty, slow, one.name, threshold)
+            there = point(faulty, slow, at.name, threshold)
+            words = f"{there.words}, quiet at scale 0.1 without clutching"
             yield from rates(there, words, early=False, false=False)
-    for one in published:
-        yield from rates(one, one.words, early=False, false=True)
-    for one in others:
-        yield from rates(one, one.words, early=True, false=True)
+    for published in (PUBLISHED, FORK, CLIP):
+        at = point(faulty, modelled, *published)
+        yield from rates(at, at.words, early=False, false=True)
+    for at in others:
+        yield from rates(at, at.words, early=True, false=True)
 
 
-CAUGHT = "unintended motion caught"
-
-
-def _variants() -> tuple[Variant, ...]:
-    question, noise = "How often is there an alarm for nothing?", ("campaign.noise=true",)
-    free = (runs.free_variant(CAMPAIGN, one, FREE_RUNS, FREE_S, question) for one in RECORDINGS)
-    noisy = (
-        runs.free_variant(CAMPAIGN, one, FREE_RUNS_NOISY, FREE_S, "And with noise?", NOISE, noise)
-        for one in NOISY_RECORDINGS
-    )
-    fast = Variant(FAST, CAMPAIGN, ("operator.scale=0.2",), "And at twice the scale?")
-    return (*runs.faulty_variants(CAMPAIGN), fast, *free, *noisy)
-
-
-STUDY = study(NAME, variants=_variants(), compare=compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

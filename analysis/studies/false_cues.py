@@ -6,57 +6,28 @@ Runs in which the overdrive check clips a command are counted apart: there the r
 model because of the check. A run counts from its pedal-down until it stops.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap.units import FEWEST, group_units, ratio_band
+from studies import study
 from studies.cells import plain
 from studies.dsn16 import recording
 from studies.runs import SCALE
 from studies.series import Recorder, Row, Series
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    StudyEstimate,
-    Variant,
-    own_line,
-    read_notes,
-    read_table,
-    study,
-)
+from studies.study import StudyEstimate
 
-NAME, CAMPAIGN = "false_cues", "reacting_operator_free.toml"
+NAME = "false_cues"
 THRESHOLDS_MM = (2.0, 3.0)
 AWAY_MS = 250
 DEFAULT_SCALE = 0.1
 REST_MS = 500
 """Time for which hands rest at the beginning of every motion."""
 KINDS = ("suture", "reach", "peg_transfer", "palpate")
-SEEDS = range(11, 17)
-GENERATED_S = 120
-SCALES = "parameters={operator.scale=[0.05, 0.1, 0.15, 0.2]}"
-COMMON = ("group.fault_free.repeats=1",)
-SURGEON, CONSOLE = "operator_positions.parquet", "console_itp_packets.parquet"
-WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
-"""Parts of the recorded surgeon's motion that the arm reaches at the recorded scale."""
-CONSOLE_S = (0.184, 40.57)
-
-
-class Motion(NamedTuple):
-    """One run without a fault."""
-
-    kind: str
-    recording: str
-    scale: float
-    hours: float
-    cues: Mapping[float, int]  # by threshold
-    peak_mm: float  # largest distance of the measured tip from the model
-    speed: float  # mm/s, root mean square of the tip
-    clipped: bool
 
 
 def onsets(active: np.ndarray) -> int:
@@ -65,119 +36,79 @@ def onsets(active: np.ndarray) -> int:
     return int(len(ticks) > 0) + int((np.diff(ticks) > AWAY_MS).sum())
 
 
-def measure(name: str, row: Row, series: Series) -> Motion:
-    """Measure a run from its row of the result table and its series."""
+def measure(name: str, row: Row, series: Series) -> dict[str, Any]:
+    """Measure a run: cues, largest distance from the model, root mean square speed of the tip."""
     stop = int(row["check_estop_first_ms"])
     error = series["tip_error_mm"][REST_MS : stop if stop >= 0 else None]
     tip = series["tip"][REST_MS : REST_MS + len(error)]
     steps = np.diff(tip[::10], axis=0)
-    kind = name.rpartition("_")[0]
-    return Motion(
-        kind=kind,
-        recording=name,
-        scale=float(row[SCALE]),
-        hours=len(error) / 3.6e6,
-        cues={mm: onsets(error > mm) for mm in THRESHOLDS_MM},
-        peak_mm=float(error.max(initial=0.0)),
-        speed=float(np.sqrt((steps**2).sum(axis=1).mean()) * 1e5),
-        clipped=int(row["check_overdrive_clip_count"]) > 0 or stop >= 0,
-    )
+    return {
+        "kind": name.rpartition("_")[0],
+        "recording": name,
+        "scale": float(row[SCALE]),
+        "hours": len(error) / 3.6e6,
+        "peak_mm": float(error.max(initial=0.0)),
+        "mm_s": float(np.sqrt((steps**2).sum(axis=1).mean()) * 1e5),
+        "clipped": int(row["check_overdrive_clip_count"]) > 0 or stop >= 0,
+        **{f"cues of {mm:g} mm": onsets(error > mm) for mm in THRESHOLDS_MM},
+    }
 
 
-def rate(runs: Sequence[Motion], mm: float) -> StudyEstimate:
+def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
     """Return cues an hour: over recordings, or exact Poisson for a count of 0 or few recordings."""
-    counts, hours = (
-        np.array(part) for part in zip(*((r.cues[mm], r.hours) for r in runs), strict=True)
-    )
+    counts, hours = runs[f"cues of {mm:g} mm"], runs["hours"].to_numpy()
     exact = alarm_rate(int(counts.sum()), float(hours.sum()))
     low, high = exact.low, exact.high
-    among = group_units([run.recording for run in runs])
+    among = group_units(runs["recording"])
     if exact.count and among.count >= FEWEST:
         _, low, high = ratio_band(counts, hours, among)
     of = f"cues in {hours.sum():.2f} h of {among.count} recordings"
     return StudyEstimate(exact.per_hour, float(low), float(high), exact.count, of)
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Count cues by motion and scale."""
     recorder = Recorder()
-    runs = [
-        one
-        for name, folder in context.folders.items()
-        for one in recorder.measure(
-            folder, lambda row, series, name=name: measure(name, row, series)
-        )
-    ]
-    absent = "" if any(one.kind not in KINDS for one in runs) else f" Set {recording.DATA}."
-    return Findings(
+    runs = pd.DataFrame(
+        [
+            run
+            for name, folder in context.folders.items()
+            for run in recorder.measure(
+                folder, lambda row, series, name=name: measure(name, row, series)
+            )
+        ]
+    )
+    absent = "" if set(runs["kind"]) - set(KINDS) else f" Set {recording.DATA}."
+    return study.Findings(
         tuple(_lines(runs)),
-        (read_table(NAME, "motions", _rows(runs)),),
-        read_notes(NAME, absent=absent),
+        (study.read_table(NAME, "motions", _rows(runs)),),
+        study.read_notes(NAME, absent=absent),
     )
 
 
-def _lines(runs: Sequence[Motion]) -> Iterator[Line]:
-    at = [run for run in runs if np.isclose(run.scale, DEFAULT_SCALE) and not run.clipped]
-    groups = {
-        "generated motion": [run for run in at if run.kind in KINDS],
-        "recorded hands": [run for run in at if run.kind not in KINDS],
-        **{kind: [run for run in at if run.kind == kind] for kind in KINDS},
-    }
+def _lines(runs: pd.DataFrame) -> Iterator[study.Line]:
+    at = runs.loc[np.isclose(runs["scale"], DEFAULT_SCALE) & ~runs["clipped"]]
+    generated = at["kind"].isin(KINDS)
+    groups = {"generated motion": generated, "recorded hands": ~generated}
+    groups |= {kind: at["kind"] == kind for kind in KINDS}
     for words, mine in groups.items():
-        for mm in THRESHOLDS_MM if mine else ():
+        for mm in THRESHOLDS_MM if mine.any() else ():
             quantity = f"{words}: cues of {mm:g} mm without a fault, scale {DEFAULT_SCALE:g}"
-            yield own_line(quantity, "1/h", rate(mine, mm))
+            yield study.own_line(quantity, "1/h", rate(at.loc[mine], mm))
 
 
-def _rows(runs: Sequence[Motion]) -> Iterator[tuple[str | float, ...]]:
-    keys = {(run.kind, round(run.scale, 3), run.clipped): None for run in runs}
-    for kind, scale, clipped in sorted(keys, key=lambda key: (key[0] not in KINDS, key)):
-        mine = [r for r in runs if (r.kind, round(r.scale, 3), r.clipped) == (kind, scale, clipped)]
+def _rows(runs: pd.DataFrame) -> Iterator[tuple[str | float, ...]]:
+    recorded = (~runs["kind"].isin(KINDS)).rename("recorded")
+    for (_, kind, scale, clipped), mine in runs.groupby(
+        [recorded, "kind", runs["scale"].round(3), "clipped"]
+    ):
         rates = [rate(mine, mm) for mm in THRESHOLDS_MM]
         yield (
             *(kind, scale, "yes" if clipped else "", len(mine)),
-            *(round(sum(r.hours for r in mine), 3), f"{np.mean([r.speed for r in mine]):.1f}"),
-            f"{max(r.peak_mm for r in mine):.2f}",
-            *(f"{plain(one)}; {one.n}" for one in rates),
+            *(round(mine["hours"].sum(), 3), f"{mine['mm_s'].mean():.1f}"),
+            f"{mine['peak_mm'].max():.2f}",
+            *(f"{plain(cues)}; {cues.n}" for cues in rates),
         )
 
 
-def _variants() -> Iterator[Variant]:
-    for kind in KINDS:
-        for seed in SEEDS:
-            motion = (f"operator.motion={kind}", f"operator.seed={seed}")
-            more = (SCALES, f"campaign.duration_s={GENERATED_S}", *motion, *COMMON)
-            yield Variant(f"{kind}_{seed}", CAMPAIGN, more, f"generated motion: {kind}")
-    surgeon, console = recording.locate(SURGEON), recording.locate(CONSOLE)
-    if surgeon is not None:
-        for k, (begin, end) in enumerate(WINDOWS_S):
-            overrides = (
-                "parameters={operator.scale=[0.1]}",
-                f"campaign.duration_s={end - begin:.2f}",
-                "operator={}",
-                f"operator.file={surgeon}",
-                f"operator.window_s=[{begin}, {end}]",
-                "operator.rate_hz=999.9508",
-                "operator.cutoff_hz=5",
-                "operator.at_end=hold",
-                *COMMON,
-            )
-            yield Variant(f"recorded surgeon_{k}", CAMPAIGN, overrides, "recorded hands: a surgeon")
-    if console is not None:
-        for arm in ("gold", "green"):
-            overrides = (
-                SCALES,
-                f'campaign.arms=["{arm}"]',
-                f"campaign.duration_s={CONSOLE_S[1] - CONSOLE_S[0]:.1f}",
-                "operator={}",
-                f"operator.file={console}",
-                f"operator.window_s=[{CONSOLE_S[0]}, {CONSOLE_S[1]}]",
-                "operator.at_end=hold",
-                *COMMON,
-                "campaign.packets=every_cycle",  # of the console, as recorded
-            )
-            question = f"recorded hands: a peg transfer at a console, {arm} arm"
-            yield Variant(f"recorded console_{arm}", CAMPAIGN, overrides, question)
-
-
-STUDY = study(NAME, variants=tuple(_variants()), compare=compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -7,7 +7,7 @@ import dataclasses
 import json
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -20,7 +20,7 @@ from ravenjax.report import wording
 from ravenjax.store import manifest
 from ravenjax.store.files import parse_json, require_writable, write_aside
 from studies import cells, claims
-from studies.study import Context, Findings, Study, Variant, plain, standings, targets
+from studies.study import Context, Findings, Study, plain, standings, targets
 
 Record = Mapping[str, Any]
 """Content of findings.json."""
@@ -45,75 +45,74 @@ def reproduce(
     }
     if len(configs) < len(study.variants):
         raise ValueError(f"study {study.name}: two variants share a name, and so a folder")
-    runs = [design.count_due_rows(config) for config in configs.values()]
-    latest: dict[int, Status] = {}
+    due = {name: design.count_due_rows(config) for name, config in configs.items()}
+    latest: dict[str, Status] = {}
 
-    def tell(phase: str) -> None:
-        if on_progress is None or not latest:
-            return
-        parts, total = list(latest.values()), sum(runs)
-        share = sum(runs[k] * one.progress for k, one in latest.items()) / max(1, total)
-        together = dataclasses.replace(
-            parts[-1],
-            phase=phase,
-            total=total,
-            progress=1.0 if phase == "compare" else share,
-            failures=sum((Counter(part.failures) for part in parts), Counter()),
-            **{
-                name: sum(getattr(part, name) for part in parts)
-                for name in ("done", "compile_s", "run_s")
-            },
+    def tell(phase: str, /, **told: Status) -> None:
+        latest.update(told)
+        if on_progress is not None and latest:
+            on_progress(_pooled(phase, latest, due))
+
+    folders = {name: folder / RUNS / name for name in configs}
+    for name, config in configs.items():
+        runner.run_campaign(
+            config,
+            folders[name],
+            engine,
+            on_progress=lambda status, name=name: tell("run", **{name: status}),
         )
-        on_progress(together)
-
-    folders = {}
-    for number, (variant, config) in enumerate(configs.items()):
-
-        def of_campaign(status: Status, number: int = number) -> None:
-            latest[number] = status
-            tell("run")
-
-        folders[variant] = folder / RUNS / variant
-        runner.run_campaign(config, folders[variant], engine, on_progress=of_campaign)
     tell("compare")
     findings = study.compare(Context(folders, engine))
     write(study, findings, _provenance(study, folders), folder)
     return findings
 
 
+def _pooled(phase: str, latest: Mapping[str, Status], due: Mapping[str, int]) -> Status:
+    """Return the progress over campaigns from that of each begun one. `due`: numbers of runs."""
+    parts, total = list(latest.values()), sum(due.values())
+    share = sum(due[name] * part.progress for name, part in latest.items()) / max(1, total)
+    return dataclasses.replace(
+        parts[-1],
+        phase=phase,
+        total=total,
+        progress=1.0 if phase == "compare" else share,
+        failures=sum((Counter(part.failures) for part in parts), Counter()),
+        done=sum(part.done for part in parts),
+        compile_s=sum(part.compile_s for part in parts),
+        run_s=sum(part.run_s for part in parts),
+    )
+
+
 def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
-    records = {name: manifest.read_manifest(folder) for name, folder in folders.items()}
-    first = next(iter(records.values()), None)
-
-    def campaign(variant: Variant) -> dict[str, Any]:
-        record, shown = records[variant.name], [_without_folder(o) for o in variant.overrides]
-        words = ["ravenjax", "run", variant.campaign]
-        words += [word for text in shown for word in ("--set", text)]
-        return {
-            "variant": variant.name,
-            "campaign": variant.campaign,
-            "overrides": shown,
-            "question": variant.question,
-            "runs": record.due,
-            "seconds": record.duration_ms / 1e3,
-            "seed": record.seed,
-            "config_hash": record.config_hash,
-            "command": shlex.join(words),
-        }
-
+    campaigns, first = [], None
+    for variant in study.variants:
+        made = manifest.read_manifest(folders[variant.name])
+        first, shown = first or made, [*map(_without_folder, variant.overrides)]
+        words = ["ravenjax", "run", variant.campaign, *(w for o in shown for w in ("--set", o))]
+        campaigns.append(
+            {
+                "variant": variant.name,
+                "campaign": variant.campaign,
+                "overrides": shown,
+                "question": variant.question,
+                "runs": made.due,
+                "seconds": made.duration_ms / 1e3,
+                "seed": made.seed,
+                "config_hash": made.config_hash,
+                "command": shlex.join(words),
+            }
+        )
     return {
         "engine": first.engine if first else "",
         "device": first.device if first else "",
         "code_hash": manifest.code_hash(),
         "versions": first.versions if first else manifest.package_versions(),
-        "campaigns": [campaign(variant) for variant in study.variants],
+        "campaigns": campaigns,
     }
 
 
 def _without_folder(text: str) -> str:
-    """Return an override without folders of this machine: an absolute path becomes the
-    file's name.
-    """
+    """Return an override in which an absolute path is replaced by the file's name."""
     key, equals, value = text.partition("=")
     bare = value.strip("\"'")
     return f"{key}{equals}{PurePath(bare).name}" if bare.startswith(("/", "~")) else text
@@ -155,9 +154,7 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the records of those studies that the folder holds, in the order of `names`. Raises
-    StoreError.
-    """
+    """Return the records in a folder of those studies, in their order. Raises StoreError."""
     return {name: read(folder / name) for name in names if (folder / name / JSON).is_file()}
 
 
@@ -180,16 +177,10 @@ def _write(path: Path, text: str) -> None:
 
 BRIEF_COLUMNS = ("quantity", "published", "predicted", "band", "inside")
 INSIDE = {True: "yes", False: "NO", None: ""}
-_LEGEND = (
-    "A number is followed by its interval and by what it was counted over or read from. *Band* is"
-    " the acceptance band of the predicted value."
-)
 
 
 def line_rows(findings: Findings) -> list[tuple[str, ...]]:
-    """Return the lines in the columns BRIEF_COLUMNS for a terminal: numbers without their
-    origin.
-    """
+    """Return the columns BRIEF_COLUMNS of each line: numbers without their origin."""
     return [
         tuple(cell.partition(";")[0] for cell in _line(line)[:-1])
         for line in plain(findings)["lines"]
@@ -197,44 +188,32 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, with_claims: bool) -> str:
-    """Return the Markdown page of a record.
+    """Return the Markdown page of a record (`templates/findings.md.j2`).
 
     `with_claims`: include what the study's claims rest on. Findings that are kept leave this to the
     page over all studies.
     """
-    study, lines = record["study"], record["lines"]
-    standing = standings(lines)
-    parts = [f"# {study['title']}", study["question"], f"Source: {study['source']}"]
-    if standing:
-        parts.append(f"**{'. '.join(one.sentence for one in standing)}.**")
-        parts.append("\n".join(f"- {targets()[one.id].definition}" for one in standing))
-    if lines:
-        compared = any(line["published"] for line in lines)
-        parts.append("## Published and predicted" if compared else "## In numbers")
-        heads = (*BRIEF_COLUMNS, "likely reason of a difference")
-        parts += [_LEGEND, cells.table(heads, map(_line, lines))]
-    if record["notes"]:
-        parts += ["## Notes", *record["notes"]]
-    for table in record["tables"]:
-        rows = (tuple(map(cells.cell, row)) for row in table["rows"])
-        parts += [f"## {table['title']}", cells.table(table["columns"], rows), table["note"]]
-    parts += [
-        claims.section(record) if with_claims else "",
-        *_made_by(study["name"], record["provenance"]),
-    ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    values = {
+        **record,
+        "standings": standings(record["lines"]),
+        "targets": targets(),
+        "compared": any(line["published"] for line in record["lines"]),
+        "columns": (*BRIEF_COLUMNS, "likely reason of a difference"),
+        "lines": [*map(_line, record["lines"])],
+        "claims": claims.section(record) if with_claims else "",
+    }
+    return claims.fill_page("findings.md.j2", **values) + "\n"
 
 
 def _line(line: Record) -> tuple[str, ...]:
-    def estimate(one: Record | None) -> str:
-        if one is None:
+    def estimate(found: Record | None) -> str:
+        if found is None:
             return wording.DASH
-        text, over = cells.with_interval(one), cells.counted_over(one)
+        text, over = cells.with_interval(found), cells.counted_over(found)
         return f"{text}; {over}" if over else text
 
     return (
-        (f"{line['target']}: " if line["target"] else "")
-        + line["quantity"]
+        ": ".join(filter(None, (line["target"], line["quantity"])))
         + (f", {line['unit']}" if line["unit"] else ""),
         estimate(line["published"]),
         estimate(line["predicted"]),
@@ -242,22 +221,3 @@ def _line(line: Record) -> tuple[str, ...]:
         INSIDE[line["passed"]],
         line["reason"],
     )
-
-
-def _made_by(name: str, made: Record) -> Iterator[str]:
-    yield "## How it was made"
-    yield f"```\nravenjax reproduce {name}\n```"
-    rows = [
-        (
-            c["variant"],
-            wording.format_count(c["runs"]),
-            wording.format_number(c["seconds"]),
-            c["question"],
-            f"`{c['command']}`",
-        )
-        for c in made["campaigns"]
-    ]
-    yield cells.table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
-    versions = ", ".join(f"{package} {version}" for package, version in made["versions"].items())
-    engine = f"Engine {made['engine']} on {made['device']}; code" if made["engine"] else "Code"
-    yield f"{engine} {made['code_hash'][:16]}; {versions}."

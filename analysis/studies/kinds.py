@@ -38,9 +38,7 @@ def names(group: ArrayLike) -> np.ndarray:
 
 
 def families(group: ArrayLike) -> np.ndarray:
-    """Return the family of each fault by its group's name, words [faults]; "" for a name without
-    one.
-    """
+    """Return the family of each fault by its group's name, words [faults]; or "" without one."""
     return _each(group, lambda name: LIBRARY if hazards_of(name) else name.rpartition("/")[0])
 
 
@@ -60,13 +58,12 @@ def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
         return Estimate(math.nan, math.nan, math.nan)
     if among.count >= FEWEST and (first == second).all():
         return difference_of_counts(0, 0, among.count)
-    band = ratio_band(first.astype(float) - second, 1.0, among)
-    return Estimate(band.value, band.low, band.high)
+    return ratio_band(first.astype(float) - second, 1.0, among)
 
 
 def count(among: Units) -> str:
     """Write 52 kinds; 7 kinds, few."""
-    words = f"{wording.format_count(among.count)} kind{'s' if among.count != 1 else ''}"
+    words = wording.count_noun(among.count, "kind")
     return f"{words}, few" if among.count < FEW else words
 
 

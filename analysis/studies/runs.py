@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from ravenjax.store import folder, manifest
 from ravenjax.store.manifest import Manifest
 from studies import kinds
 from studies.hazards import severity
-from studies.study import StudyEstimate, Variant
+from studies.study import Line, StudyEstimate, own_line
 
 SCALE = "param:operator.scale"
 FREE = "free/"
@@ -28,16 +28,11 @@ AS_MODELLED, UNCERTAIN = "as modelled", "uncertain robot"
 """Groups without faults, after the prefix."""
 CLUTCHED = "clutched"
 """Prefix of the recordings in which the pedal goes up and down."""
-BASELINE = "suture"
-MOTIONS = (BASELINE, "reach", "peg_transfer", "palpate")
+MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
 EVERY_CYCLE = "every_cycle"
-"""The baseline with a packet in each control cycle."""
-RECORDINGS = (
-    *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
-    *((motion, 11) for motion in ("palpate", "circle", CLUTCHED)),
-)
-"""Motion and seed of each fault-free recording. None is one of the faulty motions."""
+"""The variant of the first motion with a packet in each control cycle."""
+MOVED = "runs with unintended motion"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,15 +66,23 @@ class Runs:
 
 
 def read(path: Path) -> Runs:
-    """Read a result folder. Facts replace columns of the same name; EXCURSION and `injury` (an
-    injury-capable motion) are added. Raises StoreError.
+    """Read a result folder. Facts replace columns of the same name. Added are EXCURSION, `injury`
+    (an injury-capable motion), `stopped` (by a check), and `unwarned` (an unintended motion before
+    the cue, or without one). Raises StoreError.
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
     facts = run_facts.derive_from_manifest(frame, made)
-    frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
-    frame["injury"] = severity.injury_capable(frame)
+    excursion = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
+    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
+    events = {
+        EXCURSION: excursion,
+        "injury": severity.injury_capable(frame),
+        "stopped": facts["response"] == "stopped",
+        "unwarned": facts["unintended"] & ~warned,
+    }
     plain = frame.drop(columns=frame.columns.intersection(facts.columns))
-    return Runs(pd.concat([plain, facts], axis=1), made)
+    # A copy is in one piece, so that columns can be added.
+    return Runs(pd.concat([plain, pd.DataFrame(events), facts], axis=1).copy(), made)
 
 
 def changed_a_bit(runs: Runs) -> np.ndarray:
@@ -87,12 +90,14 @@ def changed_a_bit(runs: Runs) -> np.ndarray:
     return runs["activated"] & runs["faulty"] & ~runs["failed"]
 
 
-def pooled(campaigns: Sequence[Runs]) -> Runs:
-    """Pool the activated faulty runs of campaigns that differ only in their motion.
+def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Runs:
+    """Pool the activated faulty runs of the campaigns named by these motions, in which nothing else
+    differs.
 
     Adds the columns `cell` (number of the fault, equal in every motion) and `motion`. Raises
     ValueError if the faults differ.
     """
+    campaigns = [read(folders[name]) for name in motions if name in folders]
     first, parts = campaigns[0], []
     for motion, runs in enumerate(campaigns):
         if not np.array_equal(runs["group"].astype(str), first["group"].astype(str)):
@@ -104,21 +109,40 @@ def pooled(campaigns: Sequence[Runs]) -> Runs:
     return Runs(pd.concat(parts, ignore_index=True), first.made)
 
 
-def fault_free(runs: Runs, recording: str) -> Runs:
-    """Return the runs without a fault, with the columns `robot` and `recording` (in words) and
-    `hours` (in pedal-down).
+def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
+    """Return the faulty runs of the first motion, by the length of packets in words."""
+    motion = MOTIONS[0]
+    words = {motion: motion, EVERY_CYCLE: f"{motion}, a packet each cycle"}
+    return {words[name]: pooled(folders, [name]) for name in words}
+
+
+def fault_free(path: Path) -> Runs:
+    """Read the runs without a fault of the campaign KIND_MOTION_SEED, with the columns `robot`,
+    `recording` (motion and seed) and `hours` (in pedal-down).
     """
-    free = runs.where(
-        runs.frame["group"].astype(str).str.startswith(FREE).to_numpy() & ~runs["failed"]
+    runs, (motion, seed) = read(path), path.name.partition("_")[2].rsplit("_", 1)
+    group = runs.frame["group"].astype(str)
+    free = runs.frame.assign(
+        robot=group.str.removeprefix(FREE),
+        recording=f"{motion} {seed}",
+        hours=runs["pedal_down_ms"] / 3.6e6,
     )
-    robot = free.frame["group"].astype(str).str.removeprefix(FREE)
-    hours = free["pedal_down_ms"] / 3.6e6
-    return Runs(free.frame.assign(robot=robot, recording=recording, hours=hours), runs.made)
+    return Runs(free.loc[group.str.startswith(FREE).to_numpy() & ~runs["failed"]], runs.made)
 
 
 def joined(parts: Sequence[Runs]) -> Runs:
     """Return the runs of several campaigns together."""
     return Runs(pd.concat([part.frame for part in parts], ignore_index=True), parts[0].made)
+
+
+def of_robot(free: Runs, robot: str) -> Runs:
+    """Return the fault-free runs of one robot."""
+    return free.where(free["robot"] == robot)
+
+
+def unclutched(free: Runs) -> Runs:
+    """Return motion in which the pedal stays down."""
+    return free.where(~np.char.startswith(free["recording"].astype(str), CLUTCHED))
 
 
 def median_times(runs: Runs, first_ms: np.ndarray) -> tuple[StudyEstimate, StudyEstimate]:
@@ -129,11 +153,8 @@ def median_times(runs: Runs, first_ms: np.ndarray) -> tuple[StudyEstimate, Study
     spoke = np.where(came, first_ms, float(runs.made.duration_ms))
     delay = latency.delay_quantile(spoke - runs["active_ms"], came, 0.5, faults)
     value, low, high = latency.delay_quantile(spoke - runs["unintended_ms"], came, 0.5, faults)
-    of = "faults with unintended motion"
-    return (
-        StudyEstimate(*delay, len(came), of),
-        StudyEstimate(-value, -high, -low, len(came), of),
-    )
+    over = len(came), "faults with unintended motion"
+    return StudyEstimate(*delay, *over), StudyEstimate(-value, -high, -low, *over)
 
 
 def per_hour(free: Runs, counts: np.ndarray, of: str = "alarms") -> StudyEstimate:
@@ -146,61 +167,29 @@ def per_hour(free: Runs, counts: np.ndarray, of: str = "alarms") -> StudyEstimat
     exact = alarm_rate(total, hours)
     low, high = exact.low, exact.high
     if total:
-        band = units.ratio_band(counts, free["hours"], units.group_units(free["recording"]))
-        low, high = float(band.low), float(band.high)
-    return StudyEstimate(exact.per_hour, low, high, total, f"{of} in {hours:.1f} h")
+        _, low, high = units.ratio_band(counts, free["hours"], units.group_units(free["recording"]))
+    return StudyEstimate(exact.per_hour, float(low), float(high), total, f"{of} in {hours:.1f} h")
 
 
-def share(
-    hit: np.ndarray, among: np.ndarray, faults: Units, of: str, resamples: int = 400
-) -> StudyEstimate:
+def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
     """Return the rate of `hit` among `among` (bool [runs]), with its interval over kinds of faults
     (`units.rate_band`).
 
     `faults`: kinds of the runs. The rate is NaN if no run is among them.
     """
     mine = faults.where(among)
-    rate = units.rate_band(hit[among], mine, resamples=resamples)
+    rate = units.rate_band(hit[among], mine, resamples=400)
     words = f"{of}, {kinds.count(mine)}" if rate.n else of
     return StudyEstimate(rate.value, rate.low, rate.high, rate.n, words)
 
 
-def faulty_variants(campaign: str) -> Iterator[Variant]:
-    """Yield the campaign with its faults under each of MOTIONS."""
-    yield Variant(BASELINE, campaign)
-    for motion in MOTIONS[1:]:
-        question = f"Does the motion matter? {motion}"
-        yield Variant(motion, campaign, (f"operator.motion={motion}",), question)
-    packets = "And with a packet in each control cycle?"
-    yield Variant(EVERY_CYCLE, campaign, (f"campaign.packets={EVERY_CYCLE}",), packets)
-
-
-def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
-    """Return the faulty runs of one motion, by the length of packets in words."""
-    words = {BASELINE: BASELINE, EVERY_CYCLE: f"{BASELINE}, a packet each cycle"}
-    return {words[name]: pooled([read(folders[name])]) for name in words}
-
-
-def free_variant(
-    campaign: str,
-    recording: tuple[str, int],
-    runs: int,
-    seconds: float,
-    question: str,
-    kind: str = "free",
-    more: tuple[str, ...] = (),
-) -> Variant:
-    """Return a fault-free recording of one motion: the first `runs` of a campaign, each of length
-    `seconds`.
-    """
-    motion, seed = recording
-    overrides = (
-        f"campaign.limit={runs}",
-        f"campaign.duration_s={seconds}",
-        *more,
-        f"operator.motion={motion}",
-        f"operator.seed={seed}",
-    )
-    return Variant(
-        f"{kind}_{motion}_{seed}", campaign, overrides, f"{question} {motion}, seed {seed}"
-    )
+def design_lines(faulty: Runs, modelled: Runs) -> Iterator[Line]:
+    """Yield how many faults, runs and hours a comparison has."""
+    moved = faulty["unintended"]
+    of = f"{kinds.count(faulty.faults)}, {len(np.unique(faulty['motion']))} motions"
+    cells = StudyEstimate(len(np.unique(faulty["cell"])), of=of)
+    hit = StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design")
+    hours = StudyEstimate(round(float(modelled["hours"].sum()), 2))
+    yield own_line("faults, distinct", "", cells)
+    yield own_line("faulty runs with unintended motion", "runs", hit)
+    yield own_line("motion without a fault, robot as modelled", "h", hours)

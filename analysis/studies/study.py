@@ -1,17 +1,20 @@
 """Defines a study: a published experiment as campaigns, and its findings compared with the
 published numbers.
 
-Published numbers are data in `published/*.toml`, each with its source. A finding never says "right"
-or "wrong". It holds both numbers, both intervals, the acceptance band if there is one, and the
-likely reason if the two differ.
+What is text or number and no computation is data: `studies.toml`, `targets.toml`, and the files of
+a study's name in `variants`, `published`, `tables` and `notes`. A finding never says "right" or
+"wrong". It holds both numbers, both intervals, the acceptance band if there is one, and the likely
+reason if the two differ.
 """
 
 import dataclasses
+import itertools
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,9 +29,7 @@ Cell = str | int | float
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or the baseline with one open question answered
-    differently.
-    """
+    """One campaign of a study: the baseline, or one open question answered differently."""
 
     name: str  # also the name of its folder
     campaign: str  # file name of a bundled campaign
@@ -82,9 +83,14 @@ def own_line(quantity: str, unit: str, found: StudyEstimate | None) -> Line:
     return Line(quantity, unit, None, found)
 
 
-def in_percent(found: Estimate | Rate, n: int, of: str) -> StudyEstimate:
+def in_percent(found: Estimate | Rate | StudyEstimate, n: int, of: str) -> StudyEstimate:
     """Convert a fraction with its interval to percent."""
     return StudyEstimate(100 * found.value, 100 * found.low, 100 * found.high, n, of)
+
+
+def percent_line(quantity: str, found: Rate | StudyEstimate, of: str = "") -> Line:
+    """Return the line of a share. `of`: what it was counted over, unless the estimate says it."""
+    return own_line(quantity, "%", in_percent(found, found.n, of or getattr(found, "of", "")))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,11 +124,18 @@ class Study:
     minutes: float = 1.0  # approximate duration on two cores
 
 
+def read_toml(path: str) -> dict[str, Any]:
+    """Return the content of a file in this folder."""
+    return tomllib.loads((HERE / path).read_text(encoding="utf-8"))
+
+
 def study(
     name: str, variants: tuple[Variant, ...], compare: Callable[[Context], Findings]
 ) -> Study:
     """Return the study with a name in studies.toml."""
-    about = tomllib.loads((HERE / "studies.toml").read_text(encoding="utf-8"))[name]
+    about = {
+        key: value for key, value in read_toml("studies.toml")[name].items() if key != "module"
+    }
     targets = tuple(about.pop("targets", ()))
     return Study(name, variants=variants, compare=compare, targets=targets, **about)
 
@@ -140,39 +153,46 @@ def plain(value: Any) -> Any:
 
 
 def read_variants(study: str) -> tuple[Variant, ...]:
-    """Return the variants of `variants/STUDY.toml`. The first is the baseline. A row may name
-    another campaign than the file.
+    """Return the variants of `variants/STUDY.toml`. The first is the baseline.
+
+    A row may name another campaign than the file. With `each`, a row stands for one variant for
+    each combination of these values, which replace `$NAME` in its texts. With `needs`, it is left
+    out without the recording of that name, whose path replaces `$file`.
     """
-    content = tomllib.loads((HERE / "variants" / f"{study}.toml").read_text(encoding="utf-8"))
-    return tuple(
-        Variant(
-            row["name"],
-            row.get("campaign", content["campaign"]),
-            tuple(row["overrides"]),
-            row["question"],
-        )
-        for row in content["variants"]
-    )
+    from studies.dsn16 import recording
+
+    content, variants = read_toml(f"variants/{study}.toml"), []
+    for row in content["variants"]:
+        file = recording.locate(row["needs"]) if "needs" in row else ""
+        each = row.get("each", {})
+        for values in itertools.product(*each.values()) if file is not None else ():
+            words = {"file": file, **dict(zip(each, values, strict=True))}
+            name, question, *overrides = (
+                Template(text).substitute(words)
+                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
+            )
+            campaign = row.get("campaign", content["campaign"])
+            variants.append(Variant(name, campaign, tuple(overrides), question))
+    return tuple(variants)
 
 
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
     """Return the paragraphs of `notes/STUDY.md`: assumptions, and what is not reproduced.
 
-    Names in braces are replaced by these values.
+    Names in braces are replaced by these values; `{kinds}` by `kinds.NOTE`.
     """
     text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
-    return tuple(part.format(**values) for part in text.strip().split("\n\n"))
+    return tuple(part.format(kinds=kinds.NOTE, **values) for part in text.strip().split("\n\n"))
 
 
 def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: object) -> Table:
     """Return the table that `tables/STUDY.md` describes below `## KEY`, with these rows.
 
     Paragraphs there: title, columns separated by ` | `, and the note, if any. Names in braces are
-    replaced by these values; `{kinds}` by `kinds.NOTE`. Raises ValueError if a row has another
-    number of cells.
+    replaced as in `read_notes`. Raises ValueError if a row has another number of cells.
     """
     text = (HERE / "tables" / f"{study}.md").read_text(encoding="utf-8")
-    part = next(one for one in text.split("## ") if one.startswith(f"{key}\n"))
+    part = next(part for part in text.split("## ") if part.startswith(f"{key}\n"))
     title, columns, *note = (
         paragraph.format(kinds=kinds.NOTE, **values)
         for paragraph in part.partition("\n")[2].strip().split("\n\n")
@@ -191,7 +211,7 @@ class Published:
     """
 
     def __init__(self, name: str) -> None:
-        content = tomllib.loads((HERE / "published" / f"{name}.toml").read_text(encoding="utf-8"))
+        content = read_toml(f"published/{name}.toml")
         self.numbers = {row["key"]: row for row in content.get("number", ())}
         self.bands = {row["key"]: row for row in content.get("band", ())}
 
@@ -200,9 +220,7 @@ class Published:
         return _at(self.numbers, key)["value"]
 
     def estimate(self, key: str) -> StudyEstimate:
-        """Return a published number with its interval and source. Raises KeyError as
-        `value` does.
-        """
+        """Return a published number with its interval and source. Raises KeyError."""
         row = _at(self.numbers, key)
         value, error = row["value"], row.get("error", math.nan)
         low, high = row.get("low", value - error), row.get("high", value + error)
@@ -220,9 +238,6 @@ def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
 
 
 # --- acceptance targets ---
-#
-# A target is met if all its lines with a band are inside their bands. A target is not judged if it
-# has no such line, or if none of these lines has a prediction.
 
 
 class Target(NamedTuple):
@@ -243,37 +258,33 @@ class Target(NamedTuple):
 @cache
 def targets() -> dict[str, Target]:
     """Return every target by its id."""
-    tables = tomllib.loads((HERE / "targets.toml").read_text(encoding="utf-8"))
-    return {name: Target(name, **row) for name, row in tables.items()}
+    return {name: Target(name, **row) for name, row in read_toml("targets.toml").items()}
 
 
 class TargetStanding(NamedTuple):
-    """How many lines of a target are inside their bands."""
+    """Whether a target is met: `A1 not met: 6 of 9 lines inside their band`."""
 
     id: str
-    inside: int
-    judged: int  # lines with a band and a prediction
-    bands: int  # lines with a band
-
-    @property
-    def sentence(self) -> str:
-        """Return `A1 not met: 6 of 9 lines inside their band`."""
-        if not self.judged:
-            why = "with a band has a prediction" if self.bands else "has a band"
-            return f"{self.id} not judged: no line of it {why}"
-        met = "met" if self.inside == self.judged else "not met"
-        lines = "line inside its band" if self.judged == 1 else "lines inside their band"
-        return f"{self.id} {met}: {self.inside} of {self.judged} {lines}"
+    sentence: str
 
 
 def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
     """Return the standing of each target of these lines (as in findings.json), in the order of the
     lines.
+
+    A target is met if all its lines with a band are inside their bands. It is not judged if none of
+    these lines has a prediction.
     """
     found = []
     for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
-        mine = [line for line in lines if line["target"] == name]
-        judged = [line["passed"] for line in mine if line["passed"] is not None]
-        bands = sum(line["band"] is not None for line in mine)
-        found.append(TargetStanding(name, sum(judged), len(judged), bands))
+        banded = [line for line in lines if line["target"] == name and line["band"] is not None]
+        judged = [line["passed"] for line in banded if line["passed"] is not None]
+        if judged:
+            noun = "line inside its band" if len(judged) == 1 else "lines inside their band"
+            met = "met" if all(judged) else "not met"
+            text = f"{name} {met}: {sum(judged)} of {len(judged)} {noun}"
+        else:
+            why = "with a band has a prediction" if banded else "has a band"
+            text = f"{name} not judged: no line of it {why}"
+        found.append(TargetStanding(name, text))
     return found

@@ -21,6 +21,7 @@ from ravenjax.analyses.search.file import loading
 from ravenjax.campaign.file import bounds
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
+from ravenjax.report.wording import format_number, format_percent
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.robots.raven2.plant import parameter_sets
@@ -28,25 +29,37 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.comparison.clustered import exchange_p
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share_of_cells
 from ravenjax.stats.multiplicity import Finding, holm_test
-from studies import kinds, runs
+from studies import kinds, runs, study
+from studies.cells import plain
 from studies.kinds import difference
 from studies.reacting_operator import rate
-from studies.study import (
-    HERE,
-    Context,
-    Findings,
-    Line,
-    StudyEstimate,
-    Table,
-    in_percent,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import StudyEstimate, read_table
 
-NAME = "uncertain_robot"
+NAME, KNOWN = "uncertain_robot", "known"
+SEEDS = (1, 2, 3)
+"""Seeds, each of a separate draw of faults and robots together."""
+SETS = parameter_sets.PUBLISHED
+"""The published sets, with the authors' law of motor and cable."""
+FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
+"""Expected count below which the chi-squared distribution no longer holds (Cochran 1954), and
+number of tables drawn then.
+"""
+EVENTS = {
+    "evaded": "evades the checks: unintended motion, and nobody is told",
+    "cued": "the cue fires",
+    "stopped": "a check stops the robot",
+    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
+    "unwarned": "unintended motion before the cue, or without one",
+    "loss": "loss of motion",
+    "misreport": "false report",
+    "jump": "jump of the reported tip",
+    "injury": "injury-capable motion",
+}
+"""Events of a fault, columns of runs. Each is a rate over the faults that changed a bit."""
+LAYER_EVENT = "unintended"
+EVERY_CYCLE = "length of packets 0"
+"""Name of the robot that gets a packet in each control cycle."""
+THIRDS = ("lowest third", "middle third", "highest third")
 
 
 class Uncertain(NamedTuple):
@@ -61,51 +74,19 @@ class Uncertain(NamedTuple):
     source: str
 
     @property
-    def unit(self) -> str:
-        """Return the unit from the robot's record."""
-        return bounds.allowed_values(ROBOT, self.path)[0].unit
-
-    @property
     def column(self) -> str:
         """Return the column of the result table."""
         return f"param:{self.path}"
 
     def values(self, frame: pd.DataFrame) -> np.ndarray:
         """Return its value in each run of a result table."""
-        nominal = pd.Series(self.nominal, frame.index)
-        return (
-            frame[self.column].fillna(self.nominal) if self.column in frame else nominal
-        ).to_numpy(float)
+        varied = frame.get(self.column, pd.Series(self.nominal, frame.index))
+        return varied.fillna(self.nominal).to_numpy(float)
 
 
 PARAMETERS = tuple(
-    Uncertain(**row)
-    for row in tomllib.loads((HERE / "published" / f"{NAME}.toml").read_text())["parameter"]
+    Uncertain(**row) for row in study.read_toml(f"published/{NAME}.toml")["parameter"]
 )
-SETS = parameter_sets.PUBLISHED
-"""The published sets, with the authors' law of motor and cable."""
-
-
-FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
-"""Expected count below which the chi-squared distribution no longer holds (Cochran 1954), and
-number of tables drawn then.
-"""
-
-EVENTS = {
-    "evaded": "evades the checks: unintended motion, and nobody is told",
-    "cue": "the cue fires",
-    "stopped": "a check stops the robot",
-    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
-    "unwarned": "unintended motion before the cue, or without one",
-    "loss": "loss of motion",
-    "misreport": "false report",
-    "jump": "jump of the reported tip",
-    "injury": "injury-capable motion",
-}
-"""Events of a fault. Each is a rate over the faults that changed a bit."""
-
-
-FAULT_NUMBER = "fault"
 
 
 class RobotRates(NamedTuple):
@@ -117,21 +98,23 @@ class RobotRates(NamedTuple):
 
     def rate(self, event: str) -> Rate:
         """Return the share of faults with that event, with its interval over kinds of faults."""
-        return units.rate_band(
-            self.events[event].to_numpy(), units.group_units(self.events["kind"].to_numpy())
-        )
+        return units.rate_band(self.events[event].to_numpy(), self.kinds)
+
+    @property
+    def kinds(self) -> units.Units:
+        return units.group_units(self.events["kind"].to_numpy())
 
 
-class ParameterEffect(NamedTuple):
-    """An event at both ends of one parameter, with all other parameters equal."""
+class Dependence(NamedTuple):
+    """Whether the rate of an event depends on one parameter."""
 
     event: str
     parameter: Uncertain
-    low: Rate
-    high: Rate
-    # High minus low, fraction, over pairs; its interval is over kinds of faults.
-    difference: Estimate
-    p: float  # exact, both ends exchanged kind by kind
+    # NaN if nothing was seen to vary. Of both ends: exact, exchanged kind by kind. Of drawn robots:
+    # of independence.
+    p: float
+    levels: Mapping[str, Rate]  # at both ends, or in thirds of the parameter
+    difference: Estimate  # rate in the last level minus rate in the first, fraction
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -144,25 +127,14 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     # Runs of one fault share a pair.
     number = np.unique(found["pair"], return_inverse=True)[1]
     frame = found.frame.set_axis(pd.Index(number)).loc[runs.changed_a_bit(found)]
-    warned = (frame["warned_ms"] >= 0) & (frame["warned_ms"] < frame["unintended_ms"])
-    same = ["evaded", "unintended", "loss", "misreport", "jump", "injury"]
-    return frame, frame[same].assign(
-        cue=frame["cued"],
-        stopped=frame["response"] == "stopped",
-        unwarned=frame["unintended"] & ~warned,
-        layer=frame["layer"],
-        kind=kinds.names(frame["group"]),
-    )
+    return frame, frame[[*EVENTS, "layer"]].assign(kind=kinds.names(frame["group"]))
 
 
-def robots_at_ends(
-    frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain
-) -> tuple[RobotRates, RobotRates]:
-    """Return the robots at both ends of a crossed parameter, on faults that changed a bit
-    in both.
-    """
-    values = parameter.values(frame)
-    low, high = (found.loc[np.isclose(values, end)] for end in (parameter.low, parameter.high))
+def robots_at_ends(path: Path, parameter: Uncertain) -> tuple[RobotRates, RobotRates]:
+    """Return the robots at both ends of a parameter, on faults that act in both."""
+    frame, found = read(path)
+    ends, values = (parameter.low, parameter.high), parameter.values(frame)
+    low, high = (found.loc[np.isclose(values, end)] for end in ends)
     both = low.index.intersection(high.index)
     return (
         RobotRates(f"{parameter.words} {parameter.low:g}", low.loc[both]),
@@ -172,50 +144,42 @@ def robots_at_ends(
 
 def parameter_effects(
     ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]],
-) -> list[ParameterEffect]:
-    """Return the effect of every parameter on every event."""
+) -> list[Dependence]:
+    """Return the effect of every parameter on every event, with all other parameters equal: pairs
+    of the same fault at both ends, in `levels` "low" and "high".
+    """
     effects = []
     for event in EVENTS:
         for parameter, (low, high) in ends.items():
-            among = units.group_units(low.events["kind"].to_numpy())
             above, below = (end.events[event].to_numpy() for end in (high, low))
-            gap, p = difference(above, below, among), exchange_p(above, below, among.unit)
-            effects.append(
-                ParameterEffect(event, parameter, low.rate(event), high.rate(event), gap, p)
-            )
+            levels = {"low": low.rate(event), "high": high.rate(event)}
+            p = exchange_p(above, below, low.kinds.unit)
+            gap = difference(above, below, low.kinds)
+            effects.append(Dependence(event, parameter, p, levels, gap))
     return effects
 
 
 def holm_findings(p: Sequence[float]) -> list[Finding]:
     """Apply Holm's adjustment over all of them."""
-    return list(holm_test({str(k): one for k, one in enumerate(p)}).values())
+    return list(holm_test({str(k): value for k, value in enumerate(p)}).values())
 
 
-class Dependence(NamedTuple):
-    """Whether the rate of an event depends on one parameter."""
-
-    event: str
-    parameter: Uncertain
-    p: float  # of independence; NaN if the parameter or the event never varies
-    levels: Mapping[str, Rate]  # the lowest, (middle) and highest third of the parameter
-    difference: Estimate  # rate in the last level minus rate in the first
+def adjusted(found: Sequence[Dependence]) -> Iterator[tuple[Dependence, Finding]]:
+    """Yield each dependence with its p adjusted over all of them."""
+    return zip(found, holm_findings([effect.p for effect in found]), strict=True)
 
 
-def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return the level of each value [n] by its rank, int [n], and the levels' names.
+def thirds(values: np.ndarray) -> np.ndarray:
+    """Return the level of each value [n] by its rank, its number in THIRDS.
 
-    Equal values stay together, and each extreme has its own level.
+    Equal values stay together, and each extreme has its own level. If all are equal it is 0.
     """
     from scipy.stats import rankdata
 
-    if not len(values) or values.min() == values.max():
-        return np.zeros(len(values), int), ["constant"]
-    place = (rankdata(values) - 0.5) / len(values)
-    low, high = (
-        (place < 1 / 3) | (values == values.min()),
-        (place > 2 / 3) | (values == values.max()),
-    )
-    return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
+    place = (rankdata(values) - 0.5) / max(1, len(values))
+    low = (place < 1 / 3) | (values == values.min(initial=np.inf))
+    high = (place > 2 / 3) | (values == values.max(initial=-np.inf))
+    return np.where(low, 0, np.where(high, 2, 1))
 
 
 def dependences(
@@ -232,18 +196,21 @@ def dependences(
     found = []
     for event in EVENTS:
         hit = flags[event].to_numpy(bool)
-        mine = [_dependence(event, one, hit, one.values(frame)) for one in parameters]
-        found += sorted(mine, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+        mine = [
+            _dependence(event, parameter, hit, parameter.values(frame)) for parameter in parameters
+        ]
+        found += sorted(mine, key=lambda at: (np.isnan(at.p), at.p, -abs(at.difference.value)))
     return found
 
 
 def _dependence(
     event: str, parameter: Uncertain, hit: np.ndarray, values: np.ndarray
 ) -> Dependence:
-    code, names = thirds(values)
-    n = np.bincount(code, minlength=len(names))
-    k = np.bincount(code, hit, minlength=len(names)).astype(int)
-    levels = {name: share_of_cells(k[i], n[i]) for i, name in enumerate(names) if n[i]}
+    code = thirds(values)
+    n, k = np.bincount(code, minlength=3), np.bincount(code, hit, minlength=3).astype(int)
+    levels = {
+        name: share_of_cells(k[i], n[i]) for i, name in enumerate(THIRDS) if 0 < n[i] < len(code)
+    }
     gap = Estimate(np.nan, np.nan, np.nan)
     if len(levels) > 1:
         first, *_, last = levels.values()
@@ -253,25 +220,21 @@ def _dependence(
 
 
 def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
-    """Return p of independence of hit [n] from its level (one-hot [n, levels]) and from the values
-    [n].
-    """
+    """Return p of independence of hit [n] from its level (one-hot) and from the values [n]."""
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
     from scipy.stats.contingency import expected_freq
 
     table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
     if table.shape[1] < 2 or not table.sum(axis=1).all():
         return float("nan")
-    sparse = expected_freq(table).min() < FEWEST_EXPECTED
-    method = (
-        MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(0)) if sparse else None
-    )
+    method = None
+    if expected_freq(table).min() < FEWEST_EXPECTED:
+        method = MonteCarloMethod(n_resamples=TABLES_DRAWN, rng=np.random.default_rng(0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         association: Any = chi2_contingency(table, correction=False, method=method)
-    levels = float(association.pvalue)
     trend: Any = mannwhitneyu(values[hit], values[~hit])
-    return min(1.0, 2 * min(levels, float(trend.pvalue)))
+    return min(1.0, 2 * min(float(association.pvalue), float(trend.pvalue)))
 
 
 def rounding(
@@ -285,303 +248,207 @@ def rounding(
     """
     same = [
         robot
-        for one, pair in ends.items()
-        for robot, value in zip(pair, (one.low, one.high), strict=True)
-        if value == one.nominal
+        for parameter, pair in ends.items()
+        for robot, value in zip(pair, (parameter.low, parameter.high), strict=True)
+        if value == parameter.nominal
     ]
     apart = []
     for robot in same:
         both = known.events.index.intersection(robot.events.index)
-        for event in EVENTS:
-            here, there = (part.events.loc[both, event].to_numpy(float) for part in (known, robot))
-            apart.append(abs(float((here - there).mean())))
+        here, there = (part.events.loc[both, [*EVENTS]].astype(float) for part in (known, robot))
+        apart.append(float((here - there).mean().abs().max()))
     return max(apart, default=math.nan), len(same)
 
 
 def extremes(listed: Sequence[RobotRates], event: str) -> tuple[tuple[Rate, str], tuple[Rate, str]]:
     """Return the lowest and the highest rate of an event over robots, each with its robot."""
     rates = [(robot.rate(event), robot.name) for robot in listed]
-    return min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
+    return min(rates, key=lambda pair: pair[0].value), max(rates, key=lambda pair: pair[0].value)
 
 
-def rates_by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
-    """Return the rate of an event by layer of the fault, one per robot, in the robot's order of
-    layers.
+# --- what decides how far a fault moves the tip ---
+
+SEARCH = f"variants/{NAME}_search.toml"
+SEARCHES = {"morris": {"trajectories": 60, "levels": 8}, "sobol": {"n": 128}}
+Cells = tuple[str | float, ...]
+
+
+def sensitivity_rows(out: Path, engine: str) -> Iterator[Cells]:
+    """Run both searches into folders inside `out`, and yield the Morris and Sobol indices of every
+    joint and parameter, by joint in their order and by total index, greatest first. Raises
+    UserError.
     """
-    rates = {}
-    for name in LAYERS.values():
-        parts = [RobotRates("", one.events.loc[one.events["layer"] == name]) for one in listed]
-        if all(len(part.events) for part in parts):
-            rates[name] = [part.rate(event) for part in parts]
-    return rates
-
-
-OUTCOME = "peak_golden_deviation_mm"
-SEARCHED_FAULT = {
-    "site": "usb_out",
-    "channel": ["shoulder", "elbow", "insertion"],
-    "effect": "latch_offset",
-    "value": 4000,
-    "start_ms": 1000,
-    "duration_ms": 32,
-}
-"""A fault that adds to the motor command after every check, held for 32 ms, on each positioning
-joint.
-
-Such a fault moves the instrument by its size and not by its duration.
-"""
-SEARCHES: dict[str, dict[str, Any]] = {
-    "morris": {"kind": "morris", "trajectories": 60, "levels": 8},
-    "sobol": {"kind": "sobol", "n": 128},
-}
-
-
-class Index(NamedTuple):
-    """Indices of one parameter for one fault: value, and ends of the 95 % interval."""
-
-    case: str  # joint that the fault acts on
-    parameter: Uncertain
-    mean_mm: float  # mean of the outcome over robots
-    deviation_mm: float
-    effect: tuple[float, float, float]  # Morris: mean |effect|, mm over the range
-    spread: float  # Morris: standard deviation of the effect, mm
-    total: tuple[float, float, float]  # Sobol: total index
-    first: tuple[float, float, float]  # Sobol: first order
-    runs: int  # runs of both methods
-
-
-def find(out: Path, engine: str) -> list[Index]:
-    """Run both searches into folders inside `out`, and return indices of every joint and parameter,
-    by joint in their order and by total index, greatest first. Raises UserError.
-    """
-    morris, sobol = (
-        runner.run_search(loading.from_dict(_template(search)), out / name, engine).record["result"]
-        for name, search in SEARCHES.items()
-    )
-    by_path, result = {one.path: one for one in PARAMETERS}, []
-    screened = [one["name"] for one in morris["inputs"]]
-    for screen, shares in zip(morris["results"], sobol["results"], strict=True):
-        if screen["indices"] is None or shares["indices"] is None:
-            continue
-        mine = []
-        for number, path in enumerate(one["name"] for one in sobol["inputs"]):
-            other = screened.index(path)
-            mine.append(
-                Index(
-                    str(screen["case"]["fault0_channel"]),
-                    by_path[path],
-                    float(shares["mean"]),
-                    float(shares["deviation"]),
-                    _at(screen["indices"]["mu_star"], other),
-                    float(screen["indices"]["sigma"]["value"][other]),
-                    _at(shares["indices"]["ST"], number),
-                    _at(shares["indices"]["S1"], number),
-                    morris["points"] + sobol["points"],
-                )
-            )
-        result += sorted(mine, key=lambda one: -one.total[0])
-    return result
-
-
-def _template(search: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "campaign": {
-            "name": "uncertain_robot_search",
-            "seed": 2016,
-            "duration_s": 2.0,
-            "noise": True,
-            "packets": "measured",
-        },
-        "operator": {"motion": "suture", "scale": 0.1, "seed": 1},
-        "parameters": {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in PARAMETERS},
-        "search": {**search, "outcomes": [OUTCOME]},
-        "group": [{"name": "unchecked", "fault": [SEARCHED_FAULT]}],
+    common, results = study.read_toml(SEARCH), {}
+    laws = {
+        parameter.path: tomllib.loads(f"law = {parameter.law}")["law"] for parameter in PARAMETERS
     }
+    for name, method in SEARCHES.items():
+        search = {"kind": name, **method, **common["search"]}
+        config = loading.from_dict({**common, "parameters": laws, "search": search})
+        results[name] = runner.run_search(config, out / name, engine).record["result"]
+    morris, sobol = results.values()
+    words = {parameter.path: parameter.words for parameter in PARAMETERS}
+    screened, ranked = ([row["name"] for row in found["inputs"]] for found in (morris, sobol))
+    for screen, shares in zip(morris["results"], sobol["results"], strict=True):
+        effects, parts = screen["indices"], shares["indices"]
+        if effects is None or parts is None:
+            continue
+        mean, deviation = shares["mean"], format_number(shares["deviation"], 2)
+        size = f"{format_number(mean)} ± {deviation}"
+        for k in sorted(range(len(ranked)), key=lambda k: -parts["ST"]["value"][k]):
+            other, joint = screened.index(ranked[k]), str(screen["case"]["fault0_channel"])
+            indices = (parts["ST"], k), (parts["S1"], k), (effects["mu_star"], other)
+            estimates = [
+                plain(Estimate(*(index[end][at] for end in ("value", "low", "high"))), 2)
+                for index, at in indices
+            ]
+            spread = format_number(effects["sigma"]["value"][other], 2)
+            many = morris["points"] + sobol["points"]
+            yield joint, size, words[ranked[k]], *estimates, spread, many
 
 
-def _at(index: Mapping[str, Sequence[float]], place: int) -> tuple[float, float, float]:
-    value, low, high = (float(index[key][place]) for key in ("value", "low", "high"))
-    return value, low, high
-
+# --- tables ---
 
 NONE = "none of those tried"
 
 
-def parameter_rows() -> Iterator[tuple[str, ...]]:
+def parameter_rows() -> Iterator[Cells]:
     """Yield ranges and their sources."""
-    for one in PARAMETERS:
-        span = f"{one.low:g} to {one.high:g}"
-        yield one.words, one.path, span, one.nominal, one.unit, one.law, one.source
+    for parameter in PARAMETERS:
+        unit = bounds.allowed_values(ROBOT, parameter.path)[0].unit
+        span = f"{parameter.low:g} to {parameter.high:g}"
+        yield (
+            parameter.words,
+            parameter.path,
+            span,
+            parameter.nominal,
+            unit,
+            parameter.law,
+            parameter.source,
+        )
 
 
 def conclusion_rows(
-    known: RobotRates,
-    listed: Sequence[RobotRates],
-    found: Sequence[ParameterEffect],
-    drawn: Sequence[Dependence],
-) -> Iterator[tuple[str, ...]]:
+    robots: Sequence[RobotRates], found: Sequence[Dependence], drawn: Sequence[Dependence]
+) -> Iterator[Cells]:
     """Yield each conclusion, its range over robots, and what it depends on."""
-    judged, judged_drawn = (holm_findings([one.p for one in part]) for part in (found, drawn))
-    for event, words_of in EVENTS.items():
-        (low, low_robot), (high, high_robot) = extremes(listed, event)
-        mine = [
-            one
-            for one, finding in zip(found, judged, strict=True)
-            if one.event == event and finding.rejected
+    alone, together = (
+        [effect for effect, finding in adjusted(part) if finding.rejected]
+        for part in (found, drawn)
+    )
+    alone.sort(key=lambda effect: -abs(effect.difference.value))
+    for event, words in EVENTS.items():
+        (low, low_robot), (high, high_robot) = extremes(robots, event)
+        effects = [
+            f"{effect.parameter.words} ({signed(effect.difference.value)})"
+            for effect in alone
+            if effect.event == event
         ]
-        mine.sort(key=lambda one: -abs(one.difference.value))
-        alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one in mine]
-        together = [
-            one.parameter.words
-            for one, finding in zip(drawn, judged_drawn, strict=True)
-            if one.event == event and finding.rejected
-        ]
-        yield (
-            *(words_of, rate(known.rate(event)), f"{percent(low)} to {percent(high)}"),
-            *(f"{low_robot}; {high_robot}", ", ".join(alone) or NONE, ", ".join(together) or NONE),
-        )
+        others = [effect.parameter.words for effect in together if effect.event == event]
+        ends = " to ".join(format_percent(end.value) for end in (low, high))
+        dependent = ", ".join(effects) or NONE, ", ".join(others) or NONE
+        yield words, rate(robots[0].rate(event)), ends, f"{low_robot}; {high_robot}", *dependent
 
 
-def end_rows(found: Sequence[ParameterEffect]) -> Iterator[tuple[str | int, ...]]:
+def end_rows(found: Sequence[Dependence]) -> Iterator[Cells]:
     """Yield every rate at both ends of every parameter."""
-    for one, finding in zip(found, holm_findings([one.p for one in found]), strict=True):
-        parameter = f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}"
-        yield (
-            *(EVENTS[one.event], parameter, one.low.n, rate(one.low), rate(one.high)),
-            *(points(one.difference), wording.format_number(finding.adjusted, 2)),
+    for effect, finding in adjusted(found):
+        low, high = effect.levels.values()
+        parameter = (
+            f"{effect.parameter.words}, {effect.parameter.low:g} to {effect.parameter.high:g}"
         )
+        holm = format_number(finding.adjusted, 2)
+        gap = points(effect.difference)
+        yield EVENTS[effect.event], parameter, low.n, rate(low), rate(high), gap, holm
 
 
-def third_rows(drawn: Sequence[Dependence]) -> Iterator[tuple[str, ...]]:
+def third_rows(drawn: Sequence[Dependence]) -> Iterator[Cells]:
     """Yield rates by thirds of each parameter."""
-    for one, finding in zip(drawn, holm_findings([one.p for one in drawn]), strict=True):
-        cells = [
-            rate(one.levels[name]) if name in one.levels else wording.DASH
-            for name in ("lowest third", "middle third", "highest third")
-        ]
-        adjusted = wording.format_number(finding.adjusted, 2)
-        words = EVENTS[one.event], one.parameter.words
-        yield *words, *cells, points(one.difference), adjusted
-
-
-def layer_rows(listed: Sequence[RobotRates], event: str) -> Iterator[tuple[str | int, ...]]:
-    """Yield whether the order of layers depends on the robot."""
-    rates_of = rates_by_layer(listed, event)
-    places: dict[str, list[int]] = {name: [] for name in rates_of}
-    for k in range(len(listed)):
-        order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
-        for name in rates_of:
-            places[name].append(order.index(name) + 1)
-    for name, rates in rates_of.items():
-        low, high = (percent(end(rates, key=lambda one: one.value)) for end in (min, max))
-        spread = f"{min(places[name])} to {max(places[name])}"
-        yield name, rate(rates[0]), low, high, places[name][0], spread
-
-
-def sensitivity_rows(found: Sequence[Index]) -> Iterator[tuple[str | int, ...]]:
-    """Yield the Morris and Sobol indices."""
-    for one in found:
-        mean, deviation = (
-            wording.format_number(one.mean_mm),
-            wording.format_number(one.deviation_mm, 2),
+    for effect, finding in adjusted(drawn):
+        cells = (
+            rate(effect.levels[name]) if name in effect.levels else wording.DASH for name in THIRDS
         )
-        indices = (number(Estimate(*index)) for index in (one.total, one.first, one.effect))
-        spread = wording.format_number(one.spread, 2)
-        yield one.case, f"{mean} ± {deviation}", one.parameter.words, *indices, spread, one.runs
+        holm = format_number(finding.adjusted, 2)
+        yield EVENTS[effect.event], effect.parameter.words, *cells, points(effect.difference), holm
 
 
-# --- cells ---
-
-
-def percent(found: Rate) -> str:
-    """Write 12.3 %."""
-    return wording.format_percent(found.value)
+def layer_rows(robots: Sequence[RobotRates], event: str) -> Iterator[Cells]:
+    """Yield whether the order of layers depends on the robot."""
+    rates = {}
+    for name in LAYERS.values():
+        parts = [
+            RobotRates("", robot.events.loc[robot.events["layer"] == name]) for robot in robots
+        ]
+        if all(len(part.events) for part in parts):
+            rates[name] = [part.rate(event) for part in parts]
+    order = [sorted(rates, key=lambda name: -rates[name][k].value) for k in range(len(robots))]
+    for name, mine in rates.items():
+        low, high = (format_percent(end(found.value for found in mine)) for end in (min, max))
+        places = [names.index(name) + 1 for names in order]
+        yield name, rate(mine[0]), low, high, places[0], f"{min(places)} to {max(places)}"
 
 
 def points(difference: Estimate) -> str:
     """Write a difference of rates in points, with its interval."""
-    return number(Estimate(*(100.0 * value for value in difference)))
+    return plain(Estimate(*(100.0 * value for value in difference)), 2)
 
 
 def signed(difference: float) -> str:
     """Write a signed number: +1.2, in points."""
-    text = wording.format_number(100.0 * difference, 2)
+    text = format_number(100.0 * difference, 2)
     return f"+{text}" if difference > 0 else text
 
 
-def number(found: Estimate) -> str:
-    """Write a number with its interval."""
-    if math.isnan(found.value):
-        return wording.DASH
-    value, low, high = (wording.format_number(end + 0.0, 2) for end in found)
-    return value if math.isnan(found.low) else f"{value} ({low} to {high})"
-
-
-KNOWN = "known"
-SEEDS = (1, 2, 3)
-"""Seeds, each of a separate draw of faults and robots together."""
-LAYER_EVENT = "unintended"
-EVERY_CYCLE = "length of packets 0"
-"""Name of the robot that gets a packet in each control cycle."""
-
-
-def compare(context: Context) -> Findings:
-    """Compare rates on every robot, with one parameter varied at a time and with all, and find what
-    decides how far a fault moves the tip.
-    """
+def compare(context: study.Context) -> study.Findings:
+    """Compare rates on every robot, and find what decides how far a fault moves the tip."""
     folders = context.folders
-    base = RobotRates("known robot", read(folders[KNOWN])[1])
-    ends = {}
-    for one in PARAMETERS:
-        name = "alone_" + one.path.removeprefix("plant.").replace(".", "_")
-        ends[one] = robots_at_ends(*read(folders[name]), one)
+    known = RobotRates("known robot", read(folders[KNOWN])[1])
+    alone = {
+        parameter: "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
+        for parameter in PARAMETERS
+    }
+    ends = {
+        parameter: robots_at_ends(folders[name], parameter) for parameter, name in alone.items()
+    }
     sets = [RobotRates(f"set {name}", read(folders[f"set_{name}"])[1]) for name in SETS]
-    robots = [base, *(robot for pair in ends.values() for robot in pair), *sets]
+    robots = [known, *(robot for pair in ends.values() for robot in pair), *sets]
     effects = parameter_effects(ends)
     frames, flags = zip(*(read(folders[f"drawn_{seed}"]) for seed in SEEDS), strict=True)
-    thirds = dependences(pd.concat(frames), pd.concat(flags), PARAMETERS)
-    decided = find(folders[KNOWN].parent.parent / "searches", context.engine)
-    count, event = len(robots), EVENTS[LAYER_EVENT]
-    apart, same = rounding(base, ends)
-
-    def table(key: str, rows: Iterator[tuple[Any, ...]], **values: Any) -> Table:
-        return read_table(NAME, key, rows, **values)
-
-    return Findings(
-        lines=tuple(_lines(base, robots, effects)),
+    drawn = dependences(pd.concat(frames), pd.concat(flags), PARAMETERS)
+    decided = sensitivity_rows(folders[KNOWN].parent.parent / "searches", context.engine)
+    (outcome,) = study.read_toml(SEARCH)["search"]["outcomes"]
+    layers, count = layer_rows(robots, LAYER_EVENT), len(robots)
+    apart, same = rounding(known, ends)
+    return study.Findings(
+        lines=tuple(_lines(robots, effects)),
         tables=(
-            table("conclusions", conclusion_rows(base, robots, effects, thirds), robots=count),
-            table("layers", layer_rows(robots, LAYER_EVENT), robots=count, event=event),
-            table("parameters", parameter_rows()),
-            table("ends", end_rows(effects)),
-            table("thirds", third_rows(thirds)),
-            table("sensitivity", sensitivity_rows(decided), outcome=OUTCOME),
+            read_table(NAME, "conclusions", conclusion_rows(robots, effects, drawn), robots=count),
+            read_table(NAME, "layers", layers, robots=count, event=EVENTS[LAYER_EVENT]),
+            read_table(NAME, "parameters", parameter_rows()),
+            read_table(NAME, "ends", end_rows(effects)),
+            read_table(NAME, "thirds", third_rows(drawn)),
+            read_table(NAME, "sensitivity", decided, outcome=outcome),
         ),
-        notes=read_notes(NAME, robots=count, same=same, rounding=100 * apart),
+        notes=study.read_notes(NAME, robots=count, same=same, rounding=100 * apart),
     )
 
 
-def _lines(
-    known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]
-) -> Iterator[Line]:
-    faults = kinds.count(units.group_units(known.events["kind"].to_numpy()))
+def _lines(robots: Sequence[RobotRates], effects: Sequence[Dependence]) -> Iterator[study.Line]:
+    of = f"faults of this design, {kinds.count(robots[0].kinds)}, the known robot"
     cycle = next(robot for robot in robots if robot.name == EVERY_CYCLE)
     for event, words in EVENTS.items():
-        share, other = known.rate(event), cycle.rate(event)
-        of = f"faults of this design, {faults}, the known robot"
-        yield own_line(words, "%", in_percent(share, share.n, of))
-        yield own_line(f"{words}, a packet each cycle", "%", in_percent(other, other.n, of))
+        share = robots[0].rate(event)
+        yield study.percent_line(words, share, of)
+        yield study.percent_line(f"{words}, a packet each cycle", cycle.rate(event), of)
         (low, _), (high, _) = extremes(robots, event)
         span = Estimate(share.value, low.value, high.value)
-        value = in_percent(span, len(robots), "robots, extremes")
-        yield own_line(f"{words}, over robots", "%", value)
-    judged = holm_findings([one.p for one in effects])
+        value = study.in_percent(span, len(robots), "robots, extremes")
+        yield study.own_line(f"{words}, over robots", "%", value)
+    judged = list(adjusted(effects))
     for parameter in PARAMETERS:
-        depends = [
-            f.rejected for one, f in zip(effects, judged, strict=True) if one.parameter == parameter
-        ]
+        depends = [finding.rejected for effect, finding in judged if effect.parameter == parameter]
         value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
-        yield own_line(f"conclusions that depend on: {parameter.words}", "", value)
+        yield study.own_line(f"conclusions that depend on: {parameter.words}", "", value)
 
 
-STUDY = study(NAME, variants=read_variants(NAME), compare=compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

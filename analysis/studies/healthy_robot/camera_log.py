@@ -49,17 +49,13 @@ class CameraLog(NamedTuple):
 
     @property
     def halves(self) -> tuple[CameraLog, CameraLog]:
-        """Return the part that is fitted to and the part that is held back: the first and second
-        half of the rows by time.
-        """
+        """Return the first half of the rows, that is fitted to, and the second."""
         middle = len(self.joints) // 2
         return self.rows(slice(middle)), self.rows(slice(middle, None))
 
 
 def read(path: Path) -> CameraLog:
-    """Read the recording. Rows of the same moment count once. Raises UserError if columns are
-    missing.
-    """
+    """Read the recording; rows of one moment count once. Raises UserError without its columns."""
     table = pd.read_parquet(path)
     tips = {who: [f"{who}_{axis}_m" for axis in "xyz"] for who in ("camera", "reported")}
     turns = [f"reported_r{i}{j}" for i in range(3) for j in range(3)]

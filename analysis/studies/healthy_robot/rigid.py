@@ -25,9 +25,7 @@ class RigidMotion(NamedTuple):
 
 
 def fit(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
-    """Return the motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch;
-    reweighted for Huber's loss).
-    """
+    """Return the motion of `points` [n, 3] onto others [..., n, 3], m (Kabsch, Huber's loss)."""
     weight, motion = np.ones(onto.shape[:-1]), RigidMotion(np.eye(3), np.zeros(3))
     for _ in range(ITERATIONS):
         share = (weight / weight.sum(axis=-1, keepdims=True))[..., None]

@@ -10,7 +10,6 @@ upper bound.
 """
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,34 +23,18 @@ from studies.healthy_robot import rigid
 from studies.healthy_robot.camera_log import ARM, CameraLog
 
 LIMIT_M = 3e-3
-QUANTILES = (0.25, 0.5, 0.75, 0.95)
 PATHS, SPREAD = tuple(MEASURED), np.array(tuple(MEASURED.values()))
 
 
-class ErrorSize(NamedTuple):
-    """The size of one arm's tip errors."""
-
-    quantiles: np.ndarray  # [4] m, at QUANTILES
-    beyond: float  # share larger than LIMIT_M
-    rms: float  # m
-
-
-def size(errors: np.ndarray) -> ErrorSize:
-    """Return the size of tip errors [n], m."""
-    return ErrorSize(
-        np.quantile(errors, QUANTILES),
-        float((errors > LIMIT_M).mean()),
-        float(np.sqrt(np.square(errors).mean())),
-    )
-
-
 def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return tip errors [..., n] (m) on the first and on the second half of a log, for true or seen
-    tips [..., n, 3].
-    """
+    """Return tip errors [..., n] (m) on both halves of a log, for tips [..., n, 3]."""
     middle = len(log.joints) // 2
     apart = np.linalg.norm(vectors_of(log, true), axis=-1)
     return apart[..., :middle], apart[..., middle:]
+
+
+def rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.square(errors).mean()))
 
 
 def vectors_of(log: CameraLog, true: np.ndarray) -> np.ndarray:
@@ -107,9 +90,7 @@ def with_values(values: jax.Array) -> KinematicErrors:
 
 
 def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
-    """Return [n, 3] true tips (m, frame 0) of the arm with `values`, for joints [n, 7] that its
-    software reports.
-    """
+    """Return [n, 3] true tips (m, frame 0) of an arm that reports joints [n, 7]."""
     errors = with_values(values)
     links = kinematic_errors.true_joints(errors, Vec(joints[:, i] for i in range(7)))
     return jnp.stack([*kinematic_errors.true_tip(ARM, errors, None, links)], axis=-1)
@@ -124,9 +105,7 @@ def draw(robots: int, seed: int = 0) -> np.ndarray:
 
 
 def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return [robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
-    second half.
-    """
+    """Return tip errors [robots, n] (m) on both halves of a log, for errors [robots, 16]."""
     return errors_of(log, tips_of(log, robots))
 
 
@@ -153,6 +132,6 @@ def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
     """Return [n] tip errors of a null model: normal, independent at each moment and equal in each
     axis, with the first half's root mean square, m.
     """
-    deviation = size(errors_of(log, log.camera)[0]).rms / np.sqrt(3.0)
+    deviation = rms(errors_of(log, log.camera)[0]) / np.sqrt(3.0)
     normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
     return np.linalg.norm(deviation * normal, axis=1)

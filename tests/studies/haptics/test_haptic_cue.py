@@ -50,17 +50,14 @@ def faulty(first: list[list[int]], unintended_ms: list[int], rules: Rules = RULE
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
-    counts = haptic_cue.counts(
-        missed,
-        units.group_units(np.arange(4)),
-        np.array([[20, 1, 0]]),
-        np.array([1.0]),
-        np.array(["a"]),
-    )
-    found = haptic_cue.choose(counts, np.array([1.0, 10.0, 1000.0]))
-    assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
-    assert found.winner.tolist() == [2, 1, 0]
-    assert found.wins.sum(axis=1) == pytest.approx(1.0)
+    faults, weights = units.group_units(np.arange(4)), (1.0, 10.0, 1000.0)
+    hours, recording = np.array([1.0]), np.array(["a"])
+    false = np.array([[20, 1, 0]])
+    found = haptic_cue.choose(missed, faults, false, hours, recording, weights)
+    costs = [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
+    assert [one.cost.tolist() for one in found] == costs
+    assert [one.winner for one in found] == [2, 1, 0]
+    assert [one.wins.sum() for one in found] == pytest.approx([1.0] * 3)
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
@@ -79,20 +76,21 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
     assert haptic_cue.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
-    late = haptic_cue.missed(runs, [PUBLISHED], before=True)[:, 0]
+    late = haptic_cue.missed(runs, [PUBLISHED], haptic_cue.LATE)[:, 0]
     assert late.tolist() == [False, True, True, True]
 
 
 @pytest.mark.slow
-def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(haptic_cue, "MOTIONS", ("suture", "reach"))
-    monkeypatch.setattr(
-        haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer"))
-    )
-    monkeypatch.setattr(haptic_cue, "FREE_S", 20)
-    found = findings_files.reproduce(
-        dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path
-    )
+def test_the_study_runs(tmp_path: Path) -> None:
+    free = ("free_suture_11", "free_peg_transfer_11")
+    variants = [one for one in haptic_cue.STUDY.variants if one.name in ("suture", "reach")]
+    variants += [
+        dataclasses.replace(one, overrides=(*one.overrides, "campaign.duration_s=20"))
+        for one in haptic_cue.STUDY.variants
+        if one.name in free
+    ]
+    study = dataclasses.replace(haptic_cue.STUDY, variants=tuple(variants))
+    found = findings_files.reproduce(study, tmp_path)
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
     assert len(shown.rows) >= 12
     by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))

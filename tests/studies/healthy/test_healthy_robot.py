@@ -28,7 +28,7 @@ def test_a_change_is_that_of_the_same_faults() -> None:
 
 
 def test_a_mean_over_robots_has_an_interval_over_robots() -> None:
-    values = pd.DataFrame({"rms": np.random.default_rng(0).normal(2.0, 0.5, 100)})
-    one = healthy_robot.mean(values, "rms")
-    assert one.low < values["rms"].mean() == pytest.approx(one.value)
+    values = np.random.default_rng(0).normal(2.0, 0.5, 100)
+    one = healthy_robot.mean(values)
+    assert one.low < values.mean() == pytest.approx(one.value)
     assert one.high - one.low == pytest.approx(4 * 0.05, rel=0.2)
