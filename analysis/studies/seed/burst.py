@@ -108,7 +108,7 @@ def tabulate(measured: Mapping[str, Mapping[Motion, Sequence[BurstRun]]]) -> Bur
     ]
     runs = pd.DataFrame(rows, columns=["setting", "kind", "seed", *BurstRun._fields])
     listed = runs.pop("events").explode().dropna()
-    events = pd.DataFrame(list(listed), listed.index, columns=BurstEvent._fields)
+    events = pd.DataFrame(list(listed), listed.index, columns=[*BurstEvent._fields])
     return Bursts(runs.assign(number=events.groupby(level=0).size()).fillna({"number": 0}), events)
 
 
@@ -374,7 +374,9 @@ def _stop_peaks(bursts: Bursts) -> pd.Series:
 def _constants(bursts: Bursts, met: pd.DataFrame) -> Iterator[tuple[str | int, ...]]:
     for value in np.unique(bursts.runs["value"]):
         runs, events = bursts.where(bursts.runs["value"] == value)
-        stops = np.bincount(runs.loc[runs["cause"] != "", "number"].astype(int), minlength=5)[1:]
+        stops = np.bincount(
+            runs.loc[runs["cause"] != "", "number"].astype(int), minlength=EVENTS + 1
+        )[1:]
         yield (
             f"{value:+.0f}",
             span(runs["number"], ".0f"),
