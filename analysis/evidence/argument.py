@@ -1,9 +1,7 @@
-"""Builds the argument in goal structuring notation, and writes it as JSON and as a Mermaid
-diagram.
-"""
+"""Builds the argument in goal structuring notation, and draws it as a Mermaid diagram."""
 
-import json
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -42,10 +40,8 @@ def say_evading(source: Source) -> str:
         bounds = f" ({share} of faults drawn so, 95 % interval {interval})"
     some = wording.format_count(evaded.k) if evaded.k else "none"
     return (
-        f"Of {wording.count_noun(evaded.n, 'distinct fault')} of this design, {some} made the"
-        " live robot"
-        f" move more than {source.record.limit_mm:g} mm off its course without any check telling"
-        f" anyone{bounds}."
+        f"Of {wording.count_noun(evaded.n, 'distinct fault')} of this design, {some} moved the live"
+        f" robot more than {source.record.limit_mm:g} mm off its course without an alarm{bounds}."
     )
 
 
@@ -149,65 +145,36 @@ def build_argument(
 def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
     """Return the nodes in reading order, numbered in that order."""
     by_name, names = {node.name: node for node in nodes}, dict[str, str]()
-    counts = dict.fromkeys(KINDS.values(), 0)
-    letters = {kind: letter for letter, kind in KINDS.items()}
+    counts = Counter[str]()
 
     def walk(node: Node) -> None:
         if node.name not in names:
-            counts[node.kind] += 1
-            names[node.name] = f"{letters[node.kind]}{counts[node.kind]}"
+            letter = node.name.rstrip("0123456789")
+            counts[letter] += 1
+            names[node.name] = f"{letter}{counts[letter]}"
             for name in (*node.in_context_of, *node.supported_by):
                 walk(by_name[name])
 
+    def rename(node: Node) -> Node:
+        below = tuple(names[name] for name in node.supported_by)
+        context = tuple(names[name] for name in node.in_context_of)
+        changes = {"name": names[node.name], "supported_by": below, "in_context_of": context}
+        return node.model_copy(update=changes)
+
     walk(nodes[-1])
-    return [
-        by_name[name].model_copy(
-            update={
-                "name": number,
-                "supported_by": tuple(names[below] for below in by_name[name].supported_by),
-                "in_context_of": tuple(names[other] for other in by_name[name].in_context_of),
-            }
-        )
-        for name, number in names.items()
-    ]
+    return [rename(by_name[name]) for name in names]
 
 
-def write_json(evidence: EvidenceRecord) -> str:
-    """Write the notice, the statements of the results, and each node as JSON."""
-    states = {node.status for node in evidence.nodes}
-    whole = {
-        "notice": evidence.notice,
-        "notation": "GSN: goals, strategies, solutions, contexts",
-        "written": evidence.written,
-        "checked": evidence.checked,
-        "status": next((state for state in ("broken", "open") if state in states), "holds"),
-        "results": evidence.sentences,
-        "nodes": {
-            node.name: node.model_dump(exclude={"name"}, exclude_defaults=True)
-            | {"status": node.status}
-            for node in evidence.nodes
-        },
-    }
-    return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
-
-
-def write_mermaid(evidence: EvidenceRecord) -> str:
-    """Write goals, strategies and contexts as a flowchart. Of the files, only broken ones are
-    shown.
+def draw_mermaid(evidence: EvidenceRecord) -> Iterator[str]:
+    """Return the lines of a flowchart of goals, strategies and contexts. Of the files, only broken
+    ones are shown.
     """
-    return "\n".join(_mermaid(evidence)) + "\n"
-
-
-def _mermaid(evidence: EvidenceRecord) -> Iterator[str]:
     yield f"%% {evidence.notice}\nflowchart LR"
     yield "classDef broken fill:#fde2e2,stroke:#b91c1c\nclassDef open stroke:#a16207"
     shown = {n.name: n for n in evidence.nodes if n.kind != "solution" or n.status == "broken"}
     for node in shown.values():
-        words = (
-            f"{node.name} {node.text} {node.reason}".strip()
-            .replace('"', "#quot;")
-            .replace("<", "#lt;")
-        )
+        words = f"{node.name} {node.text} {node.reason}".strip()
+        words = words.replace('"', "#quot;").replace("<", "#lt;")
         yield f'{node.name}@{{ shape: {SHAPES[node.kind]}, label: "{words}" }}'
         if node.status != "holds":
             yield f"class {node.name} {node.status}"

@@ -1,9 +1,9 @@
 """Implements `ravenjax evidence`: writes evidence, or computes its checksums again."""
 
 from pathlib import Path
-from typing import Any
 
 from evidence import writing
+from evidence.record import EvidenceRecord
 from ravenjax.cli import console
 from ravenjax.errors import UserError
 from ravenjax.store.files import hash_file
@@ -25,7 +25,7 @@ def evidence(
                 " itself"
             )
         result = writing.check(check)
-        _tell_check(check, result, as_json)
+        _print_check(check, result, as_json)
         return 1 if result.of_status("broken") else 0
     if not folders:
         raise UserError(
@@ -43,16 +43,16 @@ def evidence(
 
         model = model_credibility(credibility)
     result = writing.write(folders, place, xlsx, model)
-    _tell_files(writing.files(place), result, as_json)
+    _print_files(writing.files(place), result, as_json)
     return 0
 
 
-def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
+def _print_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
     """Print what the results say, and which files hold the details."""
     digest = hash_file(paths[-1])
     if as_json:
-        plain = _plain(result) | {"files": [str(path) for path in paths], "record_sha256": digest}
-        return console.emit_json(plain)
+        plain = result.model_dump(mode="json") | {"files": list(map(str, paths))}
+        return console.emit_json(plain | {"record_sha256": digest})
     for sentence in (*result.sentences, result.notice):
         console.print_text(sentence)
     for node in result.of_status("open"):
@@ -61,24 +61,17 @@ def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
     return console.print_text(f"  sha256 of {paths[-1].name}: {digest}")
 
 
-def _tell_check(place: Path, result: Any, as_json: bool) -> None:
+def _print_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
     """Print how many checksums hold, and each that does not."""
     if as_json:
-        return console.emit_json(_plain(result))
-    items = [node for node in result.nodes if node.item is not None]
-    complaints = [node for node in items if node.status == "broken"]
-    files = f"{len(items)} file" + ("s" if len(items) != 1 else "")
-    console.print_text(
-        f"{place}: {files} looked at, "
-        + (f"{len(complaints)} broken" if complaints else "every checksum holds")
-    )
-    for node in complaints:
+        return console.emit_json(result.model_dump(mode="json"))
+    broken = result.of_status("broken")
+    files = [node for node in broken if node.item is not None]
+    verdict = f"{len(files)} broken" if files else "every checksum holds"
+    checked = sum(node.item is not None for node in result.nodes)
+    console.print_text(f"{place}: {checked} file{'s' * (checked != 1)} checked, {verdict}")
+    for node in files:
         console.print_error(f"{node.name}: {node.reason}")
-    others = [node.name for node in result.of_status("broken") if node.item is None]
-    if others:
-        console.print_text(f"what rests on them is red, too: {', '.join(others)}")
+    if others := [node.name for node in broken if node.item is None]:
+        console.print_text(f"what rests on them is broken, too: {', '.join(others)}")
     return None
-
-
-def _plain(one: Any) -> dict:
-    return one.model_dump(mode="json")

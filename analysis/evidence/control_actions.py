@@ -5,13 +5,13 @@ of the robot's loop: the operator's packets at the console and network, set poin
 model, motor commands at the DAC.
 """
 
-from collections import Counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+import pandas as pd
 
 from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
-from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quote_text
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
@@ -59,69 +59,45 @@ KINDS = (
 """Kinds in the order in which they are tried."""
 
 
-class ControlAction(NamedTuple):
-    """One line: the distinct faults at one site that made its control action unsafe in one way."""
+def count_control_actions(source: Source) -> pd.DataFrame:
+    """Return the lines of one result, by site, most frequent kind first; none without faults.
 
-    result: str
-    campaign: str
-    control_action: str
-    site: str
-    layer: str
-    kind: str
-    mapping: str
-    hazard: str
-    rate: Rate  # of the distinct faults at this site
-    interval: str
-    evaded: int  # of these: faults with an unintended motion that no check reported
-    # Of these: faults that a check reported to a person, or for which it stopped the robot.
-    alarms: int
-    groups: str
-    example_runs: str
-
-
-def count_control_actions(source: Source) -> list[ControlAction]:
-    """Return the lines of one result, by site, most frequent kind first; none without faults."""
+    A line has the distinct faults at one site that made its control action unsafe in one way.
+    `evaded` and `alarms` count those with an unintended motion that no check reported, and those
+    that a check reported to a person or for which it stopped the robot.
+    """
     runs = source.runs
     if "fault0_site" not in runs.names:
-        return []
+        return pd.DataFrame()
     cases = " ".join(f"WHEN {kind.sql} THEN {quote_text(kind.name)}" for kind in KINDS)
-    counted = runs.table.rows(
-        f"SELECT f.site::VARCHAR, f.layer::VARCHAR, CASE {cases} ELSE 'none' END AS kind,"
-        " f.hazard::VARCHAR, count(*), "
-        "count(*) FILTER (f.evaded), count(*) FILTER (f.told), "
-        f"""list_sort(list(DISTINCT f."group"::VARCHAR)), {EXAMPLE_RUNS} """
-        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
-        " ORDER BY ALL"
+    actions = runs.table.frame(
+        f"SELECT f.site::VARCHAR AS site, f.layer::VARCHAR AS layer,"
+        f" CASE {cases} ELSE 'none' END AS kind, f.hazard::VARCHAR AS hazard, count(*) AS k,"
+        " count(*) FILTER (f.evaded) AS evaded, count(*) FILTER (f.told) AS alarms,"
+        """ array_to_string(list_sort(list(DISTINCT f."group"::VARCHAR)), '; ') AS groups,"""
+        f" {EXAMPLE_RUNS} AS example_runs"
+        f" FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty"
+        " GROUP BY ALL ORDER BY ALL"
     )
-    totals = Counter[str]()
-    for site, _, _, _, k, *_ in counted:
-        totals[site] += k
-    groups = runs.groups_by("site")
-    actions = [
-        _row(source, line, totals[line[0]], groups[line[0]])
-        for line in counted
-        if line[2] != KINDS[0].name
+    groups, meanings = runs.groups_by("site"), {kind.name: kind.meaning for kind in KINDS}
+    totals = actions.groupby("site")["k"].transform("sum")
+    rates = [
+        tables.of_faults(runs, k, n, groups[site])
+        for k, n, site in zip(actions["k"], totals, actions["site"], strict=True)
     ]
-    return sorted(actions, key=lambda row: (row.site, -row.rate.k, row.kind))
-
-
-def _row(source: Source, line: tuple[Any, ...], n: int, groups: set[str]) -> ControlAction:
-    site, layer, name, hazard, k, evaded, alarms, own, examples = line
-    (kind,) = (kind for kind in KINDS if kind.name == name)
-    rate = tables.of_faults(source.runs, k, n, groups)
-    return ControlAction(
-        source.name,
-        source.record.campaign,
-        f"what passes {site} ({layer})",
-        site,
-        layer,
-        kind.name,
-        kind.meaning,
-        hazard,
-        rate,
-        interval_in_words(rate),
-        evaded,
-        alarms,
-        "; ".join(own),
-        examples,
+    actions = actions.assign(
+        result=source.name,
+        campaign=source.record.campaign,
+        control_action="what passes " + actions["site"] + " (" + actions["layer"] + ")",
+        mapping=[meanings[kind] for kind in actions["kind"]],
+        rate=rates,
+        interval=[interval_in_words(rate) for rate in rates],
+    )
+    unsafe = actions.query("kind != @KINDS[0].name")
+    ordered = unsafe.sort_values(by=["site", "k", "kind"], ascending=[True, False, True])
+    return ordered.filter(
+        [
+            *("result", "campaign", "control_action", "site", "layer", "kind", "mapping"),
+            *("hazard", "rate", "interval", "evaded", "alarms", "groups", "example_runs"),
+        ]
     )

@@ -5,112 +5,82 @@ all of these, so the lines of one group, site and effect add up to one. Faults a
 report: the first valid run of each in which nobody reacts, by the first fault of a run.
 """
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import pandas as pd
 
 from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.hazards import naming
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
-from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS
 from ravenjax.vocabulary.effects import EFFECTS
 
-NOBODY = "nobody"
 _AFTER = "median({0} - f.active_ms) FILTER (f.active_ms >= 0 AND {0} >= f.active_ms)"
 """SQL: median delay of an event after the fault's first effect, over the runs in which it came."""
 
 
-class FailureMode(NamedTuple):
-    """One line. Delays are medians after the fault's first effect, ms, over the runs in which the
-    event came.
-    """
-
-    result: str
-    campaign: str
-    group: str
-    library_hazards: str  # ids, from the group's name
-    library_titles: str
-    site: str
-    effect: str
-    local_effect: str  # layer, and what the effect does to the number there
-    response: str
-    hazard: str  # the end effect
-    detected_by: str
-    evades: bool
-    rate: Rate  # over the distinct faults of this group, site and effect
-    interval: str
-    told_after_ms: float  # NaN: never
-    cue_after_ms: float
-    hazard_after_ms: float
-    failed_runs_of_group: int  # without a valid outcome, counted in no rate
-    example_runs: str
-
-
-def count_failure_modes(source: Source) -> list[FailureMode]:
+def count_failure_modes(source: Source) -> pd.DataFrame:
     """Return the lines of one result, by group, site and effect, most frequent end first; none
     without faults.
+
+    Delays (`_after_ms`) are medians after the fault's first effect, over the runs in which the
+    event came; NaN: never. `failed_runs_of_group` are counted in no rate.
     """
     runs = source.runs
     if "fault0_site" not in runs.names:
-        return []
+        return pd.DataFrame()
     hazard_ms = "greatest(f.unintended_ms, f.loss_ms, f.misreport_ms)"
-    counted = runs.table.rows(
-        'SELECT f."group"::VARCHAR, f.site::VARCHAR, r.fault0_effect::VARCHAR, f.layer::VARCHAR,'
-        " f.response::VARCHAR, "
-        "f.hazard::VARCHAR, CASE WHEN f.response = 'silent' THEN '' ELSE r.response_cause::VARCHAR"
-        " END AS cause, "
-        "f.cued, f.evaded, count(*) AS k, "
-        f"{', '.join(_AFTER.format(event) for event in ('f.told_ms', 'f.warned_ms', hazard_ms))},"
-        f" {EXAMPLE_RUNS} "
-        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
-        " ORDER BY ALL"
+    modes = runs.table.frame(
+        'SELECT f."group"::VARCHAR AS "group", f.site::VARCHAR AS site,'
+        " r.fault0_effect::VARCHAR AS effect, f.layer::VARCHAR AS layer,"
+        " f.response::VARCHAR AS response, f.hazard::VARCHAR AS hazard,"
+        " CASE WHEN f.response = 'silent' THEN '' ELSE r.response_cause::VARCHAR END AS cause,"
+        " f.cued, f.evaded AS evades, count(*) AS k,"
+        f" {_AFTER.format('f.told_ms')} AS told_after_ms,"
+        f" {_AFTER.format('f.warned_ms')} AS cue_after_ms,"
+        f" {_AFTER.format(hazard_ms)} AS hazard_after_ms, {EXAMPLE_RUNS} AS example_runs"
+        f" FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty"
+        " GROUP BY ALL ORDER BY ALL"
     )
+    totals = modes.groupby(["group", "site", "effect"])["k"].transform("sum")
+    rates = [
+        tables.of_faults(runs, k, n, [group])
+        for k, n, group in zip(modes["k"], totals, modes["group"], strict=True)
+    ]
     failed = {row["name"]: row["failed"] for row in tables.group_rows(runs)}
-    totals: dict[tuple[str, ...], int] = {}
-    for group, site, effect, *_, k, _, _, _, _ in counted:
-        totals[group, site, effect] = totals.get((group, site, effect), 0) + k
-    modes = [_row(source, line, totals[line[:3]], failed[line[0]]) for line in counted]
-    return sorted(modes, key=lambda row: (row.group, row.site, row.effect, -row.rate.k))
-
-
-def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureMode:
-    group, site, effect, layer, response, hazard, cause, cued, evaded, k, *after, examples = line
-    told_ms, cue_ms, hazard_ms = (
-        float("nan") if value is None else float(value) for value in after
+    modes = modes.assign(
+        result=source.name,
+        campaign=source.record.campaign,
+        library_hazards=[" ".join(naming.hazards_of(group)) for group in modes["group"]],
+        library_titles=modes["group"].map(naming.titles_of),
+        local_effect=[
+            f"{layer}: {EFFECTS[effect].meaning}" if effect in EFFECTS else layer
+            for layer, effect in zip(modes["layer"], modes["effect"], strict=True)
+        ],
+        detected_by=[
+            _name_detectors(*row)
+            for row in zip(modes["response"], modes["cause"], modes["cued"], strict=True)
+        ],
+        rate=rates,
+        interval=[interval_in_words(rate) for rate in rates],
+        failed_runs_of_group=[failed[group] for group in modes["group"]],
     )
-    rate = tables.of_faults(source.runs, k, n, [group])
-    return FailureMode(
-        source.name,
-        source.record.campaign,
-        group,
-        " ".join(naming.hazards_of(group)),
-        naming.titles_of(group),
-        site,
-        effect,
-        f"{layer}: {EFFECTS[effect].meaning}" if effect in EFFECTS else layer,
-        response,
-        hazard,
-        ", ".join(_detection(response, cause, cued)) or NOBODY,
-        evaded,
-        rate,
-        interval_in_words(rate),
-        told_ms,
-        cue_ms,
-        hazard_ms,
-        failed,
-        examples,
+    order = ["group", "site", "effect", "k"]
+    ordered = modes.sort_values(order, ascending=[True, True, True, False])
+    return ordered.filter(
+        [
+            *("result", "campaign", "group", "library_hazards", "library_titles", "site"),
+            *("effect", "local_effect", "response", "hazard", "detected_by", "evades", "rate"),
+            *("interval", "told_after_ms", "cue_after_ms", "hazard_after_ms"),
+            *("failed_runs_of_group", "example_runs"),
+        ]
     )
 
 
-def _detection(response: str, cause: str, cued: bool) -> Iterator[str]:
+def _name_detectors(response: str, cause: str, cued: bool) -> str:
     """Say who noticed the fault: a check that stopped the robot or informed a person, a check that
     only limited, or the haptic cue.
     """
-    if response != "silent":
-        did = {"limited": " (limited, no alarm)", "stopped": " (stopped the robot)"}.get(
-            response, " (raised an alarm)"
-        )
-        yield f"check {cause or 'not recorded'}{did}"
-    if cued:
-        yield "haptic cue"
+    did = {"limited": "limited, no alarm", "stopped": "stopped the robot"}
+    check = f"check {cause or 'not recorded'} ({did.get(response, 'raised an alarm')})"
+    names = [check] * (response != "silent") + ["haptic cue"] * cued
+    return ", ".join(names) or "nobody"

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +19,7 @@ from evidence.sources import identify
 from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import hash_file, parse_json, write_aside
+from ravenjax.store.files import hash_file, write_aside
 from ravenjax.store.folder import READERS
 
 NOTICE = (
@@ -27,7 +28,6 @@ NOTICE = (
 )
 """A statement of what evidence is not. Every file that can carry it does."""
 FILE = "evidence.json"
-VERSION = 1
 Status = Literal["holds", "open", "broken"]
 """Status of a node. holds: as it was written. open: not finished, for example because runs are
 missing. broken: a file that it rests on has changed.
@@ -65,12 +65,30 @@ class EvidenceRecord(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    version: int = VERSION
+    version: Literal[1] = 1
     notice: str = NOTICE
     written: str
     checked: str | None = None  # time at which checksums were last computed again
     sentences: tuple[str, ...]  # the results, one sentence each
     nodes: tuple[Node, ...] = Field(min_length=1)  # the top goal comes first
+
+    @pydantic.computed_field
+    @property
+    def status(self) -> Status:
+        """The worst status of a node."""
+        if self.of_status("broken"):
+            return "broken"
+        return "open" if self.of_status("open") else "holds"
+
+    @pydantic.model_validator(mode="after")
+    def _order(self) -> EvidenceRecord:
+        supports = {node.name: node.supported_by for node in self.nodes}
+        # Raises ValueError for a cycle.
+        ordered = list(TopologicalSorter(supports).static_order())
+        context = [name for node in self.nodes for name in node.in_context_of]
+        if missing := sorted({*ordered, *context} - supports.keys()):
+            raise ValueError(f"nodes rest on {', '.join(missing)}, which is missing")
+        return self
 
     def of_status(self, status: Status) -> list[Node]:
         """Return the nodes of a status, in order."""
@@ -95,12 +113,7 @@ def read_record(folder: Path) -> EvidenceRecord:
     path = folder / FILE
     again = "Write it again with `ravenjax evidence DIR... --out FOLDER`."
     try:
-        data = parse_json(path.read_text(encoding="utf-8"))
-        if isinstance(data, dict) and data.get("version", VERSION) != VERSION:
-            raise StoreError(
-                f"{path}: is of version {data['version']}, expected {VERSION}. {again}"
-            )
-        evidence = EvidenceRecord.model_validate(data)
+        evidence = EvidenceRecord.model_validate_json(path.read_bytes())
     except FileNotFoundError as error:
         raise StoreError(
             f"{folder}: holds no {FILE}; give a folder that `ravenjax evidence` wrote"
@@ -109,17 +122,8 @@ def read_record(folder: Path) -> EvidenceRecord:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     except pydantic.ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(item) for item in first["loc"]) or "top level"
+        where = ".".join(map(str, first["loc"])) or "top level"
         raise StoreError(f"{path}: {where}: {first['msg']}. {again}") from error
-    except ValueError as error:
-        raise StoreError(f"{path}: is not valid JSON ({error}). {again}") from error
-    names = {node.name for node in evidence.nodes}
-    for node in evidence.nodes:
-        if unknown := {*node.supported_by, *node.in_context_of} - names:
-            raise StoreError(
-                f"{path}: {node.name} rests on {', '.join(sorted(unknown))}, which it lacks."
-                f" {again}"
-            )
     return evidence
 
 
@@ -162,28 +166,20 @@ def _find_problem(folder: Path, item: Item) -> str:
 
 def judge(nodes: Sequence[Node], problems: Mapping[str, str]) -> tuple[Node, ...]:
     """Return each node with its status: broken if its file is, or if any node that it rests on is
-    broken.
+    broken. Otherwise a status `open` stays.
 
-    A status `open` stays if nothing is broken. `problems`: of each solution, "" if nothing is
-    wrong.
+    `problems`: of each solution, "" if nothing is wrong.
     """
-    by_name = {node.name: node for node in nodes}
-    reasons: dict[str, str] = {}
+    supports, reasons = {node.name: node.supported_by for node in nodes}, dict(problems)
+    for name in TopologicalSorter(supports).static_order():
+        if below := [other for other in supports[name] if reasons.get(other)]:
+            reasons[name] = f"rests on {', '.join(below)}"
 
-    def find_reason(name: str) -> str:
-        if name not in reasons:
-            # Set before visiting its supports, so that a record with a cycle terminates.
-            reasons[name] = problems.get(name, "")
-            below = [other for other in by_name[name].supported_by if find_reason(other)]
-            if below and not reasons[name]:
-                reasons[name] = f"rests on {', '.join(below)}"
-        return reasons[name]
+    def update(node: Node) -> Node:
+        if reason := reasons.get(node.name):
+            return node.model_copy(update={"status": "broken", "reason": reason})
+        if node.status == "broken":
+            return node.model_copy(update={"status": "holds", "reason": ""})
+        return node
 
-    judged = []
-    for node in nodes:
-        if reason := find_reason(node.name):
-            node = node.model_copy(update={"status": "broken", "reason": reason})
-        elif node.status == "broken":
-            node = node.model_copy(update={"status": "holds", "reason": ""})
-        judged.append(node)
-    return tuple(judged)
+    return tuple(map(update, nodes))

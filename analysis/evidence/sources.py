@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,27 +16,11 @@ from ravenjax.store import manifest as manifests
 from ravenjax.store.manifest import Manifest
 
 _DECIDES = {
-    "schema_version",
-    "config",
-    "config_hash",
-    "seed",
-    "runs",
-    "duration_ms",
-    "shape",
-    "cues",
-    "detectors",
-    "verdict_cue",
-    "verdict_jump",
-    "limit_mm",
-    "engine",
-    "device",
-    "versions",
-    "code_hash",
-    "shard",
+    *("schema_version", "config", "config_hash", "seed", "runs", "duration_ms", "shape", "cues"),
+    *("detectors", "verdict_cue", "verdict_jump", "limit_mm", "engine", "device", "versions"),
+    *("code_hash", "shard"),
 }
-"""Fields of a manifest that decide outcomes, and their names in words. The other fields describe
-starts and times.
-"""
+"""Fields of a manifest that decide outcomes. The others describe starts and times."""
 
 
 class Source(NamedTuple):
@@ -52,14 +37,12 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
     """Open result folders, in order. Raises UserError if one is named twice, and StoreError as
     `Runs.open` does.
     """
-    seen: set[Path] = set()
-    for folder in folders:
-        if folder.resolve() in seen:
+    for folder, count in Counter(map(Path.resolve, folders)).items():
+        if count > 1:
             raise UserError(
-                f"{folder}: is named twice; each result folder once, or its faults would count"
-                " double"
+                f"{folder}: is named {count} times; name each result folder once, or its faults"
+                " count double"
             )
-        seen.add(folder.resolve())
     with contextlib.ExitStack() as stack:
         sources = []
         for number, folder in enumerate(folders, start=1):
@@ -82,9 +65,8 @@ EXAMPLES = 3
 """Number of runs that are listed for a number: the first in the order of the fault table."""
 EXAMPLE_RUNS = f"array_to_string(arg_min(r.run_id, f.row, {EXAMPLES}), ' ')"
 """SQL: ids of the first few rows of a group."""
-SAMPLED, ENUMERATED = "Wilson, 95 %", "none: not all of the faults were drawn"
 
 
 def interval_in_words(rate: Rate) -> str:
     """Return how the interval of a rate was computed."""
-    return ENUMERATED if math.isnan(rate.low) else SAMPLED
+    return "none: not all of the faults were drawn" if math.isnan(rate.low) else "Wilson, 95 %"

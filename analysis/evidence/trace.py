@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from evidence.sources import Source
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
@@ -13,22 +15,8 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.store.access.query import RESULTS, quote_name
 
 COLUMNS = (
-    "result",
-    "campaign",
-    "hazard",
-    "group",
-    "run_id",
-    "index",
-    "fault",
-    "response",
-    "response_cause",
-    "cue",
-    "evades",
-    "in_rates",
-    "hazard_ms",
-    "told_ms",
-    "part",
-    "part_sha256",
+    *("result", "campaign", "hazard", "group", "run_id", "index", "fault", "response"),
+    *("response_cause", "cue", "evades", "in_rates", "hazard_ms", "told_ms", "part", "part_sha256"),
 )
 """Columns of the trace. `in_rates`: the run counts for its fault in every rate. Other runs repeat
 it or have a reaction.
@@ -38,23 +26,20 @@ BATCH = 20_000
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 
 
-def count_matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
+def count_matrix(source: Source) -> pd.DataFrame:
     """Return one line per group with faults: how many distinct faults ended in each hazard. The
     trace has their runs.
     """
-    for source in sources:
-        cube = source.runs.cube()
-        mine = cube.loc[cube["faulty"] & cube["sample"]]
-        for group, part in mine.groupby("group"):
-            counts = part.groupby("hazard")["runs"].sum()
-            yield {
-                "result": source.name,
-                "campaign": source.record.campaign,
-                "group": group,
-                "faults": int(part["runs"].sum()),
-                **{name.replace(" ", "_"): int(counts.get(name, 0)) for name in verdict.HAZARDS},
-                "evade": int(part.loc[part["evaded"], "runs"].sum()),
-            }
+    cube = source.runs.cube()
+    counted = cube.loc[cube["faulty"] & cube["sample"]].astype({"group": str, "hazard": str})
+    by_hazard = counted.pivot_table("runs", "group", "hazard", "sum", 0)
+    matrix = by_hazard.reindex(columns=list(verdict.HAZARDS), fill_value=0)
+    matrix.columns = [name.replace(" ", "_") for name in matrix]
+    matrix.insert(0, "faults", matrix.sum(axis=1))
+    evading = counted[counted["evaded"]].groupby("group")["runs"].sum()
+    matrix["evade"] = evading.reindex(matrix.index, fill_value=0)
+    names = pd.DataFrame({"result": source.name, "campaign": source.record.campaign}, matrix.index)
+    return names.join(matrix.reset_index().set_index("group", drop=False))
 
 
 def write_trace(path: Path, sources: Sequence[Source]) -> None:
@@ -85,25 +70,11 @@ def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:
     for batch in runs.table.batches(query, BATCH):
         for row in batch.to_pylist():
             part = ordered[bisect.bisect_right(starts, row["row"]) - 1]
+            fault = wording.describe_fault(row, record.robot)
             yield [
-                source.name,
-                record.campaign,
-                hazard,
-                row["group"],
-                row["run_id"],
-                row["row"],
-                wording.describe_fault(row, record.robot),
-                row["response"],
-                row["cause"],
-                _yes(row["cued"]),
-                _yes(row["evaded"]),
-                _yes(row["sample"]),
-                row["hazard_ms"] if row["hazard_ms"] >= 0 else "",
-                row["told_ms"] if row["told_ms"] >= 0 else "",
-                part.file,
-                part.sha256,
+                *(source.name, record.campaign, hazard, row["group"], row["run_id"], row["row"]),
+                *(fault, row["response"], row["cause"]),
+                *("yes" if row[name] else "no" for name in ("cued", "evaded", "sample")),
+                *(row[name] if row[name] >= 0 else "" for name in ("hazard_ms", "told_ms")),
+                *(part.file, part.sha256),
             ]
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "no"

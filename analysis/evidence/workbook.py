@@ -2,13 +2,12 @@
 dependency.
 """
 
-import csv
 import importlib
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+
+import pandas as pd
 
 from evidence.record import NOTICE
 from ravenjax.errors import UserError
@@ -42,39 +41,27 @@ def write_workbook(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) ->
     does.
     """
     package = require_writer()
-    options = {"constant_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
+    options = {"strings_to_formulas": False, "strings_to_urls": False}
     lines = [NOTICE, "README.md beside this file has definitions."]
     try:
-        with package.Workbook(str(path), options) as book:
-            first = book.add_worksheet("read me")
+        with pd.ExcelWriter(path, "xlsxwriter", engine_kwargs={"options": options}) as book:
+            first = book.book.add_worksheet("read me")
             for table in tables:
-                with open(table, encoding="utf-8", newline="") as file:
-                    more = _write_sheet(book.add_worksheet(table.stem), csv.reader(file), most)
-                if more:
+                frame = pd.read_csv(table, dtype=str, keep_default_na=False)
+                numbers = [title for title in frame if _is_number(title)]
+                frame[numbers] = frame[numbers].apply(pd.to_numeric)
+                shown = frame.head(most)
+                shown.to_excel(book, sheet_name=table.stem, index=False, freeze_panes=(1, 0))
+                sheet = book.sheets[table.stem]
+                sheet.set_column(0, len(frame.columns) - 1, 18)
+                sheet.autofilter(0, 0, len(shown), len(frame.columns) - 1)
+                if more := len(frame) - len(shown):
                     rest = f"{more:,} more in {table.name}"
                     lines.append(f"{table.stem}: the first {most:,} lines; {rest}")
-            for number, line in enumerate(lines):
-                first.write_string(number, 0, line)
+            first.write_column(0, 0, lines)
     except package.exceptions.XlsxFileError as error:
         # The package wraps the disk's error in an exception that is no OSError.
         raise OSError(str(error)) from error
-
-
-def _write_sheet(sheet: Any, rows: Iterator[list[str]], most: int) -> int:
-    """Write the header and up to `most` lines, and return how many more there are."""
-    header = next(rows)
-    sheet.freeze_panes(1, 0)
-    sheet.set_column(0, len(header) - 1, 18)
-    sheet.write_row(0, 0, header)
-    line = 0
-    for line, row in enumerate(itertools.islice(rows, most), start=1):
-        for column, (title, cell) in enumerate(zip(header, row, strict=True)):
-            if cell and _is_number(title):
-                sheet.write_number(line, column, float(cell))
-            elif cell:
-                sheet.write_string(line, column, cell)
-    sheet.autofilter(0, 0, line, len(header) - 1)
-    return sum(1 for _ in rows)
 
 
 def _is_number(title: str) -> bool:

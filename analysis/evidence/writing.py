@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from evidence import argument, control_actions, credibility, failure_modes, trace, workbook
 from evidence import record as records
 from evidence.credibility import ModelCredibility
@@ -56,17 +58,15 @@ def write(
             write_aside(place / name, write_file)
             goals[name] = goal, hash_file(place / name)
 
-        modes = [m for source in sources for m in failure_modes.count_failure_modes(source)]
-        actions = [a for source in sources for a in control_actions.count_control_actions(source)]
-        rows = {
-            "failure_modes.csv": modes,
-            "control_actions.csv": actions,
-            "trace_matrix.csv": list(trace.count_matrix(sources)),
+        counts = {
+            "failure_modes.csv": failure_modes.count_failure_modes,
+            "control_actions.csv": control_actions.count_control_actions,
+            "trace_matrix.csv": trace.count_matrix,
         }
         for name, goal in GOALS.items():
-            if name in rows:
-                text = downloads.format_csv(rows[name]) or NO_ROWS
-                add_file(name, goal, _writer_of(text))
+            if count := counts.get(name):
+                rows = pd.concat(map(count, sources)).to_dict("records")
+                add_file(name, goal, _writer_of(downloads.format_csv(rows) or NO_ROWS))
             else:
                 add_file(name, goal, lambda target: trace.write_trace(target, sources))
         # Files of an earlier call would contradict the new tables.
@@ -124,5 +124,6 @@ def _writer_of(text: str) -> Callable[[Path], object]:
 
 
 def _write_argument(place: Path, evidence: EvidenceRecord) -> None:
-    write_aside(place / JSON, _writer_of(argument.write_json(evidence)))
-    write_aside(place / MERMAID, _writer_of(argument.write_mermaid(evidence)))
+    write_aside(place / JSON, _writer_of(evidence.model_dump_json(indent=1) + "\n"))
+    drawing = "\n".join(argument.draw_mermaid(evidence)) + "\n"
+    write_aside(place / MERMAID, _writer_of(drawing))

@@ -7,7 +7,7 @@ they detect.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -289,7 +289,9 @@ def robot_table(faulty: Runs, free: Runs, main: Sequence[str]) -> Table:
     return read_table(NAME, "robots", rows)
 
 
-def condition_table(faulty: Runs, fast: Runs, modelled: Runs, main: Sequence[str]) -> Table:
+def condition_table(
+    faulty: Runs, fast: Runs, others: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
+) -> Table:
     """Return how the motion on which a threshold must be quiet changes the threshold, and so the
     share detected.
     """
@@ -300,6 +302,7 @@ def condition_table(faulty: Runs, fast: Runs, modelled: Runs, main: Sequence[str
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
         ("every motion and scale", modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
+        *((f"every; faults: {words}", modelled, some, 0.1) for words, some in others.items()),
     )
     rows = []
     for words, free, some, scale in conditions:
@@ -383,7 +386,7 @@ def compare(context: Context) -> Findings:
         tables=(
             layer_table(faulty, [*quiet, *others]),
             robot_table(faulty, free, main),
-            condition_table(faulty, fast, modelled, main),
+            condition_table(faulty, fast, runs.by_packets(context.folders), modelled, main),
             hazard_table(faulty, main),
         ),
         notes=notes,

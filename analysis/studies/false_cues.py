@@ -39,7 +39,7 @@ KINDS = ("suture", "reach", "peg_transfer", "palpate")
 SEEDS = range(11, 17)
 GENERATED_S = 120
 SCALES = "parameters={operator.scale=[0.05, 0.1, 0.15, 0.2]}"
-COMMON = ("group.fault_free.repeats=1", "campaign.packets=measured")
+COMMON = ("group.fault_free.repeats=1",)
 SURGEON, CONSOLE = "operator_positions.parquet", "console_itp_packets.parquet"
 WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
 """Parts of the recorded surgeon's motion that the arm reaches at the recorded scale."""
@@ -173,7 +173,8 @@ def _variants() -> Iterator[Variant]:
                 f"operator.file={console}",
                 f"operator.window_s=[{CONSOLE_S[0]}, {CONSOLE_S[1]}]",
                 "operator.at_end=hold",
-                COMMON[0],
+                *COMMON,
+                "campaign.packets=every_cycle",  # of the console, as recorded
             )
             question = f"recorded hands: a peg transfer at a console, {arm} arm"
             yield Variant(f"recorded console_{arm}", CAMPAIGN, overrides, question)

@@ -138,14 +138,15 @@ def compare(context: Context) -> Findings:
     """Compare effects of the force by its size and grip, with their null models, and reaction
     times.
     """
-    force, grip, turned = (
-        read(context.folders[name]).frame for name in ("force", "grip", "turned")
+    force, grip, turned, cycle = (
+        read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
     drawn = "null: the cap is 3.3 N, at a drawn direction"
     pairs = {
         **{(words, MIDDLE): paired(force, one, MIDDLE) for one, words in FORCES.items()},
         **{(FORCES[STRONG], end): paired(grip, STRONG, end) for end in ENDS},
         (drawn, MIDDLE): paired(turned, STRONG, MIDDLE),
+        (f"{FORCES[STRONG]}, a packet each cycle", MIDDLE): paired(cycle, STRONG, MIDDLE),
     }
     effects = {
         (words, f"{at:g}", robot): effect(some.where(stopped(some) == (robot == STOPPED)), SCALE)

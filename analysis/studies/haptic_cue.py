@@ -7,7 +7,7 @@ threshold costs weight x (share of hazards missed) + false cues per hour. The we
 it is swept. Kinds of faults and recordings are resampled to show how certain a choice is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -383,7 +383,10 @@ def compare(context: Context) -> Findings:
         kinds=kinds.NOTE,
     )
     return Findings(
-        lines=tuple(_lines(faulty, modelled, sets, winners, compared)),
+        lines=(
+            *_lines(faulty, modelled, sets, winners, compared),
+            *_packet_lines(runs.by_packets(context.folders), compared),
+        ),
         tables=(
             threshold_table(faulty, free, sets),
             choice_table(faulty, sets, winners),
@@ -424,6 +427,14 @@ def _lines(
             "mm",
             StudyEstimate(mm if sure else np.nan, *ends, of=of),
         )
+
+
+def _packet_lines(faulty: Mapping[str, Runs], compared: Sequence[int]) -> Iterator[Line]:
+    for words, some in faulty.items():
+        for k in compared:
+            missed, mm = felt(some, k).missed, some.made.cues[k].threshold_mm
+            quantity = f"{mm:g} mm: unintended motion missed, {words}"
+            yield own_line(quantity, "%", in_percent(missed, missed.n, missed.of))
 
 
 def design_lines(faulty: Runs, modelled: Runs) -> Iterator[Line]:

@@ -436,6 +436,7 @@ def _number(value: float) -> str:
 
 
 BASELINE, PUBLISHED = "pairs", "threshold: threshold 3 mm, published"
+EVERY_CYCLE = "every_cycle"
 THRESHOLDS_MM = (3.0, 1.0, 2.0, 5.0)
 """Thresholds of the campaigns' haptic sets, in their order."""
 MOTIONS = ("suture", "peg_transfer")
@@ -479,7 +480,10 @@ def compare(context: Context) -> Findings:
     early = {threshold: others[words] for threshold, words in EARLY.items()}
     drawn_groups = draws.drawn_groups(runs.made.config) or ()
     return Findings(
-        lines=tuple(_lines(pairs, early, advances, free)),
+        lines=(
+            *_lines(pairs, early, advances, free),
+            *_large(paired(read(context.folders[EVERY_CYCLE]), RELEASE), ", a packet each cycle"),
+        ),
         tables=(
             variant_table(others.items(), two),
             advance_table(advances),
@@ -500,8 +504,7 @@ def _lines(
     faults with a lifted pedal.
     """
     released = pairs[RELEASE]
-    for measure in map(excursion, SIZES_MM[1:]):
-        yield _avoided(released, measure, f"lifting the pedal avoids, of {measure.name}")
+    yield from _large(released)
     for threshold, part in early.items():
         measure = excursion(SIZES_MM[0])
         words = f"lifting the pedal at a cue of {threshold:g} mm avoids, of {measure.name}"
@@ -537,6 +540,11 @@ def _lines(
             value = StudyEstimate(first.per_hour, first.low, first.high, first.count, of)
             words = f"interruptions of fault-free motion, {one.motion}, scale {one.scale:g}"
             yield own_line(words, "per hour", value)
+
+
+def _large(released: Pairs, words: str = "") -> Iterator[Line]:
+    for measure in map(excursion, SIZES_MM[1:]):
+        yield _avoided(released, measure, f"lifting the pedal avoids, of {measure.name}{words}")
 
 
 def _avoided(pairs: Pairs, measure: Measure, words: str) -> Line:

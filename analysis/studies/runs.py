@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,8 @@ CLUTCHED = "clutched"
 BASELINE = "suture"
 MOTIONS = (BASELINE, "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
+EVERY_CYCLE = "every_cycle"
+"""The baseline with a packet in each control cycle."""
 RECORDINGS = (
     *((motion, seed) for motion in ("suture", "reach", "peg_transfer") for seed in (11, 12)),
     *((motion, 11) for motion in ("palpate", "circle", CLUTCHED)),
@@ -169,6 +171,14 @@ def faulty_variants(campaign: str) -> Iterator[Variant]:
     for motion in MOTIONS[1:]:
         question = f"Does the motion matter? {motion}"
         yield Variant(motion, campaign, (f"operator.motion={motion}",), question)
+    packets = "And with a packet in each control cycle?"
+    yield Variant(EVERY_CYCLE, campaign, (f"campaign.packets={EVERY_CYCLE}",), packets)
+
+
+def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
+    """Return the faulty runs of one motion, by the length of packets in words."""
+    words = {BASELINE: BASELINE, EVERY_CYCLE: f"{BASELINE}, a packet each cycle"}
+    return {words[name]: pooled([read(folders[name])]) for name in words}
 
 
 def free_variant(

@@ -390,6 +390,7 @@ def _template(search: Mapping[str, Any]) -> dict[str, Any]:
             "seed": 2016,
             "duration_s": 2.0,
             "noise": True,
+            "packets": "measured",
         },
         "operator": {"motion": "suture", "scale": 0.1, "seed": 1},
         "parameters": {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in PARAMETERS},
@@ -520,6 +521,8 @@ KNOWN = "known"
 SEEDS = (1, 2, 3)
 """Seeds, each of a separate draw of faults and robots together."""
 LAYER_EVENT = "unintended"
+EVERY_CYCLE = "length of packets 0"
+"""Name of the robot that gets a packet in each control cycle."""
 
 
 def compare(context: Context) -> Findings:
@@ -562,10 +565,12 @@ def _lines(
     known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]
 ) -> Iterator[Line]:
     faults = kinds.count(units.group_units(known.events["kind"].to_numpy()))
+    cycle = next(robot for robot in robots if robot.name == EVERY_CYCLE)
     for event, words in EVENTS.items():
-        share = known.rate(event)
+        share, other = known.rate(event), cycle.rate(event)
         of = f"faults of this design, {faults}, the known robot"
         yield own_line(words, "%", in_percent(share, share.n, of))
+        yield own_line(f"{words}, a packet each cycle", "%", in_percent(other, other.n, of))
         (low, _), (high, _) = extremes(robots, event)
         span = Estimate(share.value, low.value, high.value)
         value = in_percent(span, len(robots), "robots, extremes")

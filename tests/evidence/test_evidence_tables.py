@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 
 def test_failure_modes_are_counted_by_hand(source):
-    rows = count_failure_modes(source)
+    rows = list(count_failure_modes(source).itertuples())
     by_hand = (
         SAMPLE.groupby(["group", "fault0_site", "fault0_effect", "response", "hazard"])
         .size()
@@ -59,7 +59,7 @@ def test_failure_modes_are_counted_by_hand(source):
 
 
 def test_unsafe_control_actions_hold_every_hazard_once(source):
-    rows = count_control_actions(source)
+    rows = list(count_control_actions(source).itertuples())
     for hazard in trace.TRACED:
         mine = [row for row in rows if row.hazard == hazard]
         assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
@@ -79,8 +79,8 @@ def test_each_kind_of_control_action_by_its_rule():
         "delay",
     )
     frame.loc[frame["group"] == "encoder", "fault0_effect"] = "stuck"
-    kinds = {(row.site, row.hazard): set() for row in count_control_actions(of(frame))}
-    for row in count_control_actions(of(frame)):
+    kinds = collections.defaultdict(set)
+    for row in count_control_actions(of(frame)).itertuples():
         kinds[row.site, row.hazard].add(row.kind)
     assert kinds["network", "unintended motion"] == {"too early, too late or out of order"}
     assert kinds["encoder", "unintended motion"] == {"applied too long"}
@@ -98,8 +98,8 @@ def test_each_kind_of_control_action_by_its_rule():
 def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     with opened([folder]) as sources:
         trace.write_trace(tmp_path / "trace.csv", sources)
-        matrix = list(trace.count_matrix(sources))
         (source,) = sources
+        matrix = trace.count_matrix(source).to_dict("records")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "trace.csv").read_text(encoding="utf-8"))))
     expected = SAMPLE[SAMPLE["hazard"] != "none"]
     assert sorted(row["run_id"] for row in rows) == sorted(expected["run_id"])

@@ -32,21 +32,25 @@ def sheets(path):
             sheet.get("name")
             for sheet in ET.fromstring(file.read("xl/workbook.xml")).iter(f"{SPACE}sheet")
         ]
+        shared = ET.fromstring(file.read("xl/sharedStrings.xml")).iter(f"{SPACE}si")
+        words = ["".join(text.itertext()) for text in shared]
         trees = [
             ET.fromstring(file.read(f"xl/worksheets/sheet{k + 1}.xml")) for k in range(len(names))
         ]
-    assert not [one for tree in trees for one in tree.iter(f"{SPACE}f")]
+    assert not [formula for tree in trees for formula in tree.iter(f"{SPACE}f")]
+
+    def read(cell):
+        value = cell.findtext(f"{SPACE}v")
+        letters = re.sub(r"\d", "", cell.get("r"))
+        return letters, words[int(value)] if cell.get("t") == "s" else float(value)
+
     return {
-        name: [[_cell(cell) for cell in row.iter(f"{SPACE}c")] for row in tree.iter(f"{SPACE}row")]
+        name: [
+            [read(cell) for cell in row.iter(f"{SPACE}c") if cell.find(f"{SPACE}v") is not None]
+            for row in tree.iter(f"{SPACE}row")
+        ]
         for name, tree in zip(names, trees, strict=True)
     }
-
-
-def _cell(cell):
-    letters = re.sub(r"\d", "", cell.get("r"))
-    if cell.get("t") == "inlineStr":
-        return letters, "".join(cell.itertext())
-    return letters, float(cell.findtext(f"{SPACE}v"))
 
 
 def test_cells_are_those_of_the_tables(folder, tmp_path):

@@ -22,14 +22,14 @@ from studies.study import (
     Line,
     Published,
     StudyEstimate,
-    Variant,
     own_line,
     read_notes,
     read_table,
+    read_variants,
     study,
 )
 
-NAME, BASELINE = "hazard_library", "library"
+NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
 MANIFEST = {
     "network": (
         "operator's packets: injections with an effect",
@@ -49,7 +49,10 @@ DOCUMENTED = ("id", "layer", "title", "source", "expected", "documented_only")
 def compare(context: Context) -> Findings:
     """Compare every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
-    outcomes = [one for one in safecomp45.hazard_outcomes(frame) if one.hazard.runnable]
+    outcomes, others = (
+        [one for one in safecomp45.hazard_outcomes(part) if one.hazard.runnable]
+        for part in (frame, folder.read_all(context.folders[EVERY_CYCLE]))
+    )
     unrun = (row for row in library.all_hazards() if not row.runnable)
     counts, pools = risk.counts(frame), risk.report_pools()
     meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
@@ -58,7 +61,7 @@ def compare(context: Context) -> Findings:
         risk.together(counts, pools, "all", meaning),
     ]
     return Findings(
-        tuple(_lines(outcomes, Published(NAME))),
+        tuple(_lines(outcomes, others, Published(NAME))),
         (
             read_table(NAME, "rows", (_row(frame, one) for one in outcomes)),
             read_table(
@@ -126,7 +129,9 @@ def _percent(mean: Estimate | None) -> str:
     return value if math.isnan(mean.low) else f"{value} ({low} to {high})"
 
 
-def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Line]:
+def _lines(
+    found: Sequence[HazardOutcome], others: Sequence[HazardOutcome], published: Published
+) -> Iterator[Line]:
     counts = {
         "rows that ran": sum(one.runs > 0 for one in found),
         "rows with at least one activated run": sum(one.activated > 0 for one in found),
@@ -135,12 +140,14 @@ def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Lin
     for quantity, count in counts.items():
         value = StudyEstimate(count, n=len(found), of="rows that can be run")
         yield own_line(quantity, "rows", value)
-    by_id = {one.hazard.id: one for one in found if one.valid}
     reason = "published: drawn values; here every value and hazard counts alike"
-    for key, (words, ids) in MANIFEST.items():
-        rows = {name: by_id[name] for name in ids if name in by_id}
-        predicted = _manifest(rows, jumps=key == "put_usb_jumps") if rows else None
-        yield Line(words, "%", published.estimate(key), predicted, reason=reason)
+    for packets, part in {"": found, ", a packet each cycle": others}.items():
+        by_id = {one.hazard.id: one for one in part if one.valid}
+        for key, (words, ids) in MANIFEST.items():
+            rows = {name: by_id[name] for name in ids if name in by_id}
+            predicted = _manifest(rows, jumps=key == "put_usb_jumps") if rows else None
+            estimate = published.estimate(key)
+            yield Line(f"{words}{packets}", "%", estimate, predicted, reason=reason)
 
 
 def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
@@ -158,4 +165,4 @@ def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
     return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(rows)}")
 
 
-STUDY = study(NAME, (Variant(BASELINE, "hazard_library.toml"),), compare)
+STUDY = study(NAME, read_variants(NAME), compare)

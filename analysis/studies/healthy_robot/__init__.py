@@ -110,7 +110,7 @@ def mean(robots: pd.DataFrame, measure: str) -> Estimate:
     return Estimate(band.value, band.low, band.high)
 
 
-FREE, FAULTS = "free", "faults"
+FREE, FAULTS, EVERY_CYCLE = "free", "faults", "every_cycle"
 ROBOTS = 500
 EVERY, EVERY_OF_FIT = 60, 4
 """Spacing of the log's rows at which robots are compared, and at which the arm's errors are fitted.
@@ -127,9 +127,10 @@ def compare(context: Context) -> Findings:
     path = recording.locate(camera_log.FILE)
     log = None if path is None else camera_log.read(path)
     pairs, free = scaled_faults(context.folders[FAULTS]), measured_robots(context.folders[FREE])
+    cycle = scaled_faults(context.folders[EVERY_CYCLE])
     absent = (f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder.",)
     return Findings(
-        lines=(*(() if log is None else _report_lines(log)), *_headline_lines(pairs, free)),
+        lines=(*(() if log is None else _report_lines(log)), *_headline_lines(pairs, cycle, free)),
         tables=(
             *(() if log is None else (_report(log), _explained(log))),
             _with_faults(pairs),
@@ -259,13 +260,16 @@ def _explained(log: CameraLog) -> Table:
 # --- headlines ---
 
 
-def _headline_lines(pairs: ScaledFaults, free: Mapping[float, pd.DataFrame]) -> Iterator[Line]:
-    of, names = f"faults of this design, {kinds.count(pairs.faults)}", {OFF: "no kinematic errors"}
+def _headline_lines(
+    pairs: ScaledFaults, cycle: ScaledFaults, free: Mapping[float, pd.DataFrame]
+) -> Iterator[Line]:
+    design, names = "faults of this design", {OFF: "no kinematic errors"}
     names[FULL] = "measured"
     for event, words in SHARES.items():
         for scale, name in names.items():
-            rate = pairs.share(event, scale)
-            yield own_line(f"{words}, {name}", "%", in_percent(rate, rate.n, of))
+            for some, packets in ((pairs, ""), (cycle, ", a packet each cycle")):
+                rate, of = some.share(event, scale), f"{design}, {kinds.count(some.faults)}"
+                yield own_line(f"{words}, {name}{packets}", "%", in_percent(rate, rate.n, of))
     for scale, name in names.items():
         value = StudyEstimate(*mean(free[scale], "rms"), len(free[scale]), "robots drawn")
         yield own_line(f"true tip from the nominal model without a fault, rms, {name}", "mm", value)
@@ -297,5 +301,16 @@ QUICK = (
     "haptics.threshold_mm=[3, 1]",
 )
 STUDY = study(
-    NAME, (Variant(FREE, "healthy_robot.toml"), Variant(FAULTS, "quick.toml", QUICK)), compare
+    NAME,
+    (
+        Variant(FREE, "healthy_robot.toml"),
+        Variant(FAULTS, "quick.toml", QUICK),
+        Variant(
+            EVERY_CYCLE,
+            "quick.toml",
+            (*QUICK, f"campaign.packets={EVERY_CYCLE}"),
+            "And with a packet in each control cycle?",
+        ),
+    ),
+    compare,
 )
