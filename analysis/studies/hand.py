@@ -14,22 +14,10 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate
 from ravenjax.vocabulary.reactions import RELEASE
-from studies import kinds, reacting_operator
+from studies import kinds, reacting_operator, study
 from studies.reacting_operator import number
 from studies.runs import read
-from studies.study import (
-    HERE,
-    Context,
-    Findings,
-    Line,
-    StudyEstimate,
-    in_percent,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, StudyEstimate, in_percent, own_line, read_table
 
 NAME = "hand"
 DELAYS_MS = (155.0, 190.0, 250.0, 384.0, 725.0, 1250.0, 1500.0)
@@ -134,7 +122,7 @@ def effect(pairs: Pairs, scale: float) -> HandEffect:
     )
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare effects of the force by its size and grip, with their null models, and reaction
     times.
     """
@@ -157,17 +145,17 @@ def compare(context: Context) -> Findings:
         delay: reacting_operator.paired(read(context.folders[f"delay_{delay:g}"]), RELEASE)
         for delay in DELAYS_MS
     }
-    times = (HERE / "published" / "reaction_times.md").read_text(encoding="utf-8").splitlines()
+    times = (study.HERE / "published" / "reaction_times.md").read_text(encoding="utf-8")
     rows = {
         "followed": _followed(effects),
         "changed": _changed(effects),
         "loop": loop_rows(),
         # ms, stimulus and response, source, applies to
-        "times": [line.split(" | ") for line in times if " | " in line],
+        "times": [line.split(" | ") for line in times.splitlines() if " | " in line],
         "avoided": _avoided(released),
     }
     tables = tuple(read_table(NAME, key, table) for key, table in rows.items())
-    return Findings(tuple(_lines(effects, released)), tables, read_notes(NAME))
+    return study.Findings(tuple(_lines(effects, released)), tables, study.read_notes(NAME))
 
 
 def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
@@ -226,4 +214,4 @@ def _avoided(released: Mapping[float, Pairs]) -> Iterator[tuple[str | int, ...]]
         yield f"{delay:g}", contrasts[0].n, *map(reacting_operator.avoided, contrasts)
 
 
-STUDY = study(NAME, variants=read_variants(NAME), compare=compare)
+STUDY = study.study(NAME, variants=study.read_variants(NAME), compare=compare)

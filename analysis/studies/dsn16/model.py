@@ -11,18 +11,10 @@ import numpy as np
 from ravenjax.analyses.calibration import position_loop
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.robots.raven2.plant import robot
+from studies import study
 from studies.dsn16 import recording
 from studies.dsn16.recording import ARM, SETUP, TO_JOINT, UNITS, JointRecording, Rows
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 NAME = "dsn16_model"
 LOW_PASS_HZ = 20.0
@@ -84,7 +76,7 @@ def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) 
     return Error.of((run["mpos"][:-1, :3] - log.angle[1:]) * TO_JOINT)
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Return the lines of A3, which are the same for every set of parameters, and predictions
     compared with null models.
     """
@@ -96,7 +88,7 @@ def compare(context: Context) -> Findings:
             f" {recording.FILE}"
         )
         lines = (_line(published, joint, None, absent) for joint in UNITS)
-        return Findings(tuple(lines), notes=read_notes(NAME))
+        return study.Findings(tuple(lines), notes=study.read_notes(NAME))
     whole = recording.read(path)
     log = recording.second_half(whole)
     smooth = _low_passed(whole.angle)[-len(log.angle) :]
@@ -113,13 +105,13 @@ def compare(context: Context) -> Findings:
     ahead = [(one.loop, one.model, one.horizon_ms or "whole", *one.error.cells) for one in found]
     n, of = len(log.angle) - 1, "ms of one recording"
     means = zip(UNITS, errors[AUTHORS].mean, strict=True)
-    return Findings(
+    return study.Findings(
         tuple(_line(published, joint, StudyEstimate(float(e), n=n, of=of)) for joint, e in means),
         (
             read_table(NAME, "errors", rows),
             read_table(NAME, "predictions", ahead, every=EVERY_MS),
         ),
-        (*_notes(published, errors[AUTHORS], found), *_sentences(found), *read_notes(NAME)),
+        (*_notes(published, errors[AUTHORS], found), *_sentences(found), *study.read_notes(NAME)),
     )
 
 
@@ -265,4 +257,4 @@ def _low_passed(angle: np.ndarray) -> np.ndarray:
     return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
 
 
-STUDY = study(NAME, variants=(), compare=compare)
+STUDY = study.study(NAME, variants=(), compare=compare)

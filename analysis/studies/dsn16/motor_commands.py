@@ -7,22 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ravenjax.stats.intervals import wilson_interval
+from studies import study
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
 from studies.dsn16.detector import Scenario
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    in_percent,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, in_percent, own_line, read_table
 
 NAME, SIGNIFICANT = "dsn16_b", 0.05
 EVERY_CYCLE = "every_cycle"
@@ -30,12 +19,12 @@ IMPULSE = 1.15e5
 """Counts times packets from which the null model says that the tip jumps."""
 MARGIN = 10.0
 """Points by which a published Wilson interval is widened, as for A1."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
 """The baseline, every ablation, and the motions from which the detector learns."""
 NULL = f"null: {IMPULSE:g} counts times packets or more"
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare published and predicted counts, and show how much each open question matters."""
     published = Published("dsn16")
     found = detector.read_scenario(VARIANTS, context.folders)
@@ -75,8 +64,8 @@ def compare(context: Context) -> Findings:
         *([read_table(NAME, "values", _value_rows(found))] if EVERY_CYCLE in runs else []),
         read_table(NAME, "rates", detector.rate_rows(found, published, "b")),
     )
-    notes = (attacks.verdict("Scenario B", stated), *read_notes(NAME))
-    return Findings(tuple(lines), tables, notes)
+    notes = (attacks.verdict("Scenario B", stated), *study.read_notes(NAME))
+    return study.Findings(tuple(lines), tables, notes)
 
 
 def _published(published: Published, what: str) -> list[StudyEstimate]:
@@ -194,4 +183,4 @@ def _stops(base: VariantRuns, published: Sequence[StudyEstimate]) -> Iterator[Li
         yield Line(quantity, "%", read, attacks.rate(cells[duration]), reason=reason)
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

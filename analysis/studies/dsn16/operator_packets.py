@@ -7,28 +7,19 @@ text are tested.
 
 from collections.abc import Iterator
 
+from studies import study
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import VariantRuns
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, own_line, read_table
 
 NAME, DRIFT, IDEAL_TOOLS = "dsn16_a", "drift", "ideal_tools"
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 """Counted columns of the runs, and their names in tables."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
 """The baseline, every ablation, and the motions from which the detector learns."""
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Return predictions by displacement and duration, and how much each open question matters."""
     found = detector.read_scenario(VARIANTS, context.folders)
     base, runs, (own, *cases) = found.base, found.runs, found.cases
@@ -45,9 +36,9 @@ def compare(context: Context) -> Findings:
     notes = (
         attacks.verdict("Scenario A", stated),
         " ".join(detector.jump_note(runs[name], one) for name, one in watched.items()),
-        *read_notes(NAME),
+        *study.read_notes(NAME),
     )
-    return Findings(
+    return study.Findings(
         (*_rates(main), *stated),
         tuple(read_table(NAME, key, table) for key, table in rows.items()),
         notes,
@@ -65,4 +56,4 @@ def _rates(main: list[VariantRuns]) -> Iterator[Line]:
             yield own_line(f"{words}, all cells; {one.name}", "%", attacks.rate(one.share(hit)))
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

@@ -9,20 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.stats.bootstrap.resample import bootstrap
+from studies import study
 from studies.dsn16 import detector
 from studies.dsn16.detector import JOINTS, VARIABLES, log, stacked
 from studies.series import Recorder, Row, Series
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 NAME, MOTIONS = "dsn16_thresholds", ("suture", "peg_transfer")
 """The two motions of 300 runs each; other variants have fewer runs."""
@@ -39,28 +30,17 @@ RESAMPLES = 1000
 SEED = 2016
 INTEGRATORS = {"suture": "euler", "substeps_4": "rk4", "substeps_10": "converged"}
 """Maps a variant to the integrator of a rebuild beside which its steps are shown."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
 
 
 class FaultFree(NamedTuple):
-    """Measurements of one run after it has begun to move."""
+    """Measurements of one run after it has begun to move; of a variant's runs: runs first."""
 
     steps: np.ndarray  # [rows, 3 variables, 3 joints] |step|
     tip: np.ndarray  # [rows, 3] um, steps of the reported tip
     error: np.ndarray  # [3] rad, root mean square of desired minus measured motor position
     dac: np.ndarray  # [3] counts, standard deviation of the commands
-    # Mean and largest distance of the reported tip from the desired one.
-    distance_mm: tuple[float, float]
-
-
-class VariantSteps(NamedTuple):
-    """Measurements of the runs of one variant, each as in `FaultFree` with the runs first."""
-
-    steps: np.ndarray
-    tip: np.ndarray
-    error: np.ndarray
-    dac: np.ndarray
-    distance_mm: np.ndarray
+    distance_mm: np.ndarray  # [2] mean and largest distance of the reported tip from the desired
 
 
 def measure_run(_: Row, series: Series) -> FaultFree:
@@ -74,7 +54,7 @@ def measure_run(_: Row, series: Series) -> FaultFree:
         tip=np.diff(trace.tip, axis=0)[trace.packet[:-1] >= detector.FIRST_PACKET],
         error=np.sqrt(np.mean(np.square(error, dtype=float), axis=0)),
         dac=np.std(series["dac_cnt"][moving, :3].astype(float), axis=0),
-        distance_mm=(float(distance.mean()), float(distance.max())),
+        distance_mm=np.array((distance.mean(), distance.max())),
     )
 
 
@@ -123,7 +103,7 @@ def maxima_interval(maxima: np.ndarray, percent: float) -> StudyEstimate:
     return StudyEstimate(value, low, high, len(maxima), "runs")
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare fault-free steps with the published ones, and show thresholds, which were not
     published.
     """
@@ -132,10 +112,10 @@ def compare(context: Context) -> Findings:
         if variant.name in context.folders:
             measured = recorder.measure(context.folders[variant.name], measure_run)
             steps, tip, *others = zip(*measured, strict=True)
-            found[variant.name] = VariantSteps(stacked(steps), stacked(tip), *map(np.array, others))
+            found[variant.name] = FaultFree(stacked(steps), stacked(tip), *map(np.array, others))
     both = stacked([run for name in MOTIONS if name in found for run in found[name].steps])
     rows = _sensitivity(found, published)
-    return Findings(
+    return study.Findings(
         (
             *_spread(found, published),
             *_largest(found[BASELINE].steps.max(axis=1), published),
@@ -148,11 +128,11 @@ def compare(context: Context) -> Findings:
             ),
             read_table(NAME, "sensitivity", rows),
         ),
-        read_notes(NAME),
+        study.read_notes(NAME),
     )
 
 
-def _spread(found: Mapping[str, VariantSteps], published: Published) -> Iterator[Line]:
+def _spread(found: Mapping[str, FaultFree], published: Published) -> Iterator[Line]:
     words = "standard deviation of a step"
     for name in (name for name in MOTIONS if name in found):
         for v, variable in enumerate(VARIABLES[:2]):
@@ -186,7 +166,7 @@ def _largest(maxima: np.ndarray, published: Published) -> Iterator[Line]:
         )
 
 
-def _integrator(found: Mapping[str, VariantSteps], published: Published) -> Iterator[Line]:
+def _integrator(found: Mapping[str, FaultFree], published: Published) -> Iterator[Line]:
     """Yield velocity steps of the insertion by plant steps per millisecond, compared with a
     rebuild's by integrator.
     """
@@ -202,7 +182,7 @@ def _integrator(found: Mapping[str, VariantSteps], published: Published) -> Iter
             )
 
 
-def _tracking(found: Mapping[str, VariantSteps], published: Published) -> Iterator[Line]:
+def _tracking(found: Mapping[str, FaultFree], published: Published) -> Iterator[Line]:
     """Yield how well motors and tip follow, compared with a rebuild that followed the recording of
     one published trajectory.
     """
@@ -241,7 +221,7 @@ def _shown(estimate: StudyEstimate) -> str:
 
 
 def _sensitivity(
-    found: Mapping[str, VariantSteps], published: Published
+    found: Mapping[str, FaultFree], published: Published
 ) -> Iterator[tuple[str | int | float, ...]]:
     questions = {variant.name: variant.question for variant in VARIANTS}
     keys = [f"step.{variable}.{joint}" for variable in VARIABLES[:2] for joint in JOINTS]
@@ -254,4 +234,4 @@ def _sensitivity(
         yield name, questions[name], len(steps), *numbers
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

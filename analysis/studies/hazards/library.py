@@ -13,40 +13,26 @@ from ravenjax.hazards.library import Hazard
 from ravenjax.report import wording
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
+from studies import study
 from studies.hazards import risk, safecomp45
 from studies.hazards.risk import PoolRisk
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, own_line, read_table
 
 NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
 MANIFEST = {
-    "network": (
-        "operator's packets: injections with an effect",
-        ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
-    ),
-    "get_usb": ("USB read: injections with an effect", ("B01", "B02", "B03", "B23")),
-    "put_usb": ("USB write: injections with an effect", ("B07", "B08", "B10")),
-    "put_usb_jumps": ("USB write, motor commands: injections with a jump", ("B11",)),
-    "in_range": ("operator's packets in their range: injections with an effect", ("C06",)),
+    "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
+    "get_usb": ("B01", "B02", "B03", "B23"),
+    "put_usb": ("B07", "B08", "B10"),
+    "put_usb_jumps": ("B11",),
+    "in_range": ("C06",),
 }
-"""Maps published shares of MCPS 2015 to words, and to the rows of the library that are injected in
-the same way.
+"""Maps published shares of MCPS 2015 to the rows of the library that are injected in the same way.
 """
 DOCUMENTED = ("id", "layer", "title", "source", "expected", "documented_only")
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
     outcomes, others = (
@@ -60,7 +46,7 @@ def compare(context: Context) -> Findings:
         *(risk.by_pool(counts, pool) for pool in pools),
         risk.together(counts, pools, "all", meaning),
     ]
-    return Findings(
+    return study.Findings(
         tuple(_lines(outcomes, others, Published(NAME))),
         (
             read_table(NAME, "rows", (_row(frame, one) for one in outcomes)),
@@ -69,7 +55,7 @@ def compare(context: Context) -> Findings:
             ),
             read_table(NAME, "risk", map(_pool_row, risks), caveat=risk.CAVEAT),
         ),
-        read_notes(NAME),
+        study.read_notes(NAME),
     )
 
 
@@ -143,11 +129,11 @@ def _lines(
     reason = "published: drawn values; here every value and hazard counts alike"
     for packets, part in {"": found, ", a packet each cycle": others}.items():
         by_id = {one.hazard.id: one for one in part if one.valid}
-        for key, (words, ids) in MANIFEST.items():
+        for key, ids in MANIFEST.items():
             rows = {name: by_id[name] for name in ids if name in by_id}
             predicted = _manifest(rows, jumps=key == "put_usb_jumps") if rows else None
-            estimate = published.estimate(key)
-            yield Line(f"{words}{packets}", "%", estimate, predicted, reason=reason)
+            what = f"{published.numbers[key]['what']}{packets}"
+            yield Line(what, "%", published.estimate(key), predicted, reason=reason)
 
 
 def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
@@ -165,4 +151,4 @@ def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
     return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(rows)}")
 
 
-STUDY = study(NAME, read_variants(NAME), compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -7,7 +7,7 @@ published. Equal sets `agree`; sets with a class in common agree `partly`; other
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -17,18 +17,9 @@ from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
+from studies import study
 from studies.hazards import classes, in_range
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
@@ -153,7 +144,7 @@ _DAC_CHECKS = ("overdrive", "hard_counter")
 """Causes of a stop by overdrive detection."""
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare rows of the list with the runs of each variant."""
     listed = tuple(injections().values())
     frames = {name: folder.read_all(path) for name, path in context.folders.items()}
@@ -166,12 +157,12 @@ def compare(context: Context) -> Findings:
         for name in (BASELINE, *LENGTHS)
     ]
     missing = [f"INJ {number_of(row)} ({row.id})" for row in listed if not row.runnable]
-    notes = read_notes(
+    notes = study.read_notes(
         NAME, missing=", ".join(missing), first_plc=FIRST_PLC, agreed=", ".join(agreed)
     )
     if failed := sum(one.activated - one.valid for one in baseline):
         notes = (*notes, f"{failed} runs gave no valid outcome and are in no count.")
-    return Findings(
+    return study.Findings(
         (*_agreement_lines(baseline), *_total_lines(baseline)),
         (
             read_table(NAME, "rows", map(_row, baseline)),
@@ -250,51 +241,32 @@ def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
     usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
     published = Published("safecomp")
 
-    def line(
-        quantity: str, key: str, rows: list[HazardOutcome], holds: Callable[[HazardOutcome], bool]
-    ) -> Line:
+    def harmful(one: HazardOutcome) -> bool:
+        return one.shows(HARMFUL)
+
+    def unspoken(one: HazardOutcome) -> bool:
+        return one.shows(UNAVAILABLE) and _mostly(one, _UNSPOKEN)
+
+    def overdrive(one: HazardOutcome) -> bool:
+        return not harmful(one) and _mostly(one, _DAC_CHECKS)
+
+    def hangs(one: HazardOutcome) -> bool:
+        return one.shows(UNAVAILABLE) and not harmful(one) and not _mostly(one, _DAC_CHECKS)
+
+    for key, rows, holds in (
+        ("unintended", found, harmful),
+        ("usb_unresponsive", usb, unspoken),
+        ("console_harmful", console, harmful),
+        ("console_none", console, lambda one: one.shown == {"none"}),
+        ("console_overdrive", console, overdrive),
+        ("console_hang", console, hangs),
+    ):
         simulated = [one for one in rows if one.hazard.runnable]
         left = len(rows) - len(simulated)
         reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
         value = StudyEstimate(sum(map(holds, simulated)), n=len(simulated), of="simulated rows")
-        return Line(quantity, "rows", published.estimate(key), value, reason=reason)
-
-    def hangs(one: HazardOutcome) -> bool:
-        return one.shows(UNAVAILABLE) and not one.shows(HARMFUL) and not _mostly(one, _DAC_CHECKS)
-
-    yield line(
-        "unintended motion (a jump, or displaced)",
-        "unintended",
-        list(found),
-        lambda one: one.shows(HARMFUL),
-    )
-    yield line(
-        "USB and PLC: stopped or unresponsive, and no check of the software spoke in most runs",
-        "usb_unresponsive",
-        usb,
-        lambda one: one.shows(UNAVAILABLE) and _mostly(one, _UNSPOKEN),
-    )
-    yield line(
-        "console and control: unintended motion",
-        "console_harmful",
-        console,
-        lambda one: one.shows(HARMFUL),
-    )
-    yield line(
-        "console and control: no impact", "console_none", console, lambda one: one.shown == {"none"}
-    )
-    yield line(
-        "console and control: stopped by the overdrive check in most runs, no unintended motion",
-        "console_overdrive",
-        console,
-        lambda one: not one.shows(HARMFUL) and _mostly(one, _DAC_CHECKS),
-    )
-    yield line(
-        "console and control: stopped or unresponsive otherwise, no unintended motion",
-        "console_hang",
-        console,
-        hangs,
-    )
+        what = published.numbers[key]["what"]
+        yield Line(what, "rows", published.estimate(key), value, reason=reason)
 
 
-STUDY = study(NAME, variants=read_variants(NAME), compare=compare)
+STUDY = study.study(NAME, variants=study.read_variants(NAME), compare=compare)

@@ -12,24 +12,15 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from studies import study
 from studies.seed.motions import MODELLED, MOTIONS, Motion, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 NAME = "seed_burst"
 FREE, BURST = "fault_free", "burst"
 """Groups of the campaign whose runs are measured."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
 SHOULDER = 0
 EVENTS = 4
 """Bursts that the paper shows. The last one stops the robot."""
@@ -204,14 +195,14 @@ def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
     return np.flatnonzero(over[1:] & over[:-1]) + 2
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Measure every run and compare its events with the paper's four."""
     every, published = tabulate(_measured(context)), Published("seed")
     bursts = every.where(every.runs["group"] == BURST)
     met = criteria(bursts, published)
     modelled = bursts.where(bursts.runs["setting"] == MODELLED)
     free = every.runs.loc[(every.runs["group"] == FREE) & (every.runs["setting"] == MODELLED)]
-    return Findings(
+    return study.Findings(
         (
             *_acceptance(bursts, met, published),
             *_events(modelled.events.join(modelled.runs), published),
@@ -229,11 +220,11 @@ def compare(context: Context) -> Findings:
             read_table(NAME, "constants", _constants(modelled, met)),
             read_table(NAME, "bands", _bands(bursts, met)),
         ),
-        read_notes(NAME),
+        study.read_notes(NAME),
     )
 
 
-def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
+def _measured(context: study.Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     recorder = Recorder()
     return {
         setting: {motion: _runs(recorder, context, name) for motion, name in names.items()}
@@ -241,7 +232,7 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     }
 
 
-def _runs(recorder: Recorder, context: Context, name: str) -> list[BurstRun]:
+def _runs(recorder: Recorder, context: study.Context, name: str) -> list[BurstRun]:
     """Return each run of a campaign with the fault-free one, which is the first.
 
     Every run draws its own packets, so the first run is not exactly its golden run. It is only used
@@ -411,4 +402,4 @@ def span(values: Iterable[float], form: str) -> str:
     return " to ".join(dict.fromkeys(ends))
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

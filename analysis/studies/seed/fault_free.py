@@ -14,20 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from studies import study
 from studies.runs import SCALE
 from studies.seed.motions import MODELLED, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 REST_TICKS = 500
 """Ticks for which the hand rests at the beginning of every generated motion. The pedal is down from
@@ -93,7 +84,7 @@ KINDS = ("peak", "mean")
 FIGURE = "four readings of Figure 3"
 NOISE = "noise"
 """The campaign's group with noise of encoders and motors, in the robot's own sizes."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
 READINGS = {
     "mean_mm": "as the cue sees it: measured tip to nominal model",
     "true_mean_mm": "true tip to nominal model",
@@ -139,7 +130,7 @@ class Setting:
         return int((self.frame["pulses"] > 0).sum())
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Measure every segment and compare it with the paper's."""
     settings, published = _measured(context), Published("seed")
     read = {
@@ -148,7 +139,7 @@ def compare(context: Context) -> Findings:
     }
     slope = growth(SCALES, read["mean"]).slope
     rows = _sensitivity(settings, published.band("a6.mean"))
-    return Findings(
+    return study.Findings(
         (
             *_acceptance(settings, read, published),
             *_by_scale(settings[MODELLED], published),
@@ -158,11 +149,11 @@ def compare(context: Context) -> Findings:
             read_table(NAME, "readings", _readings(settings[MODELLED])),
             read_table(NAME, "motions", _motions(settings[MODELLED])),
         ),
-        read_notes(NAME),
+        study.read_notes(NAME),
     )
 
 
-def _measured(context: Context) -> dict[str, Setting]:
+def _measured(context: study.Context) -> dict[str, Setting]:
     recorder, parts = Recorder(), []
     for setting, names in by_setting(VARIANTS).items():
         for (kind, seed), name in names.items():
@@ -289,4 +280,4 @@ def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
     return value if math.isnan(estimate.low) else f"{value} ({low} to {high})"
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)
