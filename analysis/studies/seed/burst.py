@@ -52,6 +52,7 @@ A4 = {
 A5 = {"cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset"}
 """Columns of `criteria`, in words: what holds in a run."""
 ALL = "all of A4"
+NOWHERE = "at no constant and with no motion"
 
 
 class BurstEvent(NamedTuple):
@@ -202,6 +203,7 @@ def compare(context: study.Context) -> study.Findings:
     met = criteria(bursts, published)
     modelled = bursts.where(bursts.runs["setting"] == MODELLED)
     free = every.runs.loc[(every.runs["group"] == FREE) & (every.runs["setting"] == MODELLED)]
+    false_cues = int(free["false_cues"].sum())
     return study.Findings(
         (
             *_acceptance(bursts, met, published),
@@ -210,9 +212,7 @@ def compare(context: study.Context) -> study.Findings:
                 "cue pulses without fault at scale 0.1",
                 "",
                 published.estimate("false_pulses"),
-                StudyEstimate(
-                    int(free["false_cues"].sum()), n=len(free), of="runs of 40 s, one a motion"
-                ),
+                StudyEstimate(false_cues, n=len(free), of="runs of 40 s, one a motion"),
                 reason="study seed_fault_free looks for them at every scale, with noise",
             ),
         ),
@@ -249,7 +249,6 @@ def _acceptance(bursts: Bursts, met: pd.DataFrame, published: Published) -> Iter
     required, as the constant is unknown.
     """
     runs = bursts.runs.loc[bursts.runs["setting"] == MODELLED]
-    of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     peaks = [
         f"{span(_stop_peaks(part), '.1f')} mm ({name})"
@@ -260,11 +259,11 @@ def _acceptance(bursts: Bursts, met: pd.DataFrame, published: Published) -> Iter
         f". Bursts that end in a stop have tip error peaks of {', '.join(peaks)}; the paper's has"
         f" {published.value('burst.4.peak'):g} mm. The limit of the check is not stated"
     )
-    together = {ALL: "all of A4 holds at once"}
-    for name, words in (together | A4 | A5).items():
-        values = np.unique(runs.loc[met.loc[runs.index, name], "value"])
-        found = int(met.loc[runs.index, name].sum())
-        reason = f"{len(values)} constants: {ranges(values)}"
+    met = met.loc[runs.index]
+    of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
+    for name, words in ({ALL: "all of A4 holds at once"} | A4 | A5).items():
+        values, found = np.unique(runs.loc[met[name], "value"]), int(met[name].sum())
+        where = f"{len(values)} constants: {ranges(values)}" if found else NOWHERE
         yield Line(
             f"runs in which {words}",
             "",
@@ -272,19 +271,12 @@ def _acceptance(bursts: Bursts, met: pd.DataFrame, published: Published) -> Iter
             StudyEstimate(found, n=len(runs), of=of),
             (1, math.inf),
             "A5" if name in A5 else "A4",
-            (reason if found else "at no constant and with no motion")
-            + (stops if name == ALL else ""),
+            where + stops if name == ALL else where,
         )
-    yield Line(
-        "runs with four jumps, of which the last ends in the stop",
-        "",
-        published_run,
-        StudyEstimate(
-            int(met.loc[runs.index, "jumps"].sum()),
-            n=len(runs),
-            of="runs, jumps by the published code's rule",
-        ),
-    )
+    over = len(runs), "runs, jumps by the published code's rule"
+    jumps = StudyEstimate(int(met["jumps"].sum()), math.nan, math.nan, *over)
+    quantity = "runs with four jumps, of which the last ends in the stop"
+    yield Line(quantity, "", published_run, jumps)
 
 
 def _events(events: pd.DataFrame, published: Published) -> Iterator[Line]:
@@ -301,40 +293,19 @@ def _events(events: pd.DataFrame, published: Published) -> Iterator[Line]:
 
     rebounds = [value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     per_mm = [value(f"pulse.{k}.force") / value(f"burst.{k}.peak") for k in (1, 2, 3)]
-    for what, unit, read, field, band, caveat in (
-        (
-            "rebound of the shoulder",
-            "deg",
-            of_three(rebounds, "events read off Figure 4"),
-            "rebound_deg",
-            "a4.rebound",
-            "",
-        ),
-        (
-            "time of the rebound",
-            "ms",
-            published.estimate("burst.3.rebound_ms"),
-            "rebound_ms",
-            "a4.rebound_ms",
-            "",
-        ),
-        (
-            "cue after the fault's onset",
-            "s",
-            published.estimate("cue.onset"),
-            "cue_s",
-            "a5.onset",
-            "",
-        ),
-        (
-            "peak force over tip error peak",
-            "1/mm",
-            of_three(per_mm, "events below the cap, Figures 4 and 5"),
-            "force_per_mm",
-            "",
-            "; no evidence: the cue's gains were read off Figure 5",
-        ),
+    read = {
+        "rebound_deg": of_three(rebounds, "events read off Figure 4"),
+        "rebound_ms": published.estimate("burst.3.rebound_ms"),
+        "cue_s": published.estimate("cue.onset"),
+        "force_per_mm": of_three(per_mm, "events below the cap, Figures 4 and 5"),
+    }
+    for field, what, unit, band in (
+        ("rebound_deg", "rebound of the shoulder", "deg", "a4.rebound"),
+        ("rebound_ms", "time of the rebound", "ms", "a4.rebound_ms"),
+        ("cue_s", "cue after the fault's onset", "s", "a5.onset"),
+        ("force_per_mm", "peak force over tip error peak", "1/mm", ""),
     ):
+        caveat = "" if band else "; no evidence: the cue's gains were read off Figure 5"
         values = sized.dropna(subset=field).groupby(["kind", "seed"], sort=False)[field]
         means = values.apply(lambda of_motion: of_motion.to_numpy().mean())
         every = sized[field].dropna()
@@ -342,7 +313,7 @@ def _events(events: pd.DataFrame, published: Published) -> Iterator[Line]:
         yield Line(
             f"{what}, events with a peak of {low:g} to {high:g} mm",
             unit,
-            read,
+            read[field],
             over_kinds(means),
             published.band(band) if band else None,
             band.partition(".")[0].upper(),
