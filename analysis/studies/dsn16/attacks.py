@@ -51,25 +51,19 @@ def rate(cells: pd.DataFrame | pd.Series) -> StudyEstimate:
     return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
 
 
-class Bias(NamedTuple):
-    """Signs of the differences, prediction minus publication."""
+def bias(
+    predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0
+) -> tuple[int, int, float]:
+    """Return how many predictions are above and below the publication, and the two-sided p-value of
+    the exact sign test; 1 if there is no difference.
 
-    above: int
-    below: int
-    # Two-sided p-value of the split under fair signs; 1 if there is no difference.
-    p: float
-
-
-def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0) -> Bias:
-    """Apply the exact sign test. A difference within the reading error of the publication does not
-    count.
+    A difference within the reading error of the publication does not count.
     """
     from scipy.stats import binomtest
 
     apart = predicted - published
     above, below = int((apart > reading_error).sum()), int((apart < -reading_error).sum())
-    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
-    return Bias(above, below, p)
+    return above, below, float(binomtest(above, above + below).pvalue) if above + below else 1.0
 
 
 LEVERS = ("suture_110mm", "suture_145mm", "suture_180mm")
