@@ -9,7 +9,7 @@ and its series dropped.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -60,11 +60,15 @@ SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
 }
 """Maps a name to its place in `tick.TickSignals` and the factor to its unit here."""
 
+CUE = ("fault_active", "tip", "position", "model_position", "jpos", "tip_error_mm", "cue_force")
+"""Signals of a study of the cue."""
+
 
 class Recorder:
-    """Measures runs on their time series. Campaigns with equal programs share compiled code."""
+    """Measures runs on some of SIGNALS. Campaigns with equal programs share compiled code."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: Iterable[str] = CUE) -> None:
+        self._names = tuple(names)
         self._codes: dict[Hashable, _Code] = {}
 
     def measure(
@@ -97,20 +101,20 @@ class Recorder:
         key = (program.setup, program.varied, program.ticks, numbers)
         if key not in self._codes:
             compile_cache.enable_cache()
-            self._codes[key] = _Code(ready)
+            self._codes[key] = _Code(ready, self._names)
         return self._codes[key]
 
 
 class _Code:
-    """The loop of a program that outputs SIGNALS in each tick."""
+    """The loop of a program that outputs some of SIGNALS in each tick."""
 
-    def __init__(self, ready: Plan) -> None:
+    def __init__(self, ready: Plan, names: Sequence[str]) -> None:
         self.program = traced.printable_program(ready.program)
         self.width = jit.host_target().width
         trace = traced.trace_tick(self.program, self._block(ready, [0]), ready.columns)
         leaves, structure = jax.tree.flatten(trace.signals)
         numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
-        places = {name: jax.tree.leaves(where(numbered)) for name, (where, _) in SIGNALS.items()}
+        places = {name: jax.tree.leaves(SIGNALS[name][0](numbered)) for name in names}
         self._dtypes = {name: [leaves[k] for k in of] for name, of in places.items()}
         loop, self._series = trace.loop, trace.series
         states, first = loop.step.outputs[: loop.states], loop.states + trace.series

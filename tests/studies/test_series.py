@@ -28,7 +28,7 @@ VARIED = {**PLAIN, "parameters": {"operator.scale": [0.1, 0.2]}}
 def test_series_are_those_of_a_replay(tmp_path, raw):
     config = loading.from_dict(raw)
     runner.run_campaign(config, tmp_path, "simd")
-    recorder = Recorder()
+    recorder = Recorder(SIGNALS)
     runs = recorder.measure(
         tmp_path, lambda row, series: (row["index"], row["fault0_value"], dict(series))
     )

@@ -33,6 +33,10 @@ class Log(NamedTuple):
     joints: np.ndarray  # [rows, 7] rad and m, all joints
 
 
+LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
+"""Signals of a log."""
+
+
 def log(series: Series) -> Log:
     """Return the log from a run's time series."""
     number = series["last_seq"]
@@ -121,14 +125,10 @@ class Watched(NamedTuple):
 
 def learn_thresholds(folders: Mapping[str, Path]) -> dict[str, np.ndarray]:
     """Return CHOSEN and COMPARED from the training campaigns that exist, [3, 3] each."""
-    pooled = stacked(
-        [
-            one
-            for name in TRAINING
-            if name in folders
-            for one in Recorder().measure(folders[name], lambda _, series: fault_free(log(series)))
-        ]
-    )
+    recorder, learned = Recorder(LOGGED), []
+    for name in (name for name in TRAINING if name in folders):
+        learned += recorder.measure(folders[name], lambda _, series: fault_free(log(series)))
+    pooled = stacked(learned)
     # The threshold of the published code is a percentile of all steps of all runs.
     return {
         name: np.percentile(pooled, float(name.split()[0]), axis=(0, 1))
@@ -146,7 +146,7 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
         alarms = [run_alarms(trace, level, start, duration) for level in thresholds.values()]
         return alarms, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
 
-    measured = Recorder().measure(folder, watch_run, faults.index.tolist())
+    measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
     alarms, *others = map(np.array, zip(*measured, strict=True))
     return Watched(dict(zip(thresholds, np.moveaxis(alarms, 1, 0), strict=True)), *others)
 

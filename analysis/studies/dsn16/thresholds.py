@@ -107,7 +107,8 @@ def compare(context: study.Context) -> study.Findings:
     """Compare fault-free steps with the published ones, and show thresholds, which were not
     published.
     """
-    published, recorder, found = Published("dsn16"), Recorder(), {}
+    published, found = Published("dsn16"), {}
+    recorder = Recorder((*detector.LOGGED, "mpos_d", "position_d", "dac_cnt"))
     for variant in VARIANTS:
         if variant.name in context.folders:
             measured = recorder.measure(context.folders[variant.name], measure_run)
