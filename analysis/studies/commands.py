@@ -2,6 +2,7 @@
 evidence --credibility`.
 """
 
+import re
 from pathlib import Path
 
 import ravenjax
@@ -61,12 +62,8 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
         if not as_json:
             console.print_text(f"credibility: {page}")
     if as_json:
-        console.emit_json(
-            [
-                {"folder": out / study.name} | findings_files.read(out / study.name)
-                for study in chosen
-            ]
-        )
+        folders = [out / study.name for study in chosen]
+        console.emit_json([{"folder": path} | findings_files.read(path) for path in folders])
 
 
 def credibility(folder: Path, out: Path | None) -> None:
@@ -98,15 +95,10 @@ def model_credibility(folder: Path) -> ModelCredibility:
     root = Path(ravenjax.__file__).resolve().parents[1]
     statements = []
     for one in claims.of_model().values():
-        places = [
-            root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
-        ]
-        tables = (
-            [folder.resolve() / one.study / findings_files.JSON]
-            if one.tables or one.numbers
-            else []
-        )
+        places = [root / re.split("::|#", place)[0] for place in (*one.tests, *one.pages)]
+        if one.tables or one.numbers:
+            places.append(folder.resolve() / one.study / findings_files.JSON)
         text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
-        files = tuple(dict.fromkeys([*places, *tables]))
+        files = tuple(dict.fromkeys(places))
         statements.append(CredibilityStatement(one.category, one.name, text, files))
     return ModelCredibility(claims.CATEGORIES, tuple(statements), root)

@@ -2,7 +2,7 @@
 hand.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,22 +14,10 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate
 from ravenjax.vocabulary.reactions import RELEASE
-from studies import kinds, reacting_operator
+from studies import kinds, reacting_operator, study
 from studies.reacting_operator import number
 from studies.runs import read
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    StudyEstimate,
-    Table,
-    in_percent,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, StudyEstimate, in_percent, own_line, read_table
 
 NAME = "hand"
 DELAYS_MS = (155.0, 190.0, 250.0, 384.0, 725.0, 1250.0, 1500.0)
@@ -59,11 +47,10 @@ class HandEffect(NamedTuple):
     kinds: Units  # kinds of faults in which the hand moved
     hand: Estimate  # mm, mean of the largest displacement
     model: Estimate  # mm, mean change of the root mean square distance from the model
-    golden: Estimate  # mm, mean change of the root mean square distance from the golden run
-    # Mean absolute change of the distance from the model, as a fraction of the commanded motion of
-    # the tip.
+    golden: Estimate  # mm, the same of the distance from the golden run
+    # Mean absolute changes of these distances, as fractions of the commanded motion of the tip.
     model_share: Estimate
-    golden_share: Estimate  # the same of the distance from the golden run
+    golden_share: Estimate
     cue_ms: Estimate  # mean change of the cue's time
     pulses: Estimate  # mean change of the number of separate pulls
     path: Estimate  # mean change of the tip's path, as a share of the path
@@ -135,41 +122,40 @@ def effect(pairs: Pairs, scale: float) -> HandEffect:
     )
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare effects of the force by its size and grip, with their null models, and reaction
     times.
     """
     force, grip, turned, cycle = (
         read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
+    drawn = "null: the cap is 3.3 N, at a drawn direction"
     pairs = {
-        **{(words, f"{MIDDLE:g}"): paired(force, one, MIDDLE) for one, words in FORCES.items()},
-        **{(FORCES[STRONG], f"{end:g}"): paired(grip, STRONG, end) for end in ENDS},
-        ("null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"): paired(
-            turned, STRONG, MIDDLE
-        ),
-        (f"{FORCES[STRONG]}, a packet each cycle", f"{MIDDLE:g}"): paired(cycle, STRONG, MIDDLE),
+        **{(words, MIDDLE): paired(force, one, MIDDLE) for one, words in FORCES.items()},
+        **{(FORCES[STRONG], end): paired(grip, STRONG, end) for end in ENDS},
+        (drawn, MIDDLE): paired(turned, STRONG, MIDDLE),
+        (f"{FORCES[STRONG]}, a packet each cycle", MIDDLE): paired(cycle, STRONG, MIDDLE),
     }
     effects = {
-        (*words, robot): effect(some.where(stopped(some) == (robot == STOPPED)), SCALE)
-        for words, some in pairs.items()
+        (words, f"{at:g}", robot): effect(some.where(stopped(some) == (robot == STOPPED)), SCALE)
+        for (words, at), some in pairs.items()
         for robot in (MOVES, STOPPED)
     }
     released = {
         delay: reacting_operator.paired(read(context.folders[f"delay_{delay:g}"]), RELEASE)
         for delay in DELAYS_MS
     }
-    return Findings(
-        lines=tuple(_lines(effects, released)),
-        tables=(
-            read_table(NAME, "followed", map(_followed, effects.items())),
-            read_table(NAME, "changed", map(_changed, effects.items())),
-            loop_table(),
-            read_table(NAME, "times", _measured()),
-            read_table(NAME, "avoided", _avoided(released)),
-        ),
-        notes=read_notes(NAME),
-    )
+    times = (study.HERE / "published" / "reaction_times.md").read_text(encoding="utf-8")
+    rows = {
+        "followed": _followed(effects),
+        "changed": _changed(effects),
+        "loop": loop_rows(),
+        # ms, stimulus and response, source, applies to
+        "times": [line.split(" | ") for line in times.splitlines() if " | " in line],
+        "avoided": _avoided(released),
+    }
+    tables = tuple(read_table(NAME, key, table) for key, table in rows.items())
+    return study.Findings(tuple(_lines(effects, released)), tables, study.read_notes(NAME))
 
 
 def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
@@ -191,41 +177,32 @@ def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
         )
 
 
-def _followed(item: tuple[tuple[str, str, str], HandEffect]) -> tuple[str | int, ...]:
-    words, one = item
-    estimates = one.hand, one.model, one.golden, one.model_share, one.golden_share
-    return *words, one.pairs, f"{one.pulled}, {kinds.count(one.kinds)}", *map(number, estimates)
+def _followed(effects: Effects) -> Iterator[tuple[str | int, ...]]:
+    for words, one in effects.items():
+        estimates = one.hand, one.model, one.golden, one.model_share, one.golden_share
+        moved = f"{one.pulled}, {kinds.count(one.kinds)}"
+        yield *words, one.pairs, moved, *map(number, estimates)
 
 
-def _changed(item: tuple[tuple[str, str, str], HandEffect]) -> tuple[str | int, ...]:
-    words, one = item
-    difference, path = (
-        Estimate(*(100.0 * part for part in value)) for value in (one.difference, one.path)
-    )
-    return *words, *one.unintended, *map(number, (difference, one.cue_ms, one.pulses, path))
+def _changed(effects: Effects) -> Iterator[tuple[str | int, ...]]:
+    for words, one in effects.items():
+        points, path = (
+            Estimate(*(100.0 * part for part in value)) for value in (one.difference, one.path)
+        )
+        yield *words, *one.unintended, *map(number, (points, one.cue_ms, one.pulses, path))
 
 
-def loop_table() -> Table:
-    """Return the gain of the loop from the model through the cue and the hand back to the model,
+def loop_rows() -> Iterator[tuple[str | float, ...]]:
+    """Yield the gain of the loop from the model through the cue and the hand back to the model,
     for a robot at rest.
     """
-    rows = []
     for newtons, words in FORCES.items():
         for grip in (ENDS[0], MIDDLE, ENDS[1]) if newtons > 0 else ():
             params = HandParams(grip, newtons, 0.554, 6.45, 135.0, 5.0, 0.0)
             stiffness = float(hand_impedance(params)[0])
             farthest, gain = CAP * newtons / stiffness * 1e3, KP * newtons / stiffness
             numbers = farthest, SCALE * farthest, SCALE * gain, 1 / gain
-            rows.append((words, grip, *(f"{value:.2g}" for value in numbers)))
-    return read_table(NAME, "loop", rows)
-
-
-def _measured() -> Iterable[tuple[str, ...]]:
-    """Return rows of `reaction_times.md`: ms, stimulus and response, source, applies to."""
-    from studies.study import HERE
-
-    lines = (HERE / "published" / "reaction_times.md").read_text(encoding="utf-8").splitlines()
-    return [tuple(line.split(" | ")) for line in lines if " | " in line]
+            yield words, grip, *(f"{value:.2g}" for value in numbers)
 
 
 def _avoided(released: Mapping[float, Pairs]) -> Iterator[tuple[str | int, ...]]:
@@ -237,4 +214,4 @@ def _avoided(released: Mapping[float, Pairs]) -> Iterator[tuple[str | int, ...]]
         yield f"{delay:g}", contrasts[0].n, *map(reacting_operator.avoided, contrasts)
 
 
-STUDY = study(NAME, variants=read_variants(NAME), compare=compare)
+STUDY = study.study(NAME, variants=study.read_variants(NAME), compare=compare)

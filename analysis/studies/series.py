@@ -9,12 +9,12 @@ and its series dropped.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import pandas as pd
 
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
@@ -25,6 +25,7 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
+from ravenjax.numbers.lazy import jax
 from ravenjax.store import folder as results
 from ravenjax.store import manifest
 
@@ -35,90 +36,94 @@ Series = Mapping[str, np.ndarray]
 Row = Mapping[str, Any]
 """A row of the result table."""
 
+
+def _software(name: str) -> Callable[[Any], Any]:
+    """Return the place of a signal of the control software."""
+    return lambda signals: getattr(signals.control.arms[0], name)
+
+
 SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
     # Of the first fault slot; absent in a campaign without faults.
     "fault_active": (lambda signals: signals.fault_active[:1], 1.0),
     "tip": (lambda signals: signals.tip[0], 1.0),  # m, true
-    "position": (
-        lambda signals: signals.control.arms[0].pos.position_um,
-        1e-6,
-    ),  # m, as the software measures it
+    # m, as the software measures and wants it
+    "position": (lambda signals: signals.control.arms[0].pos.position_um, 1e-6),
+    "position_d": (lambda signals: signals.control.arms[0].pos_d.position_um, 1e-6),
     "model_position": (lambda signals: signals.nominal[0].tip_position, 1.0),  # m
-    "jpos": (lambda signals: signals.control.arms[0].jpos, 1.0),  # rad, m; measured
-    "tip_error_mm": (
-        lambda signals: signals.haptics[0].distance,
-        1e3,
-    ),  # mm, from measured tip to nominal model
+    # rad, m, and rad/s, measured; rad, desired; counts
+    **{name: (_software(name), 1.0) for name in ("jpos", "mpos", "mvel", "mpos_d")},
+    "dac_cnt": (_software("current_cmd_written"), 1.0),
+    "last_seq": (lambda signals: signals.control.last_seq, 1.0),  # number of the newest packet
+    # mm, from measured tip to nominal model
+    "tip_error_mm": (lambda signals: signals.haptics[0].distance, 1e3),
     "cue_force": (lambda signals: signals.haptics[0].force[0], 1.0),  # device units, first cue
 }
 """Maps a name to its place in `tick.TickSignals` and the factor to its unit here."""
 
+CUE = ("fault_active", "tip", "position", "model_position", "jpos", "tip_error_mm", "cue_force")
+"""Signals of a study of the cue."""
+
 
 class Recorder:
-    """Measures runs on their time series. Campaigns with equal programs share compiled code."""
+    """Measures runs on some of SIGNALS. Campaigns with equal programs share compiled code."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: Iterable[str] = CUE) -> None:
+        self._names = tuple(names)
         self._codes: dict[Hashable, _Code] = {}
 
     def measure(
-        self,
-        path: Path,
-        measured: Callable[[Row, Series], T],
-        chosen: Callable[[pd.DataFrame], Sequence[int]] | None = None,
+        self, path: Path, measured: Callable[[Row, Series], T], rows: Sequence[int] | None = None
     ) -> list[T]:
         """Return what `measured` computes for each run of result folder `path`, from its row of the
         result table and its series.
 
-        `chosen`: indices of the wanted runs in the result table; None takes all. Raises StoreError
-        as `read_all` does.
+        `rows`: indices of the wanted runs; None: all. Raises StoreError as `read_all` does.
         """
-        config = validate_tables(manifest.read_manifest(path).config)
+        ready = plan.make_plan(validate_tables(manifest.read_manifest(path).config))
         table = results.read_all(path).set_index("index", drop=False)
-        ready = plan.make_plan(config)
+        table = table if rows is None else table.loc[list(rows)]
         code = self._code(ready)
-        rows = table["index"].tolist() if chosen is None else list(chosen(table))
-        blocks = [rows[i : i + code.width] for i in range(0, len(rows), code.width)]
 
-        def block(rows: list[int]) -> list[T]:
-            pairs = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
-            return [measured({str(k): v for k, v in row.items()}, series) for row, series in pairs]
+        def block(begin: int) -> list[T]:
+            part = table.iloc[begin : begin + code.width]
+            series = code.run(ready, part.index.tolist())
+            return [
+                measured({str(k): v for k, v in row.items()}, one)
+                for row, one in zip(part.to_dict("records"), series, strict=True)
+            ]
 
-        return [one for of_block in threads.map_in_threads(block, blocks) for one in of_block]
+        blocks = threads.map_in_threads(block, range(0, len(table), code.width))
+        return [one for of_block in blocks for one in of_block]
 
     def _code(self, ready: Plan) -> _Code:
         program = ready.program
-        key = (program.setup, program.varied, program.ticks, _numbers(program.params))
+        numbers = repr([np.asarray(leaf).item() for leaf in jax.tree.leaves(program.params)])
+        key = (program.setup, program.varied, program.ticks, numbers)
         if key not in self._codes:
             compile_cache.enable_cache()
-            self._codes[key] = _Code(ready)
+            self._codes[key] = _Code(ready, self._names)
         return self._codes[key]
 
 
 class _Code:
-    """The loop of a program that outputs SIGNALS in each tick."""
+    """The loop of a program that outputs some of SIGNALS in each tick."""
 
-    def __init__(self, ready: Plan) -> None:
-        from ravenjax.numbers.lazy import jax
-
+    def __init__(self, ready: Plan, names: Sequence[str]) -> None:
         self.program = traced.printable_program(ready.program)
         self.width = jit.host_target().width
         trace = traced.trace_tick(self.program, self._block(ready, [0]), ready.columns)
         leaves, structure = jax.tree.flatten(trace.signals)
         numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
-        loop = trace.loop
-        before, picked, dtypes = loop.states + trace.series, [], []
-        for name, (where, _) in SIGNALS.items():
-            numbers = jax.tree.leaves(where(numbered))
-            dtypes.append((name, [leaves[k] for k in numbers]))
-            picked += [loop.step.outputs[before + k] for k in numbers]
-        self._dtypes: list[tuple[str, list[np.dtype]]] = dtypes
-        step = dataclasses.replace(loop.step, outputs=(*loop.step.outputs[: loop.states], *picked))
-        shared = len(self.program.varied)
-        self._series = trace.series
-        objects = compile_cache.object_cache()
-        self._code = VectorCode(
-            dataclasses.replace(loop, step=step), shared, not shared, self.width, objects
+        places = {name: jax.tree.leaves(SIGNALS[name][0](numbered)) for name in names}
+        self._dtypes = {name: [leaves[k] for k in of] for name, of in places.items()}
+        loop, self._series = trace.loop, trace.series
+        states, first = loop.step.outputs[: loop.states], loop.states + trace.series
+        picked = [loop.step.outputs[first + k] for of in places.values() for k in of]
+        loop = dataclasses.replace(
+            loop, step=dataclasses.replace(loop.step, outputs=(*states, *picked))
         )
+        shared, objects = len(self.program.varied), compile_cache.object_cache()
+        self._code = VectorCode(loop, shared, not shared, self.width, objects)
 
     def _block(self, ready: Plan, rows: Sequence[int]) -> Block:
         return Block(*ready.lanes(rows, self.width), None)
@@ -128,37 +133,28 @@ class _Code:
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.lane_inputs(self.program, self._block(ready, rows))
         # Only outcomes, which are unused here, read a golden run.
-        golden = np.zeros(
-            (1, self._series) if self._code.grouped else (1, self._series, self.width), real
-        )
+        lanes = () if self._code.grouped else (self.width,)
+        golden = np.zeros((1, self._series, *lanes), real)
         out = np.zeros((ticks, self._code.outputs, self.width), real)
         self._code.run(Lanes(inputs, golden, np.concatenate(ready.columns), out), ticks)
         for lane in range(len(rows)):
-            yield self._named(np.ascontiguousarray(out[:, :, lane].T))
+            yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))
 
-    def _named(self, columns: np.ndarray) -> dict[str, np.ndarray]:
-        """Name the columns. `columns`: [numbers, ticks], with integers and booleans as the bits of
-        32-bit integers.
+    def _named(self, columns: Iterator[np.ndarray]) -> dict[str, np.ndarray]:
+        """Name the columns, each [ticks], with integers and booleans as the bits of 32-bit
+        integers.
         """
-        series, first = {}, 0
-        for (name, dtypes), (_, factor) in zip(self._dtypes, SIGNALS.values(), strict=True):
+        series = {}
+        for name, dtypes in self._dtypes.items():
             parts = [
                 column if dtype.kind == "f" else column.view(np.int32)
-                for column, dtype in zip(columns[first : first + len(dtypes)], dtypes, strict=True)
+                for dtype, column in zip(dtypes, islice(columns, len(dtypes)), strict=True)
             ]
-            first += len(dtypes)
-            if not parts:
-                continue
-            values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
-            series[name] = values.astype(bool) if dtypes[0].kind == "b" else values * factor
+            if parts:
+                values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
+                boolean = dtypes[0].kind == "b"
+                series[name] = values.astype(bool) if boolean else values * SIGNALS[name][1]
         return series
-
-
-def _numbers(params: Any) -> str:
-    """Return every number of a parameter record as text that distinguishes two records."""
-    from ravenjax.numbers.lazy import jax
-
-    return repr([np.asarray(leaf).item() for leaf in jax.tree.leaves(params)])
 
 
 def rises(active: np.ndarray) -> list[int]:

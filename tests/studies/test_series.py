@@ -28,7 +28,7 @@ VARIED = {**PLAIN, "parameters": {"operator.scale": [0.1, 0.2]}}
 def test_series_are_those_of_a_replay(tmp_path, raw):
     config = loading.from_dict(raw)
     runner.run_campaign(config, tmp_path, "simd")
-    recorder = Recorder()
+    recorder = Recorder(SIGNALS)
     runs = recorder.measure(
         tmp_path, lambda row, series: (row["index"], row["fault0_value"], dict(series))
     )
@@ -37,11 +37,12 @@ def test_series_are_those_of_a_replay(tmp_path, raw):
     assert value == 9000.0 and set(found) == set(SIGNALS)
     alone = replay.replay_run(config, int(last), "simd").series
     for name, values in found.items():
-        wanted = alone["fault0_active"] if name == "fault_active" else alone[f"gold/{name}"]
+        of_robot = {"fault_active": "fault0_active", "last_seq": "last_seq"}
+        wanted = alone[of_robot.get(name, f"gold/{name}")]
         wanted = wanted[:, 0] if name == "cue_force" else wanted
         assert np.array_equal(values, np.asarray(wanted)), name
     assert rises(found["fault_active"]) == [210]
-    assert recorder.measure(tmp_path, lambda row, _: row["index"], lambda table: [2, 0]) == [2, 0]
+    assert recorder.measure(tmp_path, lambda row, _: row["index"], [2, 0]) == [2, 0]
 
 
 def test_rises_are_where_a_signal_begins():

@@ -7,11 +7,9 @@ length of a packet was not published. Packets here last as on a recorded arm, an
 lengths are shown beside them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +19,7 @@ import pandas as pd
 from ravenjax.campaign import plan
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.plan import Plan
-from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import of_raven
@@ -31,61 +29,41 @@ from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.stages import packet_clock
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
-from studies.study import Line, StudyEstimate, Table
+from studies.study import Line, StudyEstimate
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Durations of a fault in packets, in both scenarios."""
 
 
-def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.ndarray:
+def inside(ended: pd.Series, start: pd.Series, duration: pd.Series) -> pd.Series:
     """Return whether a first jump counts if the published analysis only looks at packets t1 to t1 +
     d + 1.
 
     `ended`: packet that ends the second long step, as the monitor notes it, 0 for never. The jump's
     own packet is two earlier. `start`, `duration`: in packets.
     """
-    packet = np.asarray(ended) - 2
-    return (
-        (np.asarray(ended) > 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
-    )
+    return (ended > 0) & (ended - 2).between(start, start + duration + 1)
 
 
-def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> pd.DataFrame:
-    """Return the share of runs with `hit` (bool [n]) in each cell: a row per value of the fault, a
-    column per duration, both ascending.
-    """
-    return pd.Series(np.asarray(hit, float)).groupby([value, duration]).mean().unstack()
+def rate(cells: pd.DataFrame | pd.Series) -> StudyEstimate:
+    """Return the mean of the cells' shares, in %."""
+    shares = cells.to_numpy().ravel()
+    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
 
 
-def rate(cells: np.ndarray) -> StudyEstimate:
-    """Return the mean of the cells' shares [n], in %."""
-    return StudyEstimate(100.0 * float(cells.mean()), n=len(cells), of="cells of a fixed grid")
+def bias(
+    predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0
+) -> tuple[int, int, float]:
+    """Return how many predictions are above and below the publication, and the two-sided p-value of
+    the exact sign test; 1 if there is no difference.
 
-
-class Bias(NamedTuple):
-    """Signs of the differences, prediction minus publication."""
-
-    above: int
-    below: int
-    # Two-sided p-value of the split under fair signs; 1 if there is no difference.
-    p: float
-
-    @property
-    def words(self) -> str:
-        """Return the split in words."""
-        return f"{self.above} above, {self.below} below"
-
-
-def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0) -> Bias:
-    """Apply the exact sign test. A difference within the reading error of the publication does not
-    count.
+    A difference within the reading error of the publication does not count.
     """
     from scipy.stats import binomtest
 
-    apart = np.asarray(predicted, float) - np.asarray(published, float)
+    apart = predicted - published
     above, below = int((apart > reading_error).sum()), int((apart < -reading_error).sum())
-    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
-    return Bias(above, below, p)
+    return above, below, float(binomtest(above, above + below).pvalue) if above + below else 1.0
 
 
 LEVERS = ("suture_110mm", "suture_145mm", "suture_180mm")
@@ -97,34 +75,20 @@ def lever(config: CampaignConfig, rows: np.ndarray) -> str:
 
     It is the distance from the first axis, which is the z axis of the arm's frame 0.
     """
-    tips = desired_tip(config)[np.asarray(rows, int)]
-    distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
-    low, high = f"{distance.min():.0f}", f"{distance.max():.0f}"
-    return f"{low} mm" if low == high else f"{low}-{high} mm"
-
-
-def desired_tip(config: CampaignConfig) -> np.ndarray:
-    """Return the position that the operator wants for the gold tip, [ms, 3] m in frame 0."""
-    from ravenjax.numbers.lazy import jax
-
     raven = of_raven(config)
     motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
-        start = kinematics.forward_pose(
-            "gold", Vec(np.float64(q) for q in motion.start_jpos[0])
-        ).position
-    axes = np.array(ITP_AXES["gold"], float)
-    return (
-        np.array([float(x) for x in start])
-        + motion.position_um[:, 0] @ axes.T * raven.operator.scale * 1e-6
-    )
+        start = Vec(np.float64(q) for q in motion.start_jpos[0])
+        tip = [float(x) for x in kinematics.forward_pose("gold", start).position]
+    moved = motion.position_um[rows, 0] @ np.array(ITP_AXES["gold"], float).T
+    distance = np.hypot(*(tip + moved * raven.operator.scale * 1e-6)[:, :2].T) * 1e3
+    return "-".join(dict.fromkeys(f"{end:.0f}" for end in (distance.min(), distance.max()))) + " mm"
 
 
 CYCLES = "network.cycles_per_packet"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PacketTicks:
+class PacketTicks(NamedTuple):
     """Ticks at which packets arrive in the runs of a campaign, in its order, as if nothing ever
     stopped them. Packets count from 1.
     """
@@ -138,13 +102,8 @@ class PacketTicks:
         """Return the number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 if the
         tick is negative.
         """
-        return np.array(
-            [
-                np.searchsorted(self.ticks[row], t, side="right")
-                for row, t in zip(index, tick, strict=True)
-            ],
-            int,
-        )
+        pairs = zip(self.ticks[index], tick, strict=True)
+        return np.array([np.searchsorted(ticks, at, side="right") for ticks, at in pairs], int)
 
     def motion_row(self, index: np.ndarray, packet: np.ndarray) -> np.ndarray:
         """Return the row of the motion, one row per ms, from which packet `packet` [n] of run
@@ -162,8 +121,16 @@ def packet_ticks_of(ready: Plan) -> PacketTicks:
     if PACKETS in ready.varied:
         raise ValueError(f"expected one distribution of packets for all runs, got varied {PACKETS}")
     if PACKET_KEY not in ready.varied:
-        return regular(runs, length, _cycles(ready))
-    return drawn(of_raven(ready.config).campaign.packet_shares, ready.varied[PACKET_KEY], length)
+        axis = ready.config.parameters.get(CYCLES)
+        return regular(runs, length, 1 if axis is None else int(axis.values[0]))
+    shares = of_raven(ready.config).campaign.packet_shares
+    keys = jnp.asarray(ready.varied[PACKET_KEY])[:, None]
+    # `length` packets are at least as many as there can be.
+    packets = jnp.arange(length, dtype=jnp.int32)[None, :]
+    cycles = packet_clock.packet_length((shares,), np.int32(0), keys, packets)
+    after = np.cumsum(np.asarray(cycles), axis=1, dtype=np.int32)
+    ticks = np.concatenate([np.zeros((runs, 1), np.int32), after[:, :-1]], axis=1)
+    return PacketTicks(ticks[:, : int((ticks < length).sum(axis=1).max())], by_time=True)
 
 
 def regular(runs: int, length: int, cycles: int = 1) -> PacketTicks:
@@ -172,50 +139,33 @@ def regular(runs: int, length: int, cycles: int = 1) -> PacketTicks:
     return PacketTicks(np.broadcast_to(ticks, (runs, len(ticks))), by_time=False)
 
 
-def drawn(shares: tuple[float, ...], keys: np.ndarray, length: int) -> PacketTicks:
-    """Return the ticks of runs with these packet keys (uint32 [runs]) and lengths that have
-    `shares`, for `length` ms.
-    """
-    packets = jnp.arange(length, dtype=jnp.int32)  # upper bound for the number of packets
-    cycles = packet_clock.packet_length(
-        (shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :]
-    )
-    after = np.cumsum(np.asarray(cycles), axis=1, dtype=np.int32)
-    ticks = np.concatenate([np.zeros((len(keys), 1), np.int32), after[:, :-1]], axis=1)
-    return PacketTicks(ticks[:, : int((ticks < length).sum(axis=1).max())], by_time=True)
-
-
-def _cycles(ready: Plan) -> int:
-    axis = ready.config.parameters.get(CYCLES)
-    return 1 if axis is None else int(axis.values[0])
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class VariantRuns:
-    """One variant. Arrays have one entry per faulty run."""
+    """One variant."""
 
     name: str
     config: CampaignConfig
     lever: str  # of the desired tip, over the packets at which faults start
-    index: np.ndarray  # row of the campaign
-    value: np.ndarray  # DAC counts, or displacement in um
-    duration: np.ndarray  # packets
-    start: np.ndarray  # packet
-    jump_packet: np.ndarray  # packet that ends the first jump's second long step, 0: none
-    # Bool: jump, inside (the published window), stop, ik, missed (jump without a stop).
-    hits: Mapping[str, np.ndarray]
-
-    def counting(self, **hits: np.ndarray) -> VariantRuns:
-        """Return the same runs with further columns to count."""
-        return dataclasses.replace(self, hits={**self.hits, **hits})
+    # A row per faulty run, in the campaign's order: index, value (DAC counts, or displacement in
+    # um), duration and start (packets), jump_packet (packet that ends the first jump's second long
+    # step, 0: none). Bool: jump, inside (the published window), stop, ik, missed (jump without a
+    # stop).
+    frame: pd.DataFrame
 
     def share(self, hit: str) -> pd.DataFrame:
-        """Return the share of runs with `hit` in each cell."""
-        return means(self.value, self.duration, self.hits[hit])
+        """Return the share of runs with `hit` in each cell: a row per value of the fault, a column
+        per duration, both ascending.
+        """
+        hits = self.frame[hit].astype(float)
+        return hits.groupby([self.frame["value"], self.frame["duration"]]).mean().unstack()
 
     def percent(self, hit: str) -> np.ndarray:
         """Return the rate over the cells of each duration, in its order."""
         return 100.0 * self.share(hit).to_numpy().mean(axis=0)
+
+    def counting(self, **hits: np.ndarray) -> "VariantRuns":
+        """Return the same runs with further columns to count."""
+        return dataclasses.replace(self, frame=self.frame.assign(**hits))
 
 
 def read_runs(name: str, folder: Path) -> VariantRuns:
@@ -230,61 +180,44 @@ def runs_of(
     """Return the valid faulty rows of a result table. A displacement's value is the group's,
     because its slots hold shares of it.
     """
-    columns = {str(column): table[column].to_numpy() for column in table.columns}
-    has_fault, valid = columns["fault0_site"] != "", columns["failed"] == ""
-    faulty = np.flatnonzero(has_fault & valid)
-    rows = faulty[np.argsort(columns["index"][faulty])]
-    rejected = columns["check_ik_reject_count"]
-    free = rejected[~has_fault & valid].max(initial=0)
-    start, duration = columns["fault0_start_ms"][rows], columns["fault0_duration_ms"][rows]
-    index, jump = columns["index"][rows], columns["jump_code"][rows].astype(bool)
-    ended = packets.packet(index, columns["jump_code_first_ms"][rows])
-    stop = columns["response"][rows] == "stopped"
-    value = [
-        _displacement(g, v)
-        for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)
-    ]
+    valid = table.loc[table["failed"] == ""].sort_values("index")
+    faulty = valid["fault0_site"] != ""
+    free = valid.loc[~faulty, "check_ik_reject_count"].max() if not faulty.all() else 0
+    runs = valid.loc[faulty].reset_index(drop=True)
+    index, start, duration = (runs[n] for n in ("index", "fault0_start_ms", "fault0_duration_ms"))
+    displacement = runs["group"].astype(str).str.extract(r"^d(\d+)$")[0].astype(float)
+    ended = pd.Series(packets.packet(index.to_numpy(), runs["jump_code_first_ms"]))
+    jump, stop = runs["jump_code"].astype(bool), runs["response"] == "stopped"
     return VariantRuns(
-        name=name,
-        config=config,
-        lever=lever(config, np.unique(packets.motion_row(index, start))),
-        index=index,
-        value=np.array(value),
-        duration=duration,
-        start=start,
-        jump_packet=ended,
-        hits={
-            "jump": jump,
-            "inside": inside(ended, start, duration),
-            "stop": np.asarray(stop, bool),
-            "ik": rejected[rows] > free,
-            "missed": jump & ~np.asarray(stop, bool),
-        },
+        name,
+        config,
+        lever(config, np.unique(packets.motion_row(index, start))),
+        pd.DataFrame(
+            {
+                "index": index,
+                "value": displacement.fillna(runs["fault0_value"]),
+                "duration": duration,
+                "start": start,
+                "jump_packet": ended,
+                "jump": jump,
+                "inside": inside(ended, start, duration),
+                "stop": stop,
+                "ik": runs["check_ik_reject_count"] > free,
+                "missed": jump & ~stop,
+            }
+        ),
     )
 
 
-def _displacement(group: str, value: float) -> float:
-    return float(group[1:]) if group[:1] == "d" and group[1:].isdecimal() else float(value)
-
-
-def stored(value: float, words: str = "wrap") -> int:
-    """Return what is left of an added DAC value after storage, without the small nominal
+def stored(value: float) -> int:
+    """Return what is left of an added DAC value after storage in 16 bits, without the small nominal
     command.
     """
-    whole = int(value)
-    if words == "wrap":
-        return (whole + 32768) % 65536 - 32768
-    return max(-32768, min(32767, whole)) if words == "saturate" else whole
+    return (int(value) + 32768) % 65536 - 32768
 
 
 DECLARED = "as_declared"
 """The variant whose baseline was declared before packets were measured."""
-
-
-SENSITIVITY_NOTE = (
-    "Points are means over all cells of the fixed grid, each variant's cell against the same cell"
-    " of the baseline. A cell changes where at least half of its runs come out the other way."
-)
 
 INSIDE = "jumps only inside t1 .. t1 + d + 1"
 """The published window of a fault that begins in packet t1 and lasts d packets."""
@@ -294,7 +227,7 @@ class VariantCase(NamedTuple):
     """One way to answer the open questions."""
 
     runs: VariantRuns
-    question: str
+    question: str = ""
     hit: str = "jump"  # column of the runs that is counted
     label: str = ""  # label, if it differs from the variant's name
 
@@ -308,18 +241,14 @@ def other_jump_rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
     """Return the baseline's own runs with other rules for a jump. `leaps`: bool [runs], by the
     text's rule.
     """
+    text = "text's rule: the tip moves over 1 mm within two packets"
     return [
         VariantCase(base, INSIDE, "inside", "inside_window"),
-        VariantCase(
-            base.counting(leap=leaps),
-            "text's rule: the tip moves over 1 mm within two packets",
-            "leap",
-            "jump_text",
-        ),
+        VariantCase(base.counting(leap=leaps), text, "leap", "jump_text"),
     ]
 
 
-def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[float, int]:
+def shifts(case: VariantCase, baseline: VariantRuns, hit: str) -> tuple[float, int]:
     """Return the mean difference to the baseline over all cells, in points, and the number of cells
     that change sides.
 
@@ -333,66 +262,33 @@ def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple
     return 100.0 * float((first - second).mean()), int(((first >= 0.5) != (second >= 0.5)).sum())
 
 
-def sensitivity_table(
-    title: str,
+def sensitivity_rows(
     cases: Sequence[VariantCase],
-    baseline: VariantRuns,
-    published: np.ndarray | None = None,
-    bands: Sequence[tuple[float, float]] | None = None,
-    reading_error: float = 0.0,
     hit: str = "jump",
-    note: str = "",
-) -> Table:
-    """Return a table of percent by duration for each case, with its distance from the baseline and,
-    if given, from the publication.
+    published: np.ndarray | None = None,
+    bands: Sequence[tuple[float, float]] = (),
+    reading_error: float = 0.0,
+) -> Iterator[tuple[str | int | float, ...]]:
+    """Yield percent by duration for each case, with its distance from the first one and, if given,
+    from the publication.
     """
-    heads = [
-        "variant",
-        "open question answered otherwise",
-        "lever",
-        *(f"{d} packets" for d in DURATIONS),
-    ]
-    heads += ["cells changed", "points from baseline"]
     if published is not None:
-        heads += ["points from publication", "above / below", "sign test p"]
-    if bands is not None:
-        heads += ["in band"]
-    rows = []
-    if published is not None:
-        rows.append(
-            (
-                "published",
-                "",
-                "",
-                *(round(float(p), 1) for p in published),
-                *("",) * (len(heads) - 11),
-            )
-        )
+        blanks = ("",) * (5 + bool(bands))
+        yield "published", "", "", *(round(float(p), 1) for p in published), *blanks
     for case in cases:
         percent = case.runs.percent(case.hit)
-        apart, changed = shifts(case, baseline, hit)
+        apart, changed = shifts(case, cases[0].runs, hit)
+        points = "" if math.isnan(apart) else f"{apart:+.1f}" if round(apart, 1) else "0"
         row: list[str | int | float] = [case.name, case.question, case.runs.lever]
-        row += [round(float(p), 1) for p in percent]
-        row += [changed, _points(apart)]
+        row += [*(round(float(p), 1) for p in percent), changed, points]
         if published is not None:
-            sign = bias(percent, published, reading_error)
-            row += [
-                f"{float(np.mean(percent - published)):+.1f}",
-                f"{sign.above} / {sign.below}",
-                round(sign.p, 3),
-            ]
-        if bands is not None:
-            inside = sum(b[0] <= p <= b[1] for p, b in zip(percent, bands, strict=True))
-            row += [f"{inside} of {len(bands)}"]
-        rows.append(tuple(row))
-    return Table(title, tuple(heads), tuple(rows), note)
-
-
-def _points(apart: float) -> str:
-    if math.isnan(apart):
-        return ""
-    points = round(apart, 1)
-    return f"{points:+.1f}" if points else "0"
+            above, below, p = bias(percent, published, reading_error)
+            mean = float(np.mean(percent - published))
+            row += [f"{mean:+.1f}", f"{above} / {below}", round(p, 3)]
+        if bands:
+            fits = sum(low <= p <= high for p, (low, high) in zip(percent, bands, strict=True))
+            row.append(f"{fits} of {len(bands)}")
+        yield tuple(row)
 
 
 SMALL_COUNTS = 800
@@ -401,8 +297,6 @@ in the fork's code).
 """
 LARGE_COUNTS = 10000
 """DAC counts that the fork's own check allows for the shoulder."""
-
-
 HOLDS = " (1: holds)"
 """Ending of a statement's quantity."""
 
@@ -411,13 +305,9 @@ def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -
     """Return a statement as a line: 1 if it holds, 0 if not. `published`: whether the published
     counts support it; None without counts.
     """
-    stated = StudyEstimate(
-        1.0,
-        of="stated" if published is None else f"stated; in the published counts: {int(published)}",
-    )
-    return Line(
-        f"{quantity}{HOLDS}", "", stated, StudyEstimate(float(predicted)), (1.0, 1.0), "", reason
-    )
+    of = "stated" if published is None else f"stated; in the published counts: {int(published)}"
+    found, stated = StudyEstimate(float(predicted)), StudyEstimate(1.0, of=of)
+    return Line(f"{quantity}{HOLDS}", "", stated, found, (1.0, 1.0), reason=reason)
 
 
 def scenario_b(
@@ -428,19 +318,20 @@ def scenario_b(
     `moved`: [runs] largest step of motor velocity in the window, divided by its fault-free 99.9 %
     threshold. `jumps`, `stops`: published percent by duration.
     """
-    size, duration = np.abs([stored(value) for value in runs.value]), runs.duration
-    jumped = runs.hits["jump"]
-    affected = jumped | runs.hits["stop"]
-    small = (size <= SMALL_COUNTS) & (duration <= 64)
-    short = (size <= LARGE_COUNTS) & ((duration == 2) | (duration == 4))
+    size, duration, jumped = (
+        runs.frame["value"].map(stored).abs(),
+        *(runs.frame[name] for name in ("duration", "jump")),
+    )
+    small = (jumped | runs.frame["stop"])[(size <= SMALL_COUNTS) & (duration <= 64)]
+    short = (size <= LARGE_COUNTS) & duration.isin((2, 4))
     disturbed = float((moved[short] > 1.0).mean())
     return (
         holds(
             "small DAC errors have no effect unless held longer than 64 ms",
             None,
-            not affected[small].any(),
-            f"{int(affected[small].sum())} of {int(small.sum())} runs of up to {SMALL_COUNTS}"
-            " counts and 64 packets jump or stop",
+            not small.any(),
+            f"{int(small.sum())} of {len(small)} runs of up to {SMALL_COUNTS} counts and 64 packets"
+            " jump or stop",
         ),
         holds(
             "2-4 ms bursts disturb motor velocity but not positions, unless large",
@@ -462,12 +353,10 @@ def of_attack(
     """
     jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
     window = np.isin(DURATIONS, (2, 4, 8, 16))
-    open_at = [d for d, share in zip(DURATIONS, missed, strict=True) if share > 0]
-    lower = opened = None
-    beside = ""
+    open_at = ", ".join(str(d) for d, share in zip(DURATIONS, missed, strict=True) if share > 0)
+    lower, opened, beside = None, None, ""
     if jumps is not None and stops is not None:
-        lower = bool((stops <= jumps).all())
-        opened = bool((jumps[window] > 0).all())
+        lower, opened = bool((stops <= jumps).all()), bool((jumps[window] > 0).all())
         beside = f"; published {_listed(stops - jumps)}"
     return (
         holds(
@@ -481,25 +370,20 @@ def of_attack(
             opened,
             bool((missed[window] > 0).all()),
             "counted as: at each of 2, 4, 8 and 16 packets some runs jump without an E-stop;"
-            f" predicted for {', '.join(map(str, open_at)) or 'no'} packets, by duration"
-            f" {_listed(missed)} %",
+            f" predicted for {open_at or 'no'} packets, by duration {_listed(missed)} %",
         ),
     )
 
 
 def verdict(scenario: str, lines: Sequence[Line]) -> str:
-    """Say how a scenario's results compare with the text's statements. Lines without a verdict do
-    not count.
-    """
-    judged = [line for line in lines if line.passed is not None]
-    fail = [line.quantity.removesuffix(HOLDS) for line in judged if not line.passed]
+    """Say how a scenario's results compare with the text's statements."""
+    fail = [line.quantity.removesuffix(HOLDS) for line in lines if not line.passed]
+    held = f"{len(lines) - len(fail)} of {len(lines)} statements hold."
     if not fail:
-        return (
-            f"{scenario} is as the text states it: {len(judged)} of {len(judged)} statements hold."
-        )
+        return f"{scenario} is as the text states it: {held}"
     return (
-        f"{scenario} is not reproduced: {len(judged) - len(fail)} of {len(judged)} statements hold."
-        f" The prediction contradicts that {'; that '.join(fail)}."
+        f"{scenario} is not reproduced: {held} The prediction contradicts that"
+        f" {'; that '.join(fail)}."
     )
 
 

@@ -7,51 +7,19 @@ if, in one row, each of the three exceeds its threshold for some joint, for moto
 row and the next.
 """
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax import threads
-from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import validate_tables
-from ravenjax.engines.cpu.engine import SimdKernel
-from ravenjax.engines.interface import Block
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign.config import of_raven
-from ravenjax.robots.raven2.campaign.trace import trace_series
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.stats.bootstrap.resample import bootstrap
-from ravenjax.store import manifest
 from studies.dsn16.attacks import VariantCase, VariantRuns, holds, other_jump_rules, read_runs
-from studies.study import Line, Published, StudyEstimate, Variant
-
-T = TypeVar("T")
-Series = Mapping[str, np.ndarray]
-"""Maps a name to [ticks] or [ticks, k], with names as in `store.logs.time_series`."""
-
-
-def measure(
-    path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None
-) -> list[T]:
-    """Return what `measured` computes for each of these rows (None: all) of the result folder
-    `path`, from its index and its series.
-
-    Each run is measured immediately and dropped, because its signals take about 2 MB per second of
-    the run. Raises StoreError as `manifest.read_manifest` does.
-    """
-    compile_cache.enable_cache()
-    ready = plan.make_plan(validate_tables(manifest.read_manifest(path).config))
-    kernel = SimdKernel(ready.program, 1, compile_cache.object_cache(), signals=True)
-
-    def one(row: int) -> T:
-        _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)
-        return measured(row, trace_series(ready.program.setup, signals))
-
-    return threads.map_in_threads(one, range(ready.runs) if rows is None else rows)
+from studies.series import Recorder, Row, Series
+from studies.study import Line, Published, Variant
 
 
 class Log(NamedTuple):
@@ -65,33 +33,30 @@ class Log(NamedTuple):
     joints: np.ndarray  # [rows, 7] rad and m, all joints
 
 
+LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
+"""Signals of a log."""
+
+
 def log(series: Series) -> Log:
-    """Return the log from the gold arm's time series."""
-    number = np.asarray(series["last_seq"])
+    """Return the log from a run's time series."""
+    number = series["last_seq"]
     fresh = np.flatnonzero(np.diff(number, prepend=0))
+    joints = series["jpos"][fresh]
     return Log(
-        packet=number[fresh],
-        mpos=series["gold/mpos"][fresh, :3],
-        mvel=series["gold/mvel"][fresh, :3],
-        jpos=series["gold/jpos"][fresh, :3],
-        tip=np.rint(series["gold/position"][fresh] * 1e6),
-        joints=series["gold/jpos"][fresh],
+        number[fresh],
+        series["mpos"][fresh, :3],
+        series["mvel"][fresh, :3],
+        joints[:, :3],
+        np.rint(series["position"][fresh] * 1e6),
+        joints,
     )
 
 
 VARIABLES = ("mpos", "mvel", "jpos")
 JOINTS = ("shoulder", "elbow", "insertion")
-UNITS = {"mpos": ("rad",) * 3, "mvel": ("rad/s",) * 3, "jpos": ("rad", "rad", "m")}
 
 FIRST_PACKET = 500
 """First packet that is used. Before it the hands rest and the arm settles."""
-
-TAIL = 20.0
-"""Number of steps kept for the bootstrap, as a multiple of those above the percentile. No resample
-of runs needs more.
-"""
-RESAMPLES = 1000
-SEED = 2016
 
 
 def steps(log: Log) -> np.ndarray:
@@ -101,77 +66,17 @@ def steps(log: Log) -> np.ndarray:
     return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
 
 
-class Learned(NamedTuple):
-    """Steps of fault-free runs."""
-
-    pooled: np.ndarray  # [runs, rows, 3, 3] |step|
-
-    @property
-    def maxima(self) -> np.ndarray:
-        """Return the largest step of each run, [runs, 3, 3]."""
-        return self.pooled.max(axis=1)
-
-    def percentile(self, percent: float) -> np.ndarray:
-        """Return the percentile of all steps of all runs, [3, 3]: the threshold of the published
-        code.
-        """
-        return np.percentile(self.pooled, percent, axis=(0, 1))
-
-
 def fault_free(log: Log) -> np.ndarray:
     """Return steps [rows, 3, 3] of a fault-free run after it has begun to move."""
     return steps(log)[log.packet[:-1] >= FIRST_PACKET]
-
-
-def learn(runs: Iterable[np.ndarray]) -> Learned:
-    """Pool the results of `fault_free` for several runs. Raises ValueError for no runs."""
-    return Learned(stacked(list(runs)))
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
     """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest, because runs
     differ in their number of packets.
     """
-    if not series:
-        raise ValueError("thresholds are learned from at least one run, got none")
     rows = min(map(len, series))
     return np.stack([one[:rows] for one in series])
-
-
-def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Return a percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, and
-    their rows stay together.
-    """
-    runs, rows = values.shape
-    flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
-    beyond = (1.0 - percent / 100.0) * flat.size
-    tail = np.argsort(flat)[::-1][: max(1, math.ceil(TAIL * beyond))]
-    largest, owner = flat[tail], owner[tail]
-
-    def quantile(indices: np.ndarray) -> np.ndarray:
-        times = np.stack(
-            [np.bincount(index, minlength=runs) for index in indices]
-        )  # how often each run was drawn
-        passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, in each resample
-        return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
-
-    band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
-    return StudyEstimate(
-        float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs"
-    )
-
-
-def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Return a percentile of the runs' maxima [runs] with its order-statistic interval. An end that
-    no run can give is NaN.
-    """
-    from scipy.stats import quantile_test
-
-    interval = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
-    low, high = (
-        float(end) if math.isfinite(end) else math.nan for end in (interval.low, interval.high)
-    )
-    return StudyEstimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
 
 
 def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
@@ -192,21 +97,10 @@ def window(log: Log, start: int, duration: int) -> np.ndarray:
     return (packet >= start) & (packet <= start + duration + 1)
 
 
-TRAINING = (
-    Variant(
-        "training_suture",
-        "dsn16_thresholds.toml",
-        (),
-        "fault-free runs for the detector, first motion",
-    ),
-    Variant(
-        "training_peg_transfer",
-        "dsn16_thresholds.toml",
-        ("operator.motion=peg_transfer",),
-        "fault-free runs for the detector, second motion",
-    ),
-)
-"""Two motions of 300 runs each, like the 600 runs of the publication."""
+TRAINING = ("training_suture", "training_peg_transfer")
+"""Variants of fault-free runs from which the detector learns: two motions of 300 runs each, like
+the 600 runs of the publication.
+"""
 
 LEAP_UM = 1000.0
 
@@ -229,34 +123,32 @@ class Watched(NamedTuple):
     joints: np.ndarray
 
 
-def learn_from_folders(folders: Mapping[str, Path]) -> Learned:
-    """Learn from the training campaigns that exist."""
-    steps: list[np.ndarray] = []
-    for variant in TRAINING:
-        if variant.name in folders:
-            steps += measure(folders[variant.name], lambda _, series: fault_free(log(series)))
-    return learn(steps)
-
-
-def thresholds(learned: Learned) -> dict[str, np.ndarray]:
-    """Return CHOSEN and COMPARED, [3, 3] each."""
-    return {name: learned.percentile(float(name.split()[0])) for name in (CHOSEN, COMPARED)}
+def learn_thresholds(folders: Mapping[str, Path]) -> dict[str, np.ndarray]:
+    """Return CHOSEN and COMPARED from the training campaigns that exist, [3, 3] each."""
+    recorder, learned = Recorder(LOGGED), []
+    for name in (name for name in TRAINING if name in folders):
+        learned += recorder.measure(folders[name], lambda _, series: fault_free(log(series)))
+    pooled = stacked(learned)
+    # The threshold of the published code is a percentile of all steps of all runs.
+    return {
+        name: np.percentile(pooled, float(name.split()[0]), axis=(0, 1))
+        for name in (CHOSEN, COMPARED)
+    }
 
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
     """Run the detector on every faulty run of a folder."""
-    columns = (runs.start.tolist(), runs.duration.tolist(), runs.jump_packet.tolist())
-    faults = dict(zip(runs.index.tolist(), zip(*columns, strict=True), strict=True))
+    faults = runs.frame.set_index("index")[["start", "duration", "jump_packet"]]
 
-    def one(row: int, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
-        trace, (first, lasts, ended) = log(series), faults[row]
-        moved = steps(trace)[window(trace, first, lasts), 1] / thresholds[CHOSEN][1]
-        alarms = [run_alarms(trace, level, first, lasts) for level in thresholds.values()]
+    def watch_run(row: Row, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
+        trace, (start, duration, ended) = log(series), faults.loc[row["index"]].tolist()
+        moved = steps(trace)[window(trace, start, duration), 1] / thresholds[CHOSEN][1]
+        alarms = [run_alarms(trace, level, start, duration) for level in thresholds.values()]
         return alarms, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
 
-    alarms, *others = zip(*measure(folder, one, runs.index.tolist()), strict=True)
-    by_threshold = dict(zip(thresholds, np.stack(alarms, axis=1), strict=True))
-    return Watched(by_threshold, *map(np.array, others))
+    measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
+    alarms, *others = map(np.array, zip(*measured, strict=True))
+    return Watched(dict(zip(thresholds, np.moveaxis(alarms, 1, 0), strict=True)), *others)
 
 
 def jump_steps(found: Log, ended: int) -> np.ndarray:
@@ -294,21 +186,15 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
     `limit_mm`: limit of a step.
     """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
+    of_positioning = np.arange(joints.shape[-1]) < POSITIONING
 
-    def jumps(part: slice) -> np.ndarray:
-        lengths = np.linalg.norm(_tip(_moved(before, after, part)) - _tip(before), axis=-1)
+    def jumps(moving: np.ndarray) -> np.ndarray:
+        lengths = np.linalg.norm(_tip(np.where(moving, after, before)) - _tip(before), axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
-    jumped = np.isfinite(joints[:, 0, 0])
-    first, tool = jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None))
+    first, tool = jumps(of_positioning), jumps(~of_positioning)
     kinds = np.stack([first & ~tool, tool & ~first, first & tool, ~first & ~tool], axis=1)
-    return kinds & jumped[:, None]
-
-
-def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
-    result = before.copy()
-    result[..., part] = after[..., part]
-    return result
+    return kinds & np.isfinite(joints[:, :1, 0])
 
 
 def _tip(joints: np.ndarray) -> np.ndarray:
@@ -322,9 +208,8 @@ def visible_line(runs: VariantRuns, watched: Watched) -> Line:
     """Return a line on whether the published detector can see most of the predicted jumps. Jumps
     that it cannot see are not in its published score.
     """
-    jumped, alarms = runs.jump_packet > 0, watched.alarms[CHOSEN]
-    count, fused = int(jumped.sum()), int((jumped & alarms[:, 3]).sum())
-    none = int((jumped & ~alarms[:, :3].any(axis=1)).sum())
+    alarms = watched.alarms[CHOSEN][(runs.frame["jump_packet"] > 0).to_numpy()]
+    count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
     return holds(
         "the predicted jumps are ones that the published detector can see",
         None,
@@ -336,19 +221,19 @@ def visible_line(runs: VariantRuns, watched: Watched) -> Line:
 
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
-    jumped = int((runs.jump_packet > 0).sum())
+    jumped = int((runs.frame["jump_packet"] > 0).sum())
     if not jumped:
         return f"{runs.name}: no run jumps."
     kinds = attribute(watched.joints, of_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
     listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
-    return f"{runs.name}: {jumped} of {len(runs.index)} runs jump, by {listed}."
+    return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
 
 
 class Scenario(NamedTuple):
     """The runs of a scenario's variants."""
 
     runs: Mapping[str, VariantRuns]  # the baseline first
-    cases: Sequence[VariantCase]  # the others
+    cases: Sequence[VariantCase]  # of these runs
     levels: Mapping[str, np.ndarray]  # the detector's thresholds
     watched: Watched  # the baseline
     rules: Sequence[VariantCase]  # the baseline with other rules for a jump
@@ -356,19 +241,21 @@ class Scenario(NamedTuple):
     @property
     def base(self) -> VariantRuns:
         """Return the baseline."""
-        return next(iter(self.runs.values()))
+        return self.cases[0].runs
 
 
 def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> Scenario:
     """Read those variants that were run."""
-    trained = [one.name for one in TRAINING]
-    mine = [one for one in variants if one.name in folders and one.name not in trained]
-    runs = {one.name: read_runs(one.name, folders[one.name]) for one in mine}
-    levels, first = thresholds(learn_from_folders(folders)), mine[0].name
-    watched = watch(folders[first], runs[first], levels)
-    cases = [VariantCase(runs[one.name], one.question) for one in mine[1:]]
-    rules = other_jump_rules(runs[first], watched.leaps)
-    return Scenario(runs, cases, levels, watched, rules)
+    questions = {
+        one.name: one.question
+        for one in variants
+        if one.name in folders and one.name not in TRAINING
+    }
+    runs = {name: read_runs(name, folders[name]) for name in questions}
+    cases = [VariantCase(runs[name], question) for name, question in questions.items()]
+    levels, base = learn_thresholds(folders), cases[0].runs
+    watched = watch(folders[base.name], base, levels)
+    return Scenario(runs, cases, levels, watched, other_jump_rules(base, watched.leaps))
 
 
 def rate_rows(
@@ -377,9 +264,10 @@ def rate_rows(
     """Yield the published rates of both detectors, %, and the predicted ones: as frozen before
     anybody compared, and as computed now.
     """
-    jumped, fused = scenario.base.hits["jump"], scenario.watched.alarms[COMPARED][:, 3]
+    jumped, stopped = (scenario.base.frame[hit].to_numpy() for hit in ("jump", "stop"))
     values = {"prevalence": jumped.mean()}
-    for name, told in {"raven": scenario.base.hits["stop"], "model": fused}.items():
+    fused = scenario.watched.alarms[COMPARED][:, 3]
+    for name, told in {"raven": stopped, "model": fused}.items():
         values[f"{name}.tpr"] = told[jumped].mean()
         values[f"{name}.fpr"] = told[~jumped].mean()
         values[f"{name}.acc"] = (told == jumped).mean()

@@ -6,21 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from ravenjax.stats.intervals import wilson_interval
+from studies import study
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
 from studies.dsn16.detector import Scenario
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    own_line,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, in_percent, own_line, read_table
 
 NAME, SIGNIFICANT = "dsn16_b", 0.05
 EVERY_CYCLE = "every_cycle"
@@ -28,28 +19,33 @@ IMPULSE = 1.15e5
 """Counts times packets from which the null model says that the tip jumps."""
 MARGIN = 10.0
 """Points by which a published Wilson interval is widened, as for A1."""
-VARIANTS = (*read_variants(NAME), *detector.TRAINING)
+VARIANTS = study.read_variants(NAME)
 """The baseline, every ablation, and the motions from which the detector learns."""
+NULL = f"null: {IMPULSE:g} counts times packets or more"
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare published and predicted counts, and show how much each open question matters."""
     published = Published("dsn16")
     found = detector.read_scenario(VARIANTS, context.folders)
-    base, runs, cases = found.base, found.runs, found.cases
-    jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
+    base, runs, (own, *cases) = found.base, found.runs, found.cases
+    estimates = {what: _published(published, what) for what in ("jump", "estop")}
+    jumps, stops = (_percent(published, what) for what in ("jump", "estop"))
     bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
     error = 100.0 / published.value("b.runs")
 
     def fitting(place: int) -> str:
         return _would_fit([*cases, *found.rules], place, bands[place])
 
-    lines = [*_jumps(base, published, bands, fitting, "A1"), _bias(base, jumps, published, "A1")]
+    def bias(of: VariantRuns, target: str = "") -> Line:
+        return _bias(of, jumps, error, target)
+
     beside = [runs[name] for name in (attacks.DECLARED, *attacks.LEVERS) if name in runs]
+    lines = [*_jumps(base, estimates["jump"], bands, fitting, "A1"), bias(base, "A1")]
     for one in beside:
-        lines += _jumps(one, published, bands, _counted_inside(one))
-    lines += [_bias(one, jumps, published) for one in beside]
-    lines += _stops(base, published)
+        lines += _jumps(one, estimates["jump"], bands, _counted_inside(one))
+    lines += [bias(one) for one in beside]
+    lines += _stops(base, estimates["estop"])
     stated = attacks.scenario_b(base, found.watched.largest_mvel, jumps, stops)
     lines += stated
     for quantity, hit in (
@@ -57,117 +53,91 @@ def compare(context: Context) -> Findings:
         ("prevalence of E-stops, all cells", "stop"),
         ("jumps without an E-stop, all cells", "missed"),
     ):
-        lines.append(own_line(quantity, "%", attacks.rate(base.share(hit).to_numpy().ravel())))
-    own = VariantCase(base, "", label=base.name)
+        lines.append(own_line(quantity, "%", attacks.rate(base.share(hit))))
+    jump_rows = attacks.sensitivity_rows([own, *found.rules, *cases], "jump", jumps, bands, error)
+    stop_cases = [case._replace(hit="stop") for case in found.cases]
+    stop_rows = attacks.sensitivity_rows(stop_cases, "stop", stops, (), error)
     tables = (
-        attacks.sensitivity_table(
-            "P(jump), %, by duration: what each open question is worth",
-            [own, *found.rules, *cases],
-            base,
-            jumps,
-            bands,
-            error,
-            note=attacks.SENSITIVITY_NOTE,
-        ),
-        attacks.sensitivity_table(
-            "P(E-stop), %, by duration",
-            [case._replace(hit="stop") for case in (own, *cases)],
-            base,
-            stops,
-            reading_error=error,
-            hit="stop",
-        ),
-        read_table(NAME, "durations", _duration_rows(found, published)),
+        read_table(NAME, "jump", jump_rows),
+        read_table(NAME, "stop", stop_rows),
+        read_table(NAME, "durations", _duration_rows(found, estimates)),
         *([read_table(NAME, "values", _value_rows(found))] if EVERY_CYCLE in runs else []),
         read_table(NAME, "rates", detector.rate_rows(found, published, "b")),
     )
-    notes = (attacks.verdict("Scenario B", stated), *read_notes(NAME))
-    return Findings(tuple(lines), tables, notes)
+    notes = (attacks.verdict("Scenario B", stated), *study.read_notes(NAME))
+    return study.Findings(tuple(lines), tables, notes)
 
 
-def null(runs: VariantRuns) -> np.ndarray:
-    """Return which runs jump by their impulse alone, bool [runs]."""
-    size = np.abs([attacks.stored(value) for value in runs.value])
-    return size * runs.duration >= IMPULSE
+def _published(published: Published, what: str) -> list[StudyEstimate]:
+    """Return the published percent by duration."""
+    n, of = int(published.value("b.runs")), "runs, read off Figure 9 b"
+    counts = (int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS)
+    return [in_percent(wilson_interval(k, n), n, of) for k in counts]
 
 
-def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, np.ndarray]]:
-    """Yield each prediction of a published count: what, by what, runs and their hits."""
+def _percent(published: Published, what: str) -> np.ndarray:
+    counts = np.array([published.value(f"b.{what}.{d}ms") for d in DURATIONS])
+    return 100.0 * counts / published.value("b.runs")
+
+
+def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, str]]:
+    """Yield each prediction of a published count: what, by what, runs and the column of hits."""
     base, other = found.base, found.runs.get(EVERY_CYCLE)
     for what, hit in (("jump", "jump"), ("estop", "stop")):
-        yield what, "baseline", base, base.hits[hit]
+        yield what, "baseline", base, hit
         if other is not None:
-            yield what, "a packet in every control cycle", other, other.hits[hit]
-    yield "jump", f"null: {IMPULSE:g} counts times packets or more", base, null(base)
+            yield what, "a packet in every control cycle", other, hit
+    impulse = base.frame["value"].map(attacks.stored).abs() * base.frame["duration"]
+    yield "jump", NULL, base.counting(null=impulse >= IMPULSE), "null"
 
 
-def _duration_rows(found: Scenario, published: Published) -> Iterator[tuple[str | int, ...]]:
-    runs = published.value("b.runs")
-    for what in ("jump", "estop"):
-        counts = [int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS]
-        words = "E-stops" if what == "estop" else "jumps"
+def _duration_rows(
+    found: Scenario, estimates: dict[str, list[StudyEstimate]]
+) -> Iterator[tuple[str | int, ...]]:
+    for what, words in (("jump", "jumps"), ("estop", "E-stops")):
+        published = estimates[what]
+        runs = published[0].n
+        counts = [round(one.value * runs / 100) for one in published]
         yield words, "published", *counts, sum(counts), "", ""
-        intervals = [_percent(published, what, d) for d in DURATIONS]
-        for kind, name, some, hits in _predictions(found):
+        for kind, name, some, hit in _predictions(found):
             if kind != what:
                 continue
-            percent = 100 * attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=0)
+            percent = some.percent(hit)
             inside = sum(
                 one.low - MARGIN <= value <= one.high + MARGIN
-                for one, value in zip(intervals, percent, strict=True)
+                for one, value in zip(published, percent, strict=True)
             )
             shown = [round(float(value) * runs / 100) for value in percent]
-            apart = float(np.mean(np.abs(percent - [one.value for one in intervals])))
+            apart = float(np.mean(np.abs(percent - [one.value for one in published])))
             yield words, name, *shown, sum(shown), f"{inside} of {len(DURATIONS)}", round(apart, 1)
 
 
 def _value_rows(found: Scenario) -> Iterator[tuple[str | int, ...]]:
-    columns = [
-        attacks.means(some.value, some.duration, hits).to_numpy().mean(axis=1)
-        for _, _, some, hits in _predictions(found)
-    ]
-    values = np.unique(found.base.value)
-    runs = len(found.base.index) / len(values)
-    for k, value in enumerate(values):
-        yield f"{value:.0f}", *(round(float(column[k]) * runs) for column in columns)
-
-
-def _counts(published: Published, what: str) -> np.ndarray:
-    return np.array(
-        [100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS]
-    )
-
-
-def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
-    from ravenjax.stats.intervals import wilson_interval
-
-    k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
-    rate = wilson_interval(int(k), int(n))
-    return StudyEstimate(
-        100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b"
-    )
+    shares = [some.share(hit).mean(axis=1) for _, _, some, hit in _predictions(found)]
+    runs = len(found.base.frame) / len(shares[0])
+    for value, *row in zip(shares[0].index, *shares, strict=True):
+        yield f"{value:.0f}", *(round(float(share) * runs) for share in row)
 
 
 def _jumps(
     runs: VariantRuns,
-    published: Published,
+    published: Sequence[StudyEstimate],
     bands: Sequence[tuple[float, float]],
     reason: Callable[[int], str],
     target: str = "",
 ) -> Iterator[Line]:
-    """Return P(jump) by duration for one trajectory, with its band. `reason`: maps the index of a
+    """Yield P(jump) by duration for one trajectory, with its band. `reason`: maps the index of a
     duration outside its band to the reason.
     """
     cells = runs.share("jump")
     for place, duration in enumerate(DURATIONS):
-        predicted = attacks.rate(cells[duration].to_numpy())
-        low, high = bands[place]
+        predicted, (low, high) = attacks.rate(cells[duration]), bands[place]
         yield Line(
             f"P(jump), {duration} packets; {runs.name}, lever {runs.lever}",
             "%",
-            _percent(published, "jump", duration),
+            published[place],
             predicted,
-            bands[place],
+            (low, high),
             target,
             "" if low <= predicted.value <= high else reason(place),
         )
@@ -179,10 +149,8 @@ def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, floa
     inside = [f"{name} {percent:.0f}" for name, percent in fitting if band[0] <= percent <= band[1]]
     if not inside:
         return "outside with every single variant"
-    return (
-        f"inside with {len(inside)} of {len(fitting)} other answers, each alone:"
-        f" {', '.join(inside)}"
-    )
+    answers = f"{len(inside)} of {len(fitting)} other answers"
+    return f"inside with {answers}, each alone: {', '.join(inside)}"
 
 
 def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
@@ -191,34 +159,28 @@ def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
     return lambda place: f"inside t1 .. t1 + d + 1 alone it is {inside[place]:.1f} %"
 
 
-def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: str = "") -> Line:
-    sign = attacks.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
+def _bias(runs: VariantRuns, jumps: np.ndarray, error: float, target: str) -> Line:
+    percent = runs.percent("jump")
+    above, below, p = attacks.bias(percent, jumps, error)
+    of = "durations that differ by more than the reading error"
+    mean = float(np.mean(percent - jumps))
     return Line(
         f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever}",
         "",
         None,
-        StudyEstimate(
-            sign.p,
-            n=sign.above + sign.below,
-            of="durations that differ by more than the reading error",
-        ),
+        StudyEstimate(p, n=above + below, of=of),
         (SIGNIFICANT, 1.0),
         target,
-        f"prediction {sign.words}; mean difference"
-        f" {float(np.mean(runs.percent('jump') - jumps)):+.1f} points",
+        f"prediction {above} above, {below} below; mean difference {mean:+.1f} points",
     )
 
 
-def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
+def _stops(base: VariantRuns, published: Sequence[StudyEstimate]) -> Iterator[Line]:
     cells = base.share("stop")
-    for duration in DURATIONS:
-        yield Line(
-            f"P(E-stop), {duration} packets; {base.name}",
-            "%",
-            _percent(published, "estop", duration),
-            attacks.rate(cells[duration].to_numpy()),
-            reason="" if cells[duration].any() else "single stops are noise of the real process",
-        )
+    for duration, read in zip(DURATIONS, published, strict=True):
+        quantity = f"P(E-stop), {duration} packets; {base.name}"
+        reason = "" if cells[duration].any() else "single stops are noise of the real process"
+        yield Line(quantity, "%", read, attacks.rate(cells[duration]), reason=reason)
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

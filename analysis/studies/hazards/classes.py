@@ -32,19 +32,6 @@ IDLE_MS = 200
 The largest visual delay that operators tolerate is 150 to 200 ms.
 """
 
-COLUMNS = (
-    "failed",
-    "response",
-    "jump_text",
-    "jump_tip",
-    "unintended_mm",
-    "unintended_off_mm",
-    "idle_ms",
-    "pedal_down_ms",
-    "golden_pedal_down_ms",
-)
-"""Columns of the result table that the classes need."""
-
 
 def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
     """Return which classes each row of a result table has: bool [rows, CLASSES] with the same
@@ -52,41 +39,21 @@ def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFra
 
     limit_mm: distance above which a run is `displaced`. Raises KeyError for a missing column.
     """
-    signs = class_evidence(frame, limit_mm)
     valid, response = frame["failed"] == "", frame["response"].astype(str)
-    stop = valid & ((response == "stopped") | signs["halted"])
-    jump = valid & signs["leapt"]
+    absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
+    stop = (response == "stopped") | ((absent_ms > HALT_MS) & (frame["pedal_down_ms"] > 0))
+    jump = frame["jump_tip"].astype(bool) | frame["jump_text"].astype(bool)
+    moved_mm = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
     flags = pd.DataFrame(
         {
             "none": False,
             "message": valid & ~stop & response.isin(("flagged", "limited")),
-            "stop": stop,
-            "unresponsive": valid & ~stop & signs["idle"],
-            "displaced": valid & ~jump & signs["strayed"],
-            "jump": jump,
+            "stop": valid & stop,
+            "unresponsive": valid & ~stop & (frame["idle_ms"] >= IDLE_MS),
+            "displaced": valid & ~jump & (moved_mm > limit_mm),
+            "jump": valid & jump,
         },
         index=frame.index,
     )
     flags["none"] = valid & ~flags.any(axis=1)
     return flags
-
-
-def class_evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """Return the columns leapt, strayed, idle and halted (bool), from which the classes follow.
-
-    Raises KeyError for a missing column.
-    """
-    if missing := [name for name in COLUMNS if name not in frame]:
-        raise KeyError(
-            f"classes of outcomes need the columns {', '.join(COLUMNS)}; the table lacks"
-            f" {', '.join(missing)}"
-        )
-    absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
-    return pd.DataFrame(
-        {
-            "leapt": frame["jump_tip"].astype(bool) | frame["jump_text"].astype(bool),
-            "strayed": frame[["unintended_mm", "unintended_off_mm"]].max(axis=1) > limit_mm,
-            "idle": frame["idle_ms"] >= IDLE_MS,
-            "halted": (absent_ms > HALT_MS) & (frame["pedal_down_ms"] > 0),
-        }
-    )

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+
+import numpy as np
 
 from ravenjax.hazards import ranges
 from ravenjax.hazards.library import Number, Numbers, Struck
@@ -22,13 +23,27 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
     EITHER: some of its values, channels or moments are in range, others are not. It is also
     returned for bit flips, whose effect depends on the number itself.
     """
-    verdicts = set()
-    for channel in struck.channels:
-        share = struck.along[channel] if struck.along else 1.0
-        usual, ticks = ranges.normal_range(struck.site, channel, arm), _longest(struck.duration_ms)
-        for values in _values(struck.value):
-            verdicts.add(within(struck.effect, [share * value for value in values], usual, ticks))
+    ticks = max(RUN_MS if item == "end" else int(item) for item in _numbers(struck.duration_ms))
+    drawn = isinstance(struck.value, dict) and "choice" not in struck.value
+    numbers = _numbers(0 if struck.value is None else struck.value)
+    verdicts = {
+        within(
+            struck.effect,
+            np.array(values) * (struck.along[channel] if struck.along else 1.0),
+            ranges.normal_range(struck.site, channel, arm),
+            ticks,
+        )
+        for channel in struck.channels
+        for values in ([numbers] if drawn else [[number] for number in numbers])
+    }
     return verdicts.pop() if len(verdicts) == 1 else EITHER
+
+
+def _numbers(value: Numbers | str) -> list[Number]:
+    """Return the numbers of a list, or those of a distribution: its ends, or its choices."""
+    if isinstance(value, dict):
+        (value,) = value.values()
+    return list(value) if isinstance(value, tuple) else [value]
 
 
 def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int = RUN_MS) -> str:
@@ -76,24 +91,5 @@ def _stored(usual: ChannelRange, low: float, high: float) -> tuple[float, float]
     """
     if SITES[usual.site].channel(usual.channel).kind != "int16":
         return low, high
-    turns = math.floor((low + 2**15) / 2**16)
-    if turns != math.floor((high + 2**15) / 2**16):
-        return None
-    return low - turns * 2**16, high - turns * 2**16
-
-
-def _values(value: Numbers | None) -> list[tuple[Number, ...]]:
-    """Return single values, and both ends of drawn ranges."""
-    if value is None:
-        return [(0,)]
-    if isinstance(value, dict):
-        (kind, numbers), *_ = value.items()
-        return [(number,) for number in numbers] if kind == "choice" else [numbers]
-    return [(number,) for number in value] if isinstance(value, tuple) else [(value,)]
-
-
-def _longest(duration: Any) -> int:
-    """Return the longest of the durations, ms. A duration without end counts as RUN_MS."""
-    listed = duration.values() if isinstance(duration, dict) else [duration]
-    flat = [item for one in listed for item in (one if isinstance(one, tuple) else (one,))]
-    return max(RUN_MS if item == "end" else int(item) for item in flat)
+    first, last = (math.floor((end + 2**15) / 2**16) for end in (low, high))
+    return (low - first * 2**16, high - first * 2**16) if first == last else None

@@ -7,7 +7,7 @@ published. Equal sets `agree`; sets with a class in common agree `partly`; other
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -17,25 +17,15 @@ from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
+from studies import study
 from studies.hazards import classes, in_range
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
 SEEN_SHARE = 0.1
-EFFECTS = tuple(name for name in classes.CLASSES if name not in ("none", "message"))
-"""Classes in which the fault affected the robot."""
-_NO_OUTCOME = {"withheld", "unpublished"}
+HARMFUL, UNAVAILABLE = ("displaced", "jump"), ("stop", "unresponsive")
+"""Classes of motion that the operator did not command, and of a robot that stands."""
 
 
 @dataclass(frozen=True)
@@ -45,36 +35,35 @@ class HazardOutcome:
     hazard: Hazard
     runs: int
     activated: int
-    failed: int
+    valid: int  # activated runs with an outcome, of which the counts are a part
     counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
     # Activated, valid runs with a published class and no other; 0 if none is published.
     fitting: int
     without_effect: int  # activated, valid runs of class `none`, or of `message` alone
+    causes: Mapping[str, int]  # maps what stopped a run to the activated runs, failed ones too
     seen_share: float = SEEN_SHARE
 
     @property
-    def valid(self) -> int:
-        """Return the number of activated runs with an outcome, of which the counts are a part."""
-        return self.activated - self.failed
-
-    @property
-    def shown(self) -> frozenset[str]:
+    def shown(self) -> set[str]:
         """Return the classes that it shows."""
-        return _counted(
-            {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid},
-            self._published,
-        )
+        seen = {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid}
+        return _counted(seen, self.hazard.expected_class)
+
+    def shows(self, names: Collection[str]) -> bool:
+        """Return whether it shows one of these classes."""
+        return not self.shown.isdisjoint(names)
 
     @property
     def verdict(self) -> str:
         """Return the verdict: one of the words in the module docstring."""
+        published = {*self.hazard.expected_class}
         if not self.hazard.runnable:
             return NOT_SIMULATED
-        if self._published & _NO_OUTCOME or "completion" in self.hazard.source:
+        if published & {"withheld", "unpublished"} or "completion" in self.hazard.source:
             return UNPUBLISHED
-        if self.shown == self._published:
+        if self.shown == published:
             return AGREE
-        return PARTLY if self.shown & self._published else DIFFER
+        return PARTLY if self.shown & published else DIFFER
 
     @property
     def reason(self) -> str:
@@ -86,12 +75,7 @@ class HazardOutcome:
     @property
     def said(self) -> str:
         """Return its classes with their counts, most frequent first."""
-        listed = sorted(self.counts.items(), key=lambda item: -item[1])
-        return ", ".join(f"{name} {k}" for name, k in listed if k)
-
-    @property
-    def _published(self) -> frozenset[str]:
-        return frozenset(self.hazard.expected_class)
+        return ", ".join(f"{name} {k}" for name, k in Counter(self.counts).most_common() if k)
 
 
 def hazard_outcomes(
@@ -106,50 +90,37 @@ def hazard_outcomes(
     `rows`: only these; None: the whole library. Rows without runs have zeros. `limit_mm`: as in
     `classes.classify_rows`.
     """
-    class_flags = classes.classify_rows(frame, limit_mm)
-    ids = [hazards_of(group) for group in frame["group"].astype(str)]
-    listed = library.all_hazards() if rows is None else rows
-    return [
-        _outcome(
+    flags = classes.classify_rows(frame, limit_mm)
+    ids = frame["group"].astype(str).map(hazards_of)
+
+    def outcome(row: Hazard) -> HazardOutcome:
+        mine = ids.map(lambda names: row.id in names).astype(bool)
+        active = mine & frame["activated"].astype(bool)
+        own = flags.loc[active & (frame["failed"] == "")]
+        expected = {*row.expected_class}
+        shown = [_counted({*own.columns[has]}, expected) for has in own.to_numpy()]
+        return HazardOutcome(
             row,
-            frame,
-            class_flags,
-            pd.Series([row.id in has for has in ids], frame.index, bool),
+            int(mine.sum()),
+            int(active.sum()),
+            len(own),
+            {name: int(own[name].sum()) for name in classes.CLASSES},
+            sum(bool(names) and names <= expected for names in shown),
+            int((~own[[*UNAVAILABLE, *HARMFUL]].any(axis=1)).sum()),
+            Counter(frame.loc[active, "response_cause"].astype(str)),
             seen_share,
         )
-        for row in listed
-    ]
+
+    return [outcome(row) for row in (library.all_hazards() if rows is None else rows)]
 
 
-def _outcome(
-    row: Hazard, frame: pd.DataFrame, class_flags: pd.DataFrame, mine: pd.Series, seen_share: float
-) -> HazardOutcome:
-    active = mine & frame["activated"].astype(bool)
-    own = class_flags.loc[active & (frame["failed"] == "")]
-    expected = frozenset(row.expected_class)
-    sets = [
-        _counted({name for name in own if has[name]}, expected) for has in own.to_dict("records")
-    ]
-    return HazardOutcome(
-        row,
-        int(mine.sum()),
-        int(active.sum()),
-        int(active.sum()) - len(own),
-        {name: int(own[name].sum()) for name in classes.CLASSES},
-        sum(bool(names) and names <= expected for names in sets),
-        int((~own[[*EFFECTS]].any(axis=1)).sum()),
-        seen_share,
-    )
-
-
-def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
+def _counted(shown: set[str], expected: Collection[str]) -> set[str]:
     if "message" in expected or "message" not in shown:
-        return frozenset(shown)
-    return frozenset(shown - {"message"} or {"none"})
+        return shown
+    return shown - {"message"} or {"none"}
 
 
-NAME = "safecomp45"
-BASELINE = "list"
+NAME, BASELINE = "safecomp45", "list"
 LENGTHS = ("every_cycle", "draws_2")
 """Variants with another length of packets, and with other draws of it."""
 FIRST_USB = 24
@@ -173,12 +144,10 @@ _DAC_CHECKS = ("overdrive", "hard_counter")
 """Causes of a stop by overdrive detection."""
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Compare rows of the list with the runs of each variant."""
-    rows = injections()
-    published = Published("safecomp")
+    listed = tuple(injections().values())
     frames = {name: folder.read_all(path) for name, path in context.folders.items()}
-    listed = tuple(rows.values())
     outcomes = {name: hazard_outcomes(frame, listed) for name, frame in frames.items()}
     baseline = outcomes[BASELINE]
     for words, rule in OTHER_RULES.items():
@@ -187,32 +156,26 @@ def compare(context: Context) -> Findings:
         f"{name} {sum(one.verdict == AGREE for one in outcomes[name])}"
         for name in (BASELINE, *LENGTHS)
     ]
-    missing = [
-        f"INJ {number_of(one.hazard)} ({one.hazard.id})"
-        for one in baseline
-        if one.verdict == NOT_SIMULATED
-    ]
-    notes = read_notes(
+    missing = [f"INJ {number_of(row)} ({row.id})" for row in listed if not row.runnable]
+    notes = study.read_notes(
         NAME, missing=", ".join(missing), first_plc=FIRST_PLC, agreed=", ".join(agreed)
     )
-    if failed := sum(one.failed for one in baseline):
+    if failed := sum(one.activated - one.valid for one in baseline):
         notes = (*notes, f"{failed} runs gave no valid outcome and are in no count.")
-    return Findings(
-        lines=(*_agreement_lines(baseline), *_total_lines(frames[BASELINE], baseline, published)),
-        tables=(
+    return study.Findings(
+        (*_agreement_lines(baseline), *_total_lines(baseline)),
+        (
             read_table(NAME, "rows", map(_row, baseline)),
             read_table(NAME, "verdicts", verdict_rows(outcomes)),
         ),
-        notes=notes,
+        notes,
     )
 
 
 def injections() -> dict[int, Hazard]:
     """Return the row of the library for each number of the list, in the list's order."""
-    numbered = {
-        number_of(row): row for row in library.all_hazards() if row.source.startswith("INJ ")
-    }
-    return dict(sorted(numbered.items()))
+    listed = (row for row in library.all_hazards() if row.source.startswith("INJ "))
+    return dict(sorted((number_of(row), row) for row in listed))
 
 
 def number_of(row: Hazard) -> int:
@@ -222,16 +185,14 @@ def number_of(row: Hazard) -> int:
 
 def verdict_rows(found: dict[str, list[HazardOutcome]]) -> Iterator[tuple[str | int, ...]]:
     """Yield how many rows have each verdict in each variant, and which rows change theirs."""
-    baseline = {one.hazard.id: one.verdict for one in found[BASELINE]}
     for name, outcomes in found.items():
         counts = Counter(one.verdict for one in outcomes)
         changed = [
             f"{one.hazard.id} {one.verdict}"
-            for one in outcomes
-            if one.verdict != baseline[one.hazard.id]
+            for one, base in zip(outcomes, found[BASELINE], strict=True)
+            if one.verdict != base.verdict
         ]
-        listed = (counts[verdict] for verdict in (AGREE, PARTLY, DIFFER, NOT_SIMULATED))
-        yield name, *listed, ", ".join(changed)
+        yield name, *(counts[v] for v in (AGREE, PARTLY, DIFFER, NOT_SIMULATED)), ", ".join(changed)
 
 
 def normal(row: Hazard) -> str:
@@ -242,120 +203,70 @@ def normal(row: Hazard) -> str:
     return verdicts.pop() if len(verdicts) == 1 else in_range.EITHER if verdicts else ""
 
 
-def unintended(outcome: HazardOutcome) -> bool:
-    """Return whether a row shows motion that the operator did not command."""
-    return bool({"jump", "displaced"} & outcome.shown)
-
-
 def _row(one: HazardOutcome) -> tuple[str | int | float, ...]:
     row = one.hazard
-    simulated = one.verdict != NOT_SIMULATED
     return (
-        number_of(row),
-        row.id,
-        row.title,
-        normal(row),
-        row.expected,
+        *(number_of(row), row.id, row.title, normal(row), row.expected),
         f"{row.activated} of {row.injected}" if row.injected else "",
         ", ".join(row.expected_class),
-        f"{one.activated} of {one.runs}" if simulated else "",
+        f"{one.activated} of {one.runs}" if row.runnable else "",
         one.said,
-        f"{one.fitting} of {one.valid}" if simulated else "",
-        one.verdict,
-        one.reason,
+        f"{one.fitting} of {one.valid}" if row.runnable else "",
+        *(one.verdict, one.reason),
     )
 
 
-def _agreement_lines(found: Sequence[HazardOutcome]) -> tuple[Line, ...]:
-    simulated = [one for one in found if one.verdict != NOT_SIMULATED]
+def _agreement_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
+    simulated = [one for one in found if one.hazard.runnable]
     software = [one for one in simulated if number_of(one.hazard) < FIRST_PLC]
-
-    def share(
-        quantity: str, of: Sequence[HazardOutcome], verdicts: tuple[str, ...], words: str
-    ) -> Line:
-        rows = sum(
-            one.verdict in verdicts for one in of
-        )  # the list is complete, so nothing is sampled
-        value = StudyEstimate(100 * rows / len(of), n=len(of), of=words)
-        return Line(quantity, "%", None, value, target="A7")
-
-    return (
-        share("rows whose classes agree", simulated, (AGREE,), "simulated rows"),
-        share(
-            "rows whose classes agree at least partly", simulated, (AGREE, PARTLY), "simulated rows"
-        ),
-        share(
-            "rows whose classes agree, link to the PLC left out",
-            software,
-            (AGREE,),
-            "simulated rows",
-        ),
-    )
+    words = "rows whose classes agree"
+    for quantity, rows, verdicts in (
+        (words, simulated, (AGREE,)),
+        (f"{words} at least partly", simulated, (AGREE, PARTLY)),
+        (f"{words}, link to the PLC left out", software, (AGREE,)),
+    ):
+        # The list is complete, so nothing is sampled.
+        agreed = sum(one.verdict in verdicts for one in rows)
+        value = StudyEstimate(100 * agreed / len(rows), n=len(rows), of="simulated rows")
+        yield Line(quantity, "%", None, value, target="A7")
 
 
-def _total_lines(
-    frame: pd.DataFrame, found: Sequence[HazardOutcome], published: Published
-) -> tuple[Line, ...]:
-    causes = frame.assign(
-        id=[ids[0] if (ids := hazards_of(g)) else "" for g in frame["group"].astype(str)]
-    )
+def _mostly(one: HazardOutcome, causes: Collection[str]) -> bool:
+    """Return whether most activated runs of a row have one of these causes."""
+    return 2 * sum(one.causes.get(cause, 0) for cause in causes) > one.activated
+
+
+def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
     console = [one for one in found if number_of(one.hazard) < FIRST_USB]
     usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
+    published = Published("safecomp")
 
-    def mostly(one: HazardOutcome, of: Sequence[str]) -> bool:
-        """Return whether most activated runs of a row that is unavailable stopped for one of these
-        causes.
-        """
-        mine = causes.loc[
-            (causes["id"] == one.hazard.id) & causes["activated"], "response_cause"
-        ].astype(str)
-        return len(mine) > 0 and bool(mine.isin(of).mean() > 0.5)
+    def harmful(one: HazardOutcome) -> bool:
+        return one.shows(HARMFUL)
 
-    def line(
-        quantity: str,
-        key: str,
-        rows: Sequence[HazardOutcome],
-        holds: Callable[[HazardOutcome], bool],
-    ) -> Line:
-        simulated = [one for one in rows if one.verdict != NOT_SIMULATED]
-        predicted = sum(holds(one) for one in simulated)
+    def unspoken(one: HazardOutcome) -> bool:
+        return one.shows(UNAVAILABLE) and _mostly(one, _UNSPOKEN)
+
+    def overdrive(one: HazardOutcome) -> bool:
+        return not harmful(one) and _mostly(one, _DAC_CHECKS)
+
+    def hangs(one: HazardOutcome) -> bool:
+        return one.shows(UNAVAILABLE) and not harmful(one) and not _mostly(one, _DAC_CHECKS)
+
+    for key, rows, holds in (
+        ("unintended", found, harmful),
+        ("usb_unresponsive", usb, unspoken),
+        ("console_harmful", console, harmful),
+        ("console_none", console, lambda one: one.shown == {"none"}),
+        ("console_overdrive", console, overdrive),
+        ("console_hang", console, hangs),
+    ):
+        simulated = [one for one in rows if one.hazard.runnable]
         left = len(rows) - len(simulated)
         reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
-        value = StudyEstimate(predicted, n=len(simulated), of="simulated rows")
-        return Line(quantity, "rows", published.estimate(key), value, reason=reason)
-
-    def unavailable(one: HazardOutcome) -> bool:
-        return bool({"stop", "unresponsive"} & one.shown)
-
-    return (
-        line("unintended motion (a jump, or displaced)", "unintended", found, unintended),
-        line(
-            "USB and PLC: stopped or unresponsive, and no check of the software spoke in most runs",
-            "usb_unresponsive",
-            usb,
-            lambda one: unavailable(one) and mostly(one, _UNSPOKEN),
-        ),
-        line("console and control: unintended motion", "console_harmful", console, unintended),
-        line(
-            "console and control: no impact",
-            "console_none",
-            console,
-            lambda one: one.shown == {"none"},
-        ),
-        line(
-            "console and control: stopped by the overdrive check in most runs, no unintended"
-            " motion",
-            "console_overdrive",
-            console,
-            lambda one: not unintended(one) and mostly(one, _DAC_CHECKS),
-        ),
-        line(
-            "console and control: stopped or unresponsive otherwise, no unintended motion",
-            "console_hang",
-            console,
-            lambda one: unavailable(one) and not unintended(one) and not mostly(one, _DAC_CHECKS),
-        ),
-    )
+        value = StudyEstimate(sum(map(holds, simulated)), n=len(simulated), of="simulated rows")
+        what = published.numbers[key]["what"]
+        yield Line(what, "rows", published.estimate(key), value, reason=reason)
 
 
-STUDY = study(NAME, variants=read_variants(NAME), compare=compare)
+STUDY = study.study(NAME, variants=study.read_variants(NAME), compare=compare)

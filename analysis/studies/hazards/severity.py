@@ -5,7 +5,7 @@ alone.
 import numpy as np
 import pandas as pd
 
-from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, beyond_golden
+from ravenjax.outcomes.verdict import TOLD, beyond_golden
 from studies.hazards import classes
 
 SCALE = (
@@ -35,62 +35,29 @@ DEPTH_MM = 1.0
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
-COLUMNS = (
-    *classes.COLUMNS,
-    "tissue_depth_mm",
-    "golden_tissue_depth_mm",
-    "fault0_duration_ms",
-    "fault0_every_ms",
-)
-"""Columns of the result table that severities need, beside those of the cue and of other slots."""
 
-
-def rate_severity(
-    frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM
-) -> pd.Series:
-    """Return the severity of each row of a result table, Int64, missing for failed runs.
-
-    cue: index of the haptic set that counts as an alarm; None: a robot without a cue. limit_mm:
-    limit of an unintended motion. Raises KeyError for a missing column.
-    """
-    if missing := [name for name in COLUMNS if name not in frame]:
-        raise KeyError(
-            f"severities need the columns {', '.join(COLUMNS)}; the table lacks"
-            f" {', '.join(missing)}"
-        )
-    flags = classes.classify_rows(frame, limit_mm)
-    unavailable = flags["stop"] | flags["unresponsive"]
-    alarmed = frame["response"].astype(str).isin(TOLD)
-    if cue is not None:
-        alarmed |= (
-            beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"]) >= 0
-        )
-    harmful = injury_capable(frame, flags)
-    number = np.select(
-        [
-            harmful & ~alarmed,
-            harmful,
-            unavailable & has_lasting_fault(frame),
-            unavailable,
-            flags["message"],
-        ],
-        [5, 4, 3, 2, 1],
-        0,
-    )
+def rate_severity(frame: pd.DataFrame) -> pd.Series:
+    """Return the severity of each row of a result table, Int64, missing for failed runs."""
+    flags = classes.classify_rows(frame)
+    unavailable, harmful = flags["stop"] | flags["unresponsive"], injury_capable(frame)
+    cue = beyond_golden(frame["cue0_first_ms"], frame["golden_cue0_first_ms"]) >= 0
+    alarmed = frame["response"].astype(str).isin(TOLD) | cue
+    lasting = unavailable & has_lasting_fault(frame)
+    conditions = [harmful & ~alarmed, harmful, lasting, unavailable, flags["message"]]
+    number = np.select(conditions, [5, 4, 3, 2, 1], 0)
     return pd.Series(number, frame.index, "Int64", name="severity").where(frame["failed"] == "")
 
 
-def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd.Series:
+def injury_capable(frame: pd.DataFrame) -> pd.Series:
     """Return which runs moved the instrument so that it could injure.
 
     These are runs with a jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM
-    deeper than the golden run's. flags: the result of `classes.classify_rows`, if it is already
-    available.
+    deeper than the golden run's.
     """
-    flags = classes.classify_rows(frame) if flags is None else flags
+    flags = classes.classify_rows(frame)
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
-    return pd.Series(flags[["jump", "displaced"]].any(axis=1) | deeper, frame.index)
+    return flags["jump"] | flags["displaced"] | deeper
 
 
 def has_lasting_fault(frame: pd.DataFrame) -> pd.Series:
@@ -98,8 +65,8 @@ def has_lasting_fault(frame: pd.DataFrame) -> pd.Series:
     repeats.
     """
     lasts = pd.Series(False, frame.index)
-    for name in (name for name in frame if name.startswith("fault") and name.endswith("_site")):
-        slot = name.removesuffix("_site")
+    for site in frame.filter(regex=r"^fault\d+_site$"):
+        slot = site.removesuffix("_site")
         endless = (frame[f"{slot}_duration_ms"] == UNTIL_END) | (frame[f"{slot}_every_ms"] > 0)
-        lasts |= (frame[name].astype(str) != "") & endless
+        lasts |= (frame[site].astype(str) != "") & endless
     return lasts

@@ -5,34 +5,31 @@ events of the published size. An event lasts from the onset of the fault for EVE
 the robot stops. After a stop the nominal model continues, and the tip error has no meaning.
 """
 
-import dataclasses
-import itertools
 import math
-import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
+from studies import study
 from studies.seed.motions import MODELLED, MOTIONS, Motion, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    Table,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
+NAME = "seed_burst"
+FREE, BURST = "fault_free", "burst"
+"""Groups of the campaign whose runs are measured."""
+VARIANTS = study.read_variants(NAME)
 SHOULDER = 0
 EVENTS = 4
 """Bursts that the paper shows. The last one stops the robot."""
 STOP = "overdrive"
 """Cause of a stop by the magnitude of the computed DAC command."""
+SMALL = 1500.0
+"""Counts. A larger constant stops the robot in the first burst."""
+STEP = 50.0
+"""Counts from one constant to the next."""
 
 EVENT_TICKS = 600
 FAULT_TICKS = 300
@@ -45,12 +42,22 @@ JUMP_UM = 100.0
 jump by the published analysis code (DSN 2016).
 """
 
+A4 = {
+    "four bursts": "all four bursts come before the stop, or none stops",
+    "peaks": "the tip error peaks of all four are 3 to 7 mm",
+    "rebounds": "the rebounds of all are 3 to 7 degrees",
+    "rebound times": "the rebounds of all take 100 to 200 ms",
+    "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
+}
+A5 = {"cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset"}
+"""Columns of `criteria`, in words: what holds in a run."""
+ALL = "all of A4"
+NOWHERE = "at no constant and with no motion"
 
-@dataclasses.dataclass(frozen=True)
-class BurstEvent:
+
+class BurstEvent(NamedTuple):
     """The effects of one burst."""
 
-    onset_ms: int  # since the start of the run
     peak_mm: float  # largest tip error, measured tip to nominal model
     cut: bool  # the robot stopped during the event
     rebound_deg: float  # of the shoulder, from its farthest point back; NaN if cut
@@ -60,8 +67,7 @@ class BurstEvent:
     jumped: bool  # by the rule of the published analysis code
 
 
-@dataclasses.dataclass(frozen=True)
-class BurstRun:
+class BurstRun(NamedTuple):
     """One run of the campaign."""
 
     group: str
@@ -69,52 +75,60 @@ class BurstRun:
     value: float
     events: tuple[BurstEvent, ...]
     cause: str  # why the robot stopped, "" if it did not
-    stop_ms: int  # time of the stop; -1: never
     false_cues: int  # cues that began outside the events, before the stop
-    # The campaign's first cue equals the one of the series, to the millisecond.
-    same_cue: bool
 
 
-@dataclasses.dataclass(frozen=True)
-class Criteria:
-    """The bands of the acceptance targets, each as a test of a run."""
+class Bursts(NamedTuple):
+    """Runs and their events, as tables with the fields of `BurstRun` and `BurstEvent`."""
 
-    tests: dict[str, Callable[[BurstRun], bool]]  # A4 first
-    a4: tuple[str, ...]
+    runs: pd.DataFrame  # also the setting, the motion's kind and seed, and the number of events
+    events: pd.DataFrame  # also the fields of their runs; index: that of the run
 
-    def all_of_a4(self, run: BurstRun) -> bool:
-        """Return whether the run meets every test of target A4."""
-        return all(self.tests[name](run) for name in self.a4)
+    def where(self, runs: pd.Series) -> "Bursts":
+        """Return the runs (bool [runs]) and their events."""
+        chosen = self.runs.loc[runs]
+        return Bursts(chosen, self.events.loc[self.events.index.isin(chosen.index)])
 
 
-def criteria(published: Published) -> Criteria:
-    """Return the bands of the file of published numbers, each required of all four bursts. A burst
-    that is cut short has no rebound.
+def tabulate(measured: Mapping[str, Mapping[Motion, Sequence[BurstRun]]]) -> Bursts:
+    """Return the tables of runs by setting and motion."""
+    rows = [
+        (setting, *motion, *run)
+        for setting, motions in measured.items()
+        for motion, runs in motions.items()
+        for run in runs
+    ]
+    runs = pd.DataFrame(rows, columns=["setting", "kind", "seed", *BurstRun._fields])
+    listed = runs.pop("events").explode().dropna()
+    events = pd.DataFrame(list(listed), listed.index, columns=[*BurstEvent._fields])
+    return Bursts(runs.assign(number=events.groupby(level=0).size()).fillna({"number": 0}), events)
+
+
+def criteria(bursts: Bursts, published: Published) -> pd.DataFrame:
+    """Return which bands of the targets each run meets, bool [runs, A4 and A5 and ALL].
+
+    All four bursts must be inside. A burst that is cut short has no rebound.
     """
-    bands = {
-        name: published.band(name)
-        for name in ("a4.peak", "a4.rebound", "a4.rebound_ms", "a5.onset")
-    }
+    events, four = bursts.events, bursts.runs["number"] == EVENTS
 
-    def within(name: str, of: Callable[[BurstEvent], float]) -> Callable[[BurstRun], bool]:
-        low, high = bands[name]
+    def every(holds: pd.Series) -> pd.Series:
+        return four & holds.groupby(level=0).all().reindex(four.index, fill_value=False)
 
-        def holds(run: BurstRun) -> bool:
-            values = [of(event) for event in run.events if "rebound" not in name or not event.cut]
-            return len(run.events) == EVENTS and all(low <= value <= high for value in values)
+    def within(field: str, band: str) -> pd.Series:
+        return events[field].between(*published.band(band))
 
-        return holds
-
-    a4: dict[str, Callable[[BurstRun], bool]] = {
-        "four bursts": lambda run: len(run.events) == EVENTS,
-        "peaks": within("a4.peak", lambda event: event.peak_mm),
-        "rebounds": within("a4.rebound", lambda event: event.rebound_deg),
-        "rebound times": within("a4.rebound_ms", lambda event: event.rebound_ms),
-        "stop in the fourth": lambda run: (
-            len(run.events) == EVENTS and run.cause == STOP and run.events[-1].cut
-        ),
-    }
-    return Criteria(a4 | {"cue onsets": within("a5.onset", lambda event: event.cue_s)}, tuple(a4))
+    last_cut = events["cut"].groupby(level=0).last().reindex(four.index, fill_value=False)
+    met = pd.DataFrame(
+        {
+            "four bursts": four,
+            "peaks": every(within("peak_mm", "a4.peak")),
+            "rebounds": every(within("rebound_deg", "a4.rebound") | events["cut"]),
+            "rebound times": every(within("rebound_ms", "a4.rebound_ms") | events["cut"]),
+            "stop in the fourth": four & (bursts.runs["cause"] == STOP) & last_cut,
+            "cue onsets": every(within("cue_s", "a5.onset")),
+        }
+    )
+    return met.assign(**{ALL: met[[*A4]].all(axis=1), "jumps": every(events["jumped"]) & last_cut})
 
 
 def run(row: Row, series: Series, golden_um: np.ndarray) -> BurstRun:
@@ -122,28 +136,21 @@ def run(row: Row, series: Series, golden_um: np.ndarray) -> BurstRun:
 
     `golden_um`: measured tip of the golden run, um [ticks, 3].
     """
-    active = np.asarray(series["fault_active"], bool)
-    end = len(active)
     stopped = row["response"] == "stopped"
-    stop = int(row["response_ms"]) if stopped else end
-    onsets = [tick for tick in rises(active) if tick < stop]
+    stop = int(row["response_ms"]) if stopped else len(series["fault_active"])
+    onsets = [tick for tick in rises(series["fault_active"]) if tick < stop]
     jumps = jump_ticks(series["position"] * 1e6, golden_um)
-    pulses = rises(series["cue_force"] > 0.0)
-    outside = [
-        t
-        for t in pulses
-        if t < stop and not any(onset <= t < onset + EVENT_TICKS for onset in onsets)
+    false = [
+        tick
+        for tick in rises(series["cue_force"] > 0.0)
+        if tick < stop and not any(onset <= tick < onset + EVENT_TICKS for onset in onsets)
     ]
     return BurstRun(
         group=str(row["group"]),
         value=float(row["fault0_value"]),
-        events=tuple(
-            event(series, onset, min(onset + EVENT_TICKS, stop), jumps) for onset in onsets
-        ),
+        events=tuple(event(series, at, min(at + EVENT_TICKS, stop), jumps) for at in onsets),
         cause=str(row["response_cause"]) if stopped else "",
-        stop_ms=stop if stopped else -1,
-        false_cues=len(outside),
-        same_cue=int(row["cue0_first_ms"]) == (pulses[0] if pulses else -1),
+        false_cues=len(false),
     )
 
 
@@ -157,7 +164,6 @@ def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent
     cut = end - onset < EVENT_TICKS
     back_deg, back_ms = (math.nan, math.nan) if cut else rebound(shoulder)
     return BurstEvent(
-        onset_ms=onset,
         peak_mm=float(series["tip_error_mm"][onset:end].max()),
         cut=cut,
         rebound_deg=back_deg,
@@ -190,132 +196,35 @@ def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
     return np.flatnonzero(over[1:] & over[:-1]) + 2
 
 
-SMALL = 1500.0
-"""Counts. A larger constant stops the robot in the first burst."""
-
-Runs = Mapping[Motion, Sequence[BurstRun]]
-
-
-def ranges(values: Sequence[float], step: float = 50.0) -> str:
-    """Write sorted numbers, with neighbours of one step joined: -200 to -100, +50."""
-    runs: list[list[float]] = []
-    for value in values:
-        if runs and value - runs[-1][-1] == step:
-            runs[-1].append(value)
-        else:
-            runs.append([value])
-    return ", ".join(f"{r[0]:+.0f} to {r[-1]:+.0f}" if len(r) > 1 else f"{r[0]:+.0f}" for r in runs)
-
-
-def _by_value(bursts: Runs) -> list[tuple[float, list[BurstRun]]]:
-    key = operator.attrgetter("value")
-    return [
-        (value, list(runs)) for value, runs in itertools.groupby(sorted(flat(bursts), key=key), key)
-    ]
-
-
-def constants(bursts: Runs, rules: Criteria) -> Table:
-    rows = []
-    for value, runs in _by_value(bursts):
-        events = [e for one in runs for e in one.events]
-        rows.append(
-            (
-                *(f"{value:+.0f}", span((len(one.events) for one in runs), ".0f"), _stops(runs)),
-                span((e.peak_mm for e in events), ".1f"),
-                span((e.rebound_deg for e in events), ".1f"),
-                span((e.rebound_ms for e in events), ".0f"),
-                span((e.cue_s for e in events), ".2f"),
-                span((e.force for e in events if e.force > 0.0), ".3f"),
-                sum(e.jumped for e in events),
-                *(sum(map(holds, runs)) for holds in (*rules.tests.values(), rules.all_of_a4)),
-            )
-        )
-    return read_table(NAME, "constants", rows)
-
-
-def _stops(runs: Sequence[BurstRun]) -> str:
-    stopped = [len(one.events) for one in runs if one.cause]
-    return (
-        " ".join(str(stopped.count(number)) for number in range(1, EVENTS + 1))
-        if stopped
-        else "none"
-    )
-
-
-def span(values: Iterable[float], form: str) -> str:
-    """Write the least and largest of the finite values."""
-    there = [value for value in values if not math.isnan(value)]
-    if not there:
-        return "–"
-    low, high = format(min(there), form), format(max(there), form)
-    return low if low == high else f"{low} to {high}"
-
-
-def what_bands_depend_on(settings: Mapping[str, Runs], rules: Criteria) -> Table:
-    rows = []
-    for name, runs in settings.items():
-        every = flat(runs)
-        met = [sum(map(holds, every)) for holds in (*rules.tests.values(), rules.all_of_a4)]
-        most = max(sum(rules.tests[test](one) for test in rules.a4) for one in every)
-        rows.append((name, len(every), *met, most, span(stop_peaks(every), ".1f")))
-    return read_table(NAME, "bands", rows)
-
-
-def stop_peaks(runs: Iterable[BurstRun]) -> list[float]:
-    """Return tip error peaks, mm, of bursts that end in a stop, for constants of at most SMALL."""
-    return [
-        one.events[-1].peak_mm
-        for one in runs
-        if one.cause and one.events[-1].cut and abs(one.value) <= SMALL
-    ]
-
-
-def stop_words(settings: Mapping[str, Runs], published: Published) -> str:
-    """Say at which tip error a burst stops the robot, by setting, in a sentence."""
-    peaks = [
-        f"{span(stop_peaks(flat(runs)), '.1f')} mm ({name})"
-        for number, (name, runs) in enumerate(settings.items())
-        if number == 0 or name.startswith("stop above")
-    ]
-    stopped = published.value("burst.4.peak")
-    return (
-        f"Bursts that end in a stop have tip error peaks of {', '.join(peaks)}; the paper's has"
-        f" {stopped:g} mm."
-    )
-
-
-def flat(runs: Runs) -> list[BurstRun]:
-    """Return the runs of all motions in one list."""
-    return [one for of_motion in runs.values() for one in of_motion]
-
-
-NAME = "seed_burst"
-FREE, BURST = "fault_free", "burst"
-"""Groups of the campaign whose runs are measured."""
-VARIANTS = read_variants(NAME)
-
-
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Measure every run and compare its events with the paper's four."""
-    measured = _measured(context)
-    published = Published("seed")
-    rules = criteria(published)
-    bursts = _of_group(measured[MODELLED], BURST)
-    free = _of_group(measured[MODELLED], FREE)
-    settings = {name: _of_group(runs, BURST) for name, runs in measured.items()}
-    lines = (
-        *_acceptance(settings, rules, published),
-        *_events(bursts, published),
-        _false_cues(free, published),
-    )
-    return Findings(
-        lines=lines,
-        tables=(constants(bursts, rules), what_bands_depend_on(settings, rules)),
-        notes=read_notes(NAME),
+    every, published = tabulate(_measured(context)), Published("seed")
+    bursts = every.where(every.runs["group"] == BURST)
+    met = criteria(bursts, published)
+    modelled = bursts.where(bursts.runs["setting"] == MODELLED)
+    free = every.runs.loc[(every.runs["group"] == FREE) & (every.runs["setting"] == MODELLED)]
+    false_cues = int(free["false_cues"].sum())
+    return study.Findings(
+        (
+            *_acceptance(bursts, met, published),
+            *_events(modelled.events.join(modelled.runs), published),
+            Line(
+                "cue pulses without fault at scale 0.1",
+                "",
+                published.estimate("false_pulses"),
+                StudyEstimate(false_cues, n=len(free), of="runs of 40 s, one a motion"),
+                reason="study seed_fault_free looks for them at every scale, with noise",
+            ),
+        ),
+        (
+            read_table(NAME, "constants", _constants(modelled, met)),
+            read_table(NAME, "bands", _bands(bursts, met)),
+        ),
+        study.read_notes(NAME),
     )
 
 
-def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
+def _measured(context: study.Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     recorder = Recorder()
     return {
         setting: {motion: _runs(recorder, context, name) for motion, name in names.items()}
@@ -323,7 +232,7 @@ def _measured(context: Context) -> dict[str, dict[Motion, list[BurstRun]]]:
     }
 
 
-def _runs(recorder: Recorder, context: Context, name: str) -> list[BurstRun]:
+def _runs(recorder: Recorder, context: study.Context, name: str) -> list[BurstRun]:
     """Return each run of a campaign with the fault-free one, which is the first.
 
     Every run draws its own packets, so the first run is not exactly its golden run. It is only used
@@ -331,160 +240,137 @@ def _runs(recorder: Recorder, context: Context, name: str) -> list[BurstRun]:
     most in suture and peg_transfer).
     """
     folder = context.folders[name]
-    golden_um = recorder.measure(folder, lambda _, series: series["position"] * 1e6, lambda _: [0])[
-        0
-    ]
-
+    (golden_um,) = recorder.measure(folder, lambda _, series: series["position"] * 1e6, [0])
     return recorder.measure(folder, lambda row, series: run(row, series, golden_um))
 
 
-def _of_group(runs: Runs, group: str) -> dict[Motion, list[BurstRun]]:
-    return {
-        motion: [one for one in of_motion if one.group == group]
-        for motion, of_motion in runs.items()
-    }
-
-
-def _acceptance(
-    settings: Mapping[str, Runs], rules: Criteria, published: Published
-) -> tuple[Line, ...]:
+def _acceptance(bursts: Bursts, met: pd.DataFrame, published: Published) -> Iterator[Line]:
     """Return, for each band and for all of A4, in how many runs it is met. At least one is
     required, as the constant is unknown.
     """
-    every = flat(settings[MODELLED])
-    texts = {
-        "four bursts": "all four bursts come before the stop, or none stops",
-        "peaks": "the tip error peaks of all four are 3 to 7 mm",
-        "rebounds": "the rebounds of all are 3 to 7 degrees",
-        "rebound times": "the rebounds of all take 100 to 200 ms",
-        "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
-        "cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset",
-    }
+    runs = bursts.runs.loc[bursts.runs["setting"] == MODELLED]
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
-    lines = [
-        _count(
-            f"runs in which {words}",
-            every,
-            rules.tests[name],
-            published_run,
-            "A4" if name in rules.a4 else "A5",
-        )
-        for name, words in texts.items()
+    peaks = [
+        f"{span(_stop_peaks(part), '.1f')} mm ({name})"
+        for name, part in _settings(bursts)
+        if name == MODELLED or name.startswith("stop above")
     ]
-    together = _count(
-        "runs in which all of A4 holds at once", every, rules.all_of_a4, published_run, "A4"
+    stops = (
+        f". Bursts that end in a stop have tip error peaks of {', '.join(peaks)}; the paper's has"
+        f" {published.value('burst.4.peak'):g} mm. The limit of the check is not stated"
     )
-    words = stop_words(settings, published)
-    reason = f"{together.reason}. {words} The limit of the check is not stated"
-    jumps = StudyEstimate(
-        sum(
-            len(one.events) == EVENTS
-            and one.events[-1].cut
-            and all(event.jumped for event in one.events)
-            for one in every
-        ),
-        n=len(every),
-        of="runs, jumps by the published code's rule",
-    )
-    four = Line(
-        "runs with four jumps, of which the last ends in the stop", "", published_run, jumps
-    )
-    return (dataclasses.replace(together, reason=reason), *lines, four)
+    met = met.loc[runs.index]
+    of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
+    for name, words in ({ALL: "all of A4 holds at once"} | A4 | A5).items():
+        values, found = np.unique(runs.loc[met[name], "value"]), int(met[name].sum())
+        where = f"{len(values)} constants: {ranges(values)}" if found else NOWHERE
+        yield Line(
+            f"runs in which {words}",
+            "",
+            published_run,
+            StudyEstimate(found, n=len(runs), of=of),
+            (1, math.inf),
+            "A5" if name in A5 else "A4",
+            where + stops if name == ALL else where,
+        )
+    over = len(runs), "runs, jumps by the published code's rule"
+    jumps = StudyEstimate(int(met["jumps"].sum()), math.nan, math.nan, *over)
+    quantity = "runs with four jumps, of which the last ends in the stop"
+    yield Line(quantity, "", published_run, jumps)
 
 
-def _count(
-    what: str,
-    runs: Sequence[BurstRun],
-    holds: Callable[[BurstRun], bool],
-    published: StudyEstimate,
-    target: str,
-) -> Line:
-    met = [one for one in runs if holds(one)]
-    constants = sorted({one.value for one in met})
-    of = f"runs ({len({one.value for one in runs})} constants, {len(MOTIONS)} motions)"
-    reason = (
-        f"{len(constants)} constants: {ranges(constants)}"
-        if met
-        else "at no constant and with no motion"
-    )
-    return Line(
-        what,
-        "",
-        published,
-        StudyEstimate(len(met), n=len(runs), of=of),
-        (1, math.inf),
-        target,
-        reason,
-    )
-
-
-def _events(bursts: Runs, published: Published) -> tuple[Line, ...]:
+def _events(events: pd.DataFrame, published: Published) -> Iterator[Line]:
     """Return what accompanies a tip error peak of the published size, for any constant and
     motion.
     """
     low, high = published.band("a4.peak")
-    sized = {
-        motion: [e for one in of_motion for e in one.events if low <= e.peak_mm <= high]
-        for motion, of_motion in bursts.items()
-    }
-
-    def line(
-        what: str,
-        unit: str,
-        read: StudyEstimate,
-        of: Callable[[BurstEvent], float],
-        band: str = "",
-        caveat: str = "",
-    ) -> Line:
-        values = {
-            m: [v for v in map(of, events) if not math.isnan(v)] for m, events in sized.items()
-        }
-        prediction = over_kinds({m: float(np.mean(v)) for m, v in values.items() if v})
-        every = [value for of_motion in values.values() for value in of_motion]
-        words = f"middle 90 % of {len(every)} events {_percentiles(every)}{caveat}"
-        where = f"{what}, events with a peak of {low:g} to {high:g} mm"
-        limits = published.band(band) if band else None
-        target = band.partition(".")[0].upper()
-        return Line(where, unit, read, prediction, limits, target, words)
+    sized = events.loc[events["peak_mm"].between(low, high)]
+    sized = sized.assign(force_per_mm=sized["force"] / sized["peak_mm"])
+    value = published.value
 
     def of_three(values: Sequence[float], of: str) -> StudyEstimate:
         return StudyEstimate(float(np.mean(values)), min(values), max(values), 3, of)
 
-    value = published.value
     rebounds = [value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     per_mm = [value(f"pulse.{k}.force") / value(f"burst.{k}.peak") for k in (1, 2, 3)]
-    read = of_three(rebounds, "events read off Figure 4")
-    force = of_three(per_mm, "events below the cap, Figures 4 and 5")
-    time, onset = published.estimate("burst.3.rebound_ms"), published.estimate("cue.onset")
-    caveat = "; no evidence: the cue's gains were read off Figure 5"
-    return (
-        line("rebound of the shoulder", "deg", read, lambda e: e.rebound_deg, "a4.rebound"),
-        line("time of the rebound", "ms", time, lambda e: e.rebound_ms, "a4.rebound_ms"),
-        line("cue after the fault's onset", "s", onset, lambda e: e.cue_s, "a5.onset"),
-        line(
-            "peak force over tip error peak",
-            "1/mm",
-            force,
-            lambda e: e.force / e.peak_mm,
-            "",
-            caveat,
-        ),
-    )
+    read = {
+        "rebound_deg": of_three(rebounds, "events read off Figure 4"),
+        "rebound_ms": published.estimate("burst.3.rebound_ms"),
+        "cue_s": published.estimate("cue.onset"),
+        "force_per_mm": of_three(per_mm, "events below the cap, Figures 4 and 5"),
+    }
+    for field, what, unit, band in (
+        ("rebound_deg", "rebound of the shoulder", "deg", "a4.rebound"),
+        ("rebound_ms", "time of the rebound", "ms", "a4.rebound_ms"),
+        ("cue_s", "cue after the fault's onset", "s", "a5.onset"),
+        ("force_per_mm", "peak force over tip error peak", "1/mm", ""),
+    ):
+        caveat = "" if band else "; no evidence: the cue's gains were read off Figure 5"
+        values = sized.dropna(subset=field).groupby(["kind", "seed"], sort=False)[field]
+        means = values.apply(lambda of_motion: of_motion.to_numpy().mean())
+        every = sized[field].dropna()
+        middle = "{:.3g} to {:.3g}".format(*np.percentile(every, (5, 95))) if len(every) else "none"
+        yield Line(
+            f"{what}, events with a peak of {low:g} to {high:g} mm",
+            unit,
+            read[field],
+            over_kinds(means),
+            published.band(band) if band else None,
+            band.partition(".")[0].upper(),
+            f"middle 90 % of {len(every)} events {middle}{caveat}",
+        )
 
 
-def _percentiles(values: Sequence[float]) -> str:
-    if not values:
-        return "none"
-    low, high = np.percentile(values, (5, 95))
-    return f"{low:.3g} to {high:.3g}"
+def _settings(bursts: Bursts) -> Iterator[tuple[str, Bursts]]:
+    for name in bursts.runs["setting"].unique():
+        yield name, bursts.where(bursts.runs["setting"] == name)
 
 
-def _false_cues(free: Runs, published: Published) -> Line:
-    pulses = sum(one.false_cues for of_motion in free.values() for one in of_motion)
-    prediction = StudyEstimate(pulses, n=len(free), of="runs of 40 s, one a motion")
-    reason = "study seed_fault_free looks for them at every scale, with noise"
-    words, read = "cue pulses without fault at scale 0.1", published.estimate("false_pulses")
-    return Line(words, "", read, prediction, reason=reason)
+def _stop_peaks(bursts: Bursts) -> pd.Series:
+    """Return tip error peaks, mm, of bursts that end in a stop, for constants of at most SMALL."""
+    runs = bursts.runs.loc[(bursts.runs["cause"] != "") & (bursts.runs["value"].abs() <= SMALL)]
+    last = bursts.events.groupby(level=0).last()
+    return last.loc[last["cut"] & last.index.isin(runs.index), "peak_mm"]
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+def _constants(bursts: Bursts, met: pd.DataFrame) -> Iterator[tuple[str | int, ...]]:
+    for value in np.unique(bursts.runs["value"]):
+        runs, events = bursts.where(bursts.runs["value"] == value)
+        stops = np.bincount(
+            runs.loc[runs["cause"] != "", "number"].astype(int), minlength=EVENTS + 1
+        )[1:]
+        yield (
+            f"{value:+.0f}",
+            span(runs["number"], ".0f"),
+            " ".join(map(str, stops)) if stops.any() else "none",
+            *(span(events["peak_mm"], ".1f"), span(events["rebound_deg"], ".1f")),
+            *(span(events["rebound_ms"], ".0f"), span(events["cue_s"], ".2f")),
+            *(span(events.loc[events["force"] > 0.0, "force"], ".3f"), int(events["jumped"].sum())),
+            *(int(count) for count in met.loc[runs.index, [*A4, *A5, ALL]].sum()),
+        )
+
+
+def _bands(bursts: Bursts, met: pd.DataFrame) -> Iterator[tuple[str | int, ...]]:
+    for name, part in _settings(bursts):
+        mine = met.loc[part.runs.index]
+        counts = (int(count) for count in mine[[*A4, *A5, ALL]].sum())
+        most = int(mine[[*A4]].sum(axis=1).max())
+        yield name, len(mine), *counts, most, span(_stop_peaks(part), ".1f")
+
+
+def ranges(values: np.ndarray) -> str:
+    """Write ascending constants, with neighbours of one step joined: -200 to -100, +50."""
+    parts = np.split(values, np.flatnonzero(np.diff(values) != STEP) + 1)
+    return ", ".join(" to ".join(f"{end:+.0f}" for end in np.unique(p[[0, -1]])) for p in parts)
+
+
+def span(values: Iterable[float], form: str) -> str:
+    """Write the least and largest of the finite values."""
+    there = pd.Series(values).dropna()
+    if there.empty:
+        return "–"
+    ends = (format(end, form) for end in (there.min(), there.max()))
+    return " to ".join(dict.fromkeys(ends))
+
+
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

@@ -8,24 +8,17 @@ tip if both had begun at the same place.
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from studies.seed.motions import MODELLED, Motion, by_setting, over_kinds
+from studies import study
+from studies.runs import SCALE
+from studies.seed.motions import MODELLED, by_setting, over_kinds
 from studies.series import Recorder, Row, Series, rises
-from studies.study import (
-    Context,
-    Findings,
-    Line,
-    Published,
-    StudyEstimate,
-    Table,
-    read_notes,
-    read_table,
-    read_variants,
-    study,
-)
+from studies.study import Line, Published, StudyEstimate, read_table
 
 REST_TICKS = 500
 """Ticks for which the hand rests at the beginning of every generated motion. The pedal is down from
@@ -33,8 +26,7 @@ tick 200 on.
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class RunSegment:
+class RunSegment(NamedTuple):
     """Measurements of one run from the first motion on, until its end or the robot's stop."""
 
     group: str  # group of the campaign: what differs from the modelled robot
@@ -50,16 +42,15 @@ class RunSegment:
 
 def segment(row: Row, series: Series) -> RunSegment:
     """Measure a run from its row of the result table and its series."""
-    stop = int(row["check_estop_first_ms"])
-    end = len(series["tip_error_mm"]) if stop < 0 else stop
+    stop, error = int(row["check_estop_first_ms"]), series["tip_error_mm"]
+    end = len(error) if stop < 0 else stop
     moving = slice(REST_TICKS, max(end, REST_TICKS + 1))
-    error = series["tip_error_mm"]
     apart = (series["position"] - series["model_position"]) * 1e3
     zeroed = np.linalg.norm(apart - apart[REST_TICKS - 1], axis=1)
     true = np.linalg.norm(series["tip"] - series["model_position"], axis=1) * 1e3
     return RunSegment(
         group=str(row["group"]),
-        scale=float(row["param:operator.scale"]),
+        scale=float(row[SCALE]),
         peak_mm=float(error[moving].max()),
         mean_mm=float(error[moving].mean()),
         true_mean_mm=float(true[moving].mean()),
@@ -70,8 +61,7 @@ def segment(row: Row, series: Series) -> RunSegment:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Growth:
+class Growth(NamedTuple):
     """A straight line through a quantity at several scales."""
 
     slope: float  # mm per unit of scale
@@ -79,285 +69,215 @@ class Growth:
     explained: float  # share of the variance, R2
 
 
-def growth(scales: Sequence[float], values: Sequence[float]) -> Growth:
+def growth(scales: Sequence[float], values: Iterable[float]) -> Growth:
     """Fit by least squares. Needs at least three scales."""
     x, y = np.asarray(scales, float), np.asarray(values, float)
     slope, at_zero = np.polyfit(x, y, 1)
     rest, about = y - slope * x - at_zero, y - y.mean()
-    return Growth(
-        float(slope),
-        float(at_zero),
-        float(1.0 - rest @ rest / (about @ about)) if about.any() else 1.0,
-    )
-
-
-def spread(values: Iterable[float]) -> tuple[float, float]:
-    """Return the least and largest value."""
-    every = list(values)
-    return min(every), max(every)
+    explained = float(1.0 - rest @ rest / (about @ about)) if about.any() else 1.0
+    return Growth(float(slope), float(at_zero), explained)
 
 
 NAME = "seed_fault_free"
 SCALES = (0.05, 0.1, 0.15, 0.2)
+KINDS = ("peak", "mean")
+FIGURE = "four readings of Figure 3"
 NOISE = "noise"
 """The campaign's group with noise of encoders and motors, in the robot's own sizes."""
-VARIANTS = read_variants(NAME)
+VARIANTS = study.read_variants(NAME)
+READINGS = {
+    "mean_mm": "as the cue sees it: measured tip to nominal model",
+    "true_mean_mm": "true tip to nominal model",
+    "zeroed_mean_mm": "measured tip, model begun at the measured pose",
+}
+LINEAR = {
+    "peak": "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check:"
+    " the peaks bend up",
+    "mean": "dry friction and the offset at rest do not shrink with the scale",
+}
+"""Why a line does not explain all."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """The segments of one answer to the open questions, by motion and scale."""
+    """The segments of one answer to the open questions: a row each, in the order of the motions."""
 
-    name: str
-    segments: Mapping[Motion, Mapping[float, RunSegment]]
+    frame: pd.DataFrame
 
-    def by_motion(self, of: Callable[[Mapping[float, RunSegment]], float]) -> dict[Motion, float]:
-        """Return a number computed from each motion's four segments."""
-        return {motion: of(segments) for motion, segments in self.segments.items()}
+    def by_motion(self, field: str) -> pd.DataFrame:
+        """Return a quantity by motion and scale."""
+        motions = pd.MultiIndex.from_frame(self.frame[["kind", "seed"]].drop_duplicates())
+        table = self.frame.pivot(index=["kind", "seed"], columns="scale", values=field)
+        return table.reindex(motions)[[*SCALES]]
 
     def at(self, scale: float, field: str) -> StudyEstimate:
         """Return the mean over kinds of motion of a quantity at one scale."""
-        return over_kinds(self.by_motion(lambda segments: getattr(segments[scale], field)))
+        return over_kinds(self.by_motion(field)[scale])
 
-    def all_segments(self, field: str = "mean_mm") -> dict[Motion, float]:
+    def all_segments(self, field: str = "mean_mm") -> pd.Series:
         """Return the mean over the four scales, for each motion."""
-        return self.by_motion(
-            lambda segments: float(np.mean([getattr(segments[s], field) for s in SCALES]))
-        )
+        return self.by_motion(field).mean(axis=1)
 
-    def lines(self, field: str, of: str) -> dict[Motion, float]:
+    def lines(self, field: str, of: str) -> pd.Series:
         """Return slope, value at zero or explained share of a straight line through the four
         scales, for each motion.
         """
-        return self.by_motion(
-            lambda found: getattr(growth(SCALES, [getattr(found[s], field) for s in SCALES]), of)
-        )
-
-    def line(self, field: str, of: str) -> StudyEstimate:
-        """Return the mean of that number over kinds of motion."""
-        return over_kinds(self.lines(field, of))
-
-    def explained(self, field: str) -> StudyEstimate:
-        """Return the share of the variance that a line explains: mean over kinds, and least and
-        largest of a motion.
-        """
-        low, high = spread(self.lines(field, "explained").values())
-        mean = self.line(field, "explained")
-        return dataclasses.replace(
-            mean, low=low, high=high, of=f"{mean.of}, least and largest of a motion"
-        )
+        return self.by_motion(field).apply(lambda row: getattr(growth(SCALES, row), of), axis=1)
 
     @property
-    def every(self) -> list[RunSegment]:
-        return [segment for segments in self.segments.values() for segment in segments.values()]
+    def cues(self) -> int:
+        """Return the number of segments in which the cue fires."""
+        return int((self.frame["pulses"] > 0).sum())
 
 
-def compare(context: Context) -> Findings:
+def compare(context: study.Context) -> study.Findings:
     """Measure every segment and compare it with the paper's."""
-    settings = _measured(context)
-    published = Published("seed")
-    modelled, noisy = settings[MODELLED], settings[NOISE]
-    inside = _inside(settings, published.band("a6.mean"))
-    lines = (*_acceptance(modelled, noisy, inside, published), *_by_scale(modelled, published))
-    return Findings(
-        lines=lines,
-        tables=(
-            _sensitivity(
-                settings, published.band("a6.mean"), _published_growth(published, "mean").slope
-            ),
-            _readings(modelled),
-            _motions(modelled),
+    settings, published = _measured(context), Published("seed")
+    read = {
+        kind: [published.value(f"fault_free.{kind}.{scale:g}") for scale in SCALES]
+        for kind in KINDS
+    }
+    slope = growth(SCALES, read["mean"]).slope
+    rows = _sensitivity(settings, published.band("a6.mean"))
+    return study.Findings(
+        (
+            *_acceptance(settings, read, published),
+            *_by_scale(settings[MODELLED], published),
         ),
-        notes=read_notes(NAME),
+        (
+            read_table(NAME, "dependences", rows, slope=slope),
+            read_table(NAME, "readings", _readings(settings[MODELLED])),
+            read_table(NAME, "motions", _motions(settings[MODELLED])),
+        ),
+        study.read_notes(NAME),
     )
 
 
-def _measured(context: Context) -> dict[str, Setting]:
-    recorder = Recorder()
-    found: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
+def _measured(context: study.Context) -> dict[str, Setting]:
+    recorder, parts = Recorder(), []
     for setting, names in by_setting(VARIANTS).items():
-        for motion, name in names.items():
-            for one in recorder.measure(context.folders[name], segment):
-                words = one.group if setting == MODELLED else setting
-                found.setdefault(words, {}).setdefault(motion, {})[one.scale] = one
-    return {name: Setting(name, segments) for name, segments in found.items()}
-
-
-def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
-    means = {
-        name: over_kinds(setting.all_segments()).value
-        for name, setting in settings.items()
-        if name != MODELLED
-    }
-    return [f"{name} {mean:.2f} mm" for name, mean in means.items() if band[0] <= mean <= band[1]]
+        for (kind, seed), name in names.items():
+            frame = pd.DataFrame(recorder.measure(context.folders[name], segment))
+            words = frame["group"] if setting == MODELLED else setting
+            parts.append(frame.assign(setting=words, kind=kind, seed=seed))
+    by_name = pd.concat(parts).groupby("setting", sort=False)
+    return {str(name): Setting(frame) for name, frame in by_name}
 
 
 def _acceptance(
-    modelled: Setting, noisy: Setting, inside: Sequence[str], published: Published
-) -> tuple[Line, ...]:
-    fits = {kind: _published_growth(published, kind) for kind in ("peak", "mean")}
-    means = [published.value(f"fault_free.mean.{s:g}") for s in SCALES]
-    cues = sum(segment.pulses > 0 for segment in noisy.every)
-    scales = (
-        ", ".join(f"{scale:g}" for scale in sorted({s.scale for s in noisy.every if s.pulses}))
-        or "none"
+    settings: Mapping[str, Setting], read: Mapping[str, Sequence[float]], published: Published
+) -> Iterator[Line]:
+    modelled, noisy, band = settings[MODELLED], settings[NOISE], published.band("a6.mean")
+    means = {name: over_kinds(one.all_segments()).value for name, one in settings.items()}
+    inside = [
+        f"{name} {mean:.2f} mm"
+        for name, mean in means.items()
+        if name != MODELLED and band[0] <= mean <= band[1]
+    ]
+    yield Line(
+        "mean tip error of all segments",
+        "mm",
+        StudyEstimate(float(np.mean(read["mean"])), of="mean of four readings of Figure 3"),
+        over_kinds(modelled.all_segments()),
+        band,
+        "A6",
+        "the nominal model's gains, the latency of packets and the motion are not published;"
+        f" inside the band with {'; '.join(inside)}",
     )
-    explained = published.band("a6.explained")
-    quiet = sum(segment.pulses > 0 for segment in modelled.every)
-    return (
-        Line(
-            "mean tip error of all segments",
-            "mm",
-            StudyEstimate(float(np.mean(means)), of="mean of four readings of Figure 3"),
-            over_kinds(modelled.all_segments()),
-            published.band("a6.mean"),
-            "A6",
-            "the nominal model's gains, the latency of packets and the motion are not published;"
-            " inside the band with " + "; ".join(inside),
-        ),
-        *(
-            Line(
-                f"variance of the {kind}s that a straight line over the scale explains",
-                "",
-                StudyEstimate(fits[kind].explained, of="four readings of Figure 3"),
-                modelled.explained(f"{kind}_mm"),
-                explained,
-                "A6",
-                _linear_reason(kind),
-            )
-            for kind in ("peak", "mean")
-        ),
-        Line(
-            "fault-free segments with noise in which the cue fires",
+
+    def pair(kind: str, of: str) -> tuple[StudyEstimate, pd.Series]:
+        """Return a number of the published line, and of each motion's."""
+        return (
+            StudyEstimate(getattr(growth(SCALES, read[kind]), of), of=FIGURE),
+            modelled.lines(f"{kind}_mm", of),
+        )
+
+    for kind in KINDS:
+        figure, lines = pair(kind, "explained")
+        mean = over_kinds(lines)
+        over = f"{mean.of}, least and largest of a motion"
+        yield Line(
+            f"variance of the {kind}s that a straight line over the scale explains",
             "",
-            published.estimate("fault_free.segments_over_threshold"),
-            StudyEstimate(cues, n=len(noisy.every), of="segments, noise on"),
-            reason=f"at scale {scales}; without noise {quiet} of {len(modelled.every)}: compare the"
-            " two before calling it the noise's doing",
-        ),
-        *(
-            Line(
-                f"{kind} tip error, slope over the scale",
-                "mm",
-                StudyEstimate(fits[kind].slope, of="four readings of Figure 3"),
-                modelled.line(f"{kind}_mm", "slope"),
-            )
-            for kind in ("peak", "mean")
-        ),
-        *(
-            Line(
-                f"{kind} tip error, the line's value at scale 0",
-                "mm",
-                StudyEstimate(fits[kind].at_zero, of="four readings of Figure 3"),
-                modelled.line(f"{kind}_mm", "at_zero"),
-                reason=(
-                    "the model begins at the true tip, encoders see it"
-                    f" {modelled.every[0].rest_mm:.2f} mm away"
-                ),
-            )
-            for kind in ("peak", "mean")
-        ),
+            figure,
+            dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over),
+            published.band("a6.explained"),
+            "A6",
+            LINEAR[kind],
+        )
+    fired = noisy.frame.loc[noisy.frame["pulses"] > 0, "scale"]
+    scales = ", ".join(f"{scale:g}" for scale in np.unique(fired)) or "none"
+    yield Line(
+        "fault-free segments with noise in which the cue fires",
+        "",
+        published.estimate("fault_free.segments_over_threshold"),
+        StudyEstimate(noisy.cues, n=len(noisy.frame), of="segments, noise on"),
+        reason=f"at scale {scales}; without noise {modelled.cues} of {len(modelled.frame)}: compare"
+        " the two before calling it the noise's doing",
     )
+    rest_mm = modelled.frame["rest_mm"].iloc[0]
+    offset = f"the model begins at the true tip, encoders see it {rest_mm:.2f} mm away"
+    for of, words, reason in (
+        ("slope", "slope over the scale", ""),
+        ("at_zero", "the line's value at scale 0", offset),
+    ):
+        for kind in KINDS:
+            figure, lines = pair(kind, of)
+            quantity = f"{kind} tip error, {words}"
+            yield Line(quantity, "mm", figure, over_kinds(lines), reason=reason)
 
 
-def _published_growth(published: Published, kind: str) -> Growth:
-    return growth(SCALES, [published.value(f"fault_free.{kind}.{scale:g}") for scale in SCALES])
-
-
-def _linear_reason(kind: str) -> str:
-    if kind == "mean":
-        return "dry friction and the offset at rest do not shrink with the scale"
-    return (
-        "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check: the"
-        " peaks bend up"
-    )
-
-
-def _by_scale(modelled: Setting, published: Published) -> tuple[Line, ...]:
-    lines = []
-    for kind in ("peak", "mean"):
+def _by_scale(modelled: Setting, published: Published) -> Iterator[Line]:
+    for kind in KINDS:
         for scale in SCALES:
-            low, high = spread(
-                getattr(segments[scale], f"{kind}_mm") for segments in modelled.segments.values()
+            values = modelled.by_motion(f"{kind}_mm")[scale]
+            read, low, high = (
+                published.estimate(f"fault_free.{kind}.{scale:g}"),
+                values.min(),
+                values.max(),
             )
-            read = published.estimate(f"fault_free.{kind}.{scale:g}")
-            where = (
-                "within" if low <= read.value <= high else "above" if read.value > high else "below"
-            )
+            where = "above" if read.value > high else "below" if read.value < low else "within"
             reason = f"published value {where} the {low:.2f} to {high:.2f} mm of single motions"
-            predicted = modelled.at(scale, f"{kind}_mm")
-            lines.append(
-                Line(f"{kind} tip error, scale {scale:g}", "mm", read, predicted, reason=reason)
-            )
-    return tuple(lines)
+            quantity = f"{kind} tip error, scale {scale:g}"
+            yield Line(quantity, "mm", read, over_kinds(values), reason=reason)
 
 
 def _sensitivity(
-    settings: Mapping[str, Setting], band: tuple[float, float], published_slope: float
-) -> Table:
-    modelled = settings[MODELLED]
-    own, rows = modelled.all_segments(), []
+    settings: Mapping[str, Setting], band: tuple[float, float]
+) -> Iterator[tuple[str, ...]]:
+    modelled = settings[MODELLED].all_segments()
     for name, setting in settings.items():
         means = setting.all_segments()
-        change = over_kinds({motion: value - own[motion] for motion, value in means.items()})
-        mean, every = over_kinds(means), setting.every
-        rows.append(
-            (
-                name,
-                *(_mm(setting.at(scale, "peak_mm").value) for scale in SCALES),
-                _with_interval(mean),
-                "yes" if band[0] <= mean.value <= band[1] else "no",
-                "–" if name == MODELLED else _with_interval(change, "+"),
-                f"{setting.line('mean_mm', 'slope').value:.1f}",
-                f"{setting.line('mean_mm', 'explained').value:.2f}",
-                f"{sum(s.pulses > 0 for s in every)} of {len(every)}",
-                f"{sum(s.stop_ms >= 0 for s in every)}",
-            )
-        )
-    return read_table(NAME, "dependences", rows, slope=published_slope)
-
-
-def _readings(modelled: Setting) -> Table:
-    names = {
-        "mean_mm": "as the cue sees it: measured tip to nominal model",
-        "true_mean_mm": "true tip to nominal model",
-        "zeroed_mean_mm": "measured tip, model begun at the measured pose",
-    }
-    rows = [
-        (
+        change, mean = over_kinds(means - modelled[means.index]), over_kinds(means)
+        yield (
             name,
-            *(_mm(modelled.at(s, field).value) for s in SCALES),
-            _with_interval(over_kinds(modelled.all_segments(field))),
+            *(f"{setting.at(scale, 'peak_mm').value:.2f}" for scale in SCALES),
+            _with_interval(mean),
+            "yes" if band[0] <= mean.value <= band[1] else "no",
+            "–" if name == MODELLED else _with_interval(change, "+"),
+            f"{over_kinds(setting.lines('mean_mm', 'slope')).value:.1f}",
+            f"{over_kinds(setting.lines('mean_mm', 'explained')).value:.2f}",
+            f"{setting.cues} of {len(setting.frame)}",
+            f"{(setting.frame['stop_ms'] >= 0).sum()}",
         )
-        for field, name in names.items()
-    ]
-    return read_table(NAME, "readings", rows)
 
 
-def _motions(modelled: Setting) -> Table:
-    rows = [
-        (
-            f"{kind} {seed}",
-            *(_mm(segments[s].peak_mm) for s in SCALES),
-            *(_mm(segments[s].mean_mm) for s in SCALES),
-            sum(segment.pulses for segment in segments.values()),
-        )
-        for (kind, seed), segments in modelled.segments.items()
-    ]
-    return read_table(NAME, "motions", rows)
+def _readings(modelled: Setting) -> Iterator[tuple[str, ...]]:
+    for field, name in READINGS.items():
+        scales = (f"{modelled.at(scale, field).value:.2f}" for scale in SCALES)
+        yield name, *scales, _with_interval(over_kinds(modelled.all_segments(field)))
 
 
-def _mm(value: float) -> str:
-    return f"{value:.2f}"
+def _motions(modelled: Setting) -> Iterator[tuple[str | int, ...]]:
+    fields = (modelled.by_motion(field) for field in ("peak_mm", "mean_mm"))
+    pulses = modelled.by_motion("pulses").sum(axis=1)
+    for (kind, seed), row in pd.concat(fields, axis=1).iterrows():
+        yield f"{kind} {seed}", *(f"{value:.2f}" for value in row), int(pulses[kind, seed])
 
 
 def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
-    value = f"{estimate.value:{sign}.2f}"
-    return (
-        value
-        if math.isnan(estimate.low)
-        else f"{value} ({estimate.low:{sign}.2f} to {estimate.high:{sign}.2f})"
-    )
+    value, low, high = (f"{end:{sign}.2f}" for end in (estimate.value, estimate.low, estimate.high))
+    return value if math.isnan(estimate.low) else f"{value} ({low} to {high})"
 
 
-STUDY = study(NAME, variants=VARIANTS, compare=compare)
+STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

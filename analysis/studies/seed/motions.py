@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+import pandas as pd
 
 from studies.study import StudyEstimate, Variant
 
@@ -13,21 +14,13 @@ Motion = tuple[str, int]
 """Kind and seed."""
 
 MOTIONS: tuple[Motion, ...] = (
-    ("suture", 1),
-    ("suture", 2),
-    ("peg_transfer", 1),
-    ("peg_transfer", 2),
-    ("palpate", 1),
-    ("palpate", 2),
-    ("reach", 1),
-    ("reach", 2),
+    *((kind, seed) for kind in ("suture", "peg_transfer", "palpate", "reach") for seed in (1, 2)),
     ("circle", 1),
 )
 """Every generated motion with the pedal down throughout and the hand moving. The circle has no
 random numbers.
 """
 
-CONFIDENCE = 0.95
 MODELLED = "as modelled"
 """The setting of variants that answer no open question differently."""
 
@@ -44,22 +37,16 @@ def by_setting(variants: Iterable[Variant]) -> dict[str, dict[Motion, str]]:
     return settings
 
 
-def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
+def over_kinds(values: Mapping[Motion, float] | pd.Series) -> StudyEstimate:
     """Return the mean over kinds of motion of the mean over their seeds, with its t interval.
-    `values`: by (kind, seed).
 
     Kinds are the independent units, because seeds of one kind differ less than kinds do.
     """
     from scipy import stats
 
-    kinds: dict[str, list[float]] = {}
-    for (kind, _), value in values.items():
-        kinds.setdefault(kind, []).append(value)
-    means = np.array([np.mean(of_kind) for of_kind in kinds.values()])
-    n, of = len(means), f"kinds of motion ({len(values)} motions)"
+    means = pd.Series(values).groupby(level=0, sort=False).mean().to_numpy()
+    mean, n, of = float(means.mean()), len(means), f"kinds of motion ({len(values)} motions)"
     if n < 2:
-        return StudyEstimate(float(means.mean()), n=n, of=of)
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, n - 1) * means.std(ddof=1) / np.sqrt(n))
-    return StudyEstimate(
-        float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of
-    )
+        return StudyEstimate(mean, n=n, of=of)
+    half = float(stats.t.ppf(0.975, n - 1) * means.std(ddof=1) / np.sqrt(n))
+    return StudyEstimate(mean, mean - half, mean + half, n, of)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from studies.dsn16.detector import Log, pooled_interval, run_alarms
+from studies.dsn16.detector import Log, run_alarms
+from studies.dsn16.thresholds import pooled_interval
 
 ONES = np.ones((3, 3))
 

@@ -21,23 +21,17 @@ def test_without_the_recording_nothing_is_predicted_and_it_is_said_what_is_missi
 
 
 def test_a_steady_motion_is_what_a_held_velocity_predicts():
-    """And a held position is off by the way that the motion makes, at rows of any distance."""
-    for period_ms in (1.0, 4.94):
-        seconds = np.arange(600)[:, None] * period_ms * 1e-3
-        speed = np.array((2.0, -1.0, 0.5))
-        part = recording.RecordedStretch(
-            seconds * speed, np.tile(speed, (600, 1)), period_ms, recording.UNITS
-        )
-        errors = {(one.model, one.horizon_ms): one for one in recording.horizon_errors(part, [])}
-        for horizon in (*recording.HORIZONS_MS, None):
-            np.testing.assert_allclose(
-                errors[recording.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12
-            )
-            way = np.abs(speed) * (
-                seconds[-1] if horizon is None else part.rows(horizon) * period_ms * 1e-3
-            )
-            np.testing.assert_allclose(errors[recording.HELD_POSITION, horizon].largest, way)
-            assert horizon is None or abs(part.rows(horizon) * period_ms - horizon) <= period_ms / 2
+    """And a held position is off by the way that the motion makes."""
+    ms = np.arange(600)[:, None]
+    speed = np.array((20.0, -10.0, 5.0))
+    log = recording.JointRecording(ms * 1e-3 * speed, np.tile(speed, (600, 1)), np.zeros((600, 3)))
+    errors = {
+        (one.model, one.horizon_ms): one.error for one in model.predictions(log, model.held(log))
+    }
+    for horizon in (*model.HORIZONS_MS, None):
+        np.testing.assert_allclose(errors[model.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12)
+        way = np.abs(speed * recording.TO_JOINT) * (horizon or ms[-1]) * 1e-3
+        np.testing.assert_allclose(errors[model.HELD_POSITION, horizon].largest, way)
 
 
 @pytest.mark.slow

@@ -1,11 +1,13 @@
 """Risk tables of rows made by hand."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 import result_rows
 
+from ravenjax.hazards import library
 from studies.hazards import risk
 from studies.hazards.risk import Pool
 
@@ -29,18 +31,11 @@ def test_counts_by_hazard_and_severity() -> None:
     }
 
 
-def test_the_cue_can_be_left_out() -> None:
-    table = result_rows.frame({**JUMPS, "cue0_first_ms": 100})
-    assert risk.counts(table)["B24"].tolist() == [0, 0, 0, 0, 1, 0]
-    assert risk.counts(table, cue=None)["B24"].tolist() == [0, 0, 0, 0, 0, 1]
-
-
-def test_the_limit_is_the_campaigns() -> None:
-    table = result_rows.frame(
-        {"unintended_mm": 2.5}, {"unintended_off_mm": 2.5}, {"unintended_mm": 1.9}
-    )
-    assert risk.counts(table)["B24"].tolist() == [3, 0, 0, 0, 0, 0]
-    assert risk.counts(table, limit_mm=2.0)["B24"].tolist() == [1, 0, 0, 0, 0, 2]
+def test_shares_of_reports_are_those_of_their_counts() -> None:
+    reports = tomllib.loads((library.DATA / "maude.toml").read_text(encoding="utf-8"))
+    for category in reports["category"]:  # the source gives per mille
+        assert category["count"] / reports["reports"] == pytest.approx(category["share"], abs=1e-3)
+    assert any(pool.hazards for pool in risk.report_pools())
 
 
 def test_hazards_of_a_pool_count_alike_however_many_runs_they_have() -> None:

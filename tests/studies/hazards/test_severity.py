@@ -39,20 +39,6 @@ def test_known_rows(row: dict[str, Any], expected: int) -> None:
     assert severity.rate_severity(result_rows.frame(row))[0] == expected
 
 
-def test_without_a_cue_what_only_it_told_is_silent() -> None:
-    table = result_rows.frame({**STRAYS, "cue0_first_ms": 700})
-    assert severity.rate_severity(table, cue=None)[0] == 5
-
-
-def test_how_far_is_unintended_is_the_campaigns() -> None:
-    table = result_rows.frame(
-        {"unintended_mm": 4.0}, {"unintended_off_mm": 4.0}, {"unintended_mm": 4.5}
-    )
-    assert severity.rate_severity(table).tolist() == [5, 5, 5]
-    assert severity.rate_severity(table, limit_mm=4.25).tolist() == [0, 0, 5]
-    assert severity.injury_capable(table).all()
-
-
 def test_a_failed_run_has_none() -> None:
     found = severity.rate_severity(result_rows.frame({}, {"failed": "nan", "jump_text": True}))
     assert found[0] == 0

@@ -2,7 +2,6 @@
 constant is chosen.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -46,37 +45,25 @@ def test_the_campaign_is_the_published_burst(ready):
     assert own(ready, "operator.scale") == 0.1
 
 
-GOOD = BurstEvent(0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False)
-LAST = dataclasses.replace(
-    GOOD, peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05
-)
+GOOD = BurstEvent(5.0, False, 5.0, 150.0, 0.2, 0.024, False)
+LAST = GOOD._replace(peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05)
+LARGE = GOOD._replace(peak_mm=8.0)
 
 
 def runs(whole_at=()):
     """Three constants; those of `whole_at` as published, the others hold through four bursts of
     8 mm.
     """
-    large = dataclasses.replace(GOOD, peak_mm=8.0)
-    found = [
-        BurstRun(
-            FREE,
-            math.nan,
-            (),
-            "",
-            -1,
-            1,
-            True,
+    return [
+        BurstRun(FREE, math.nan, (), "", 1),
+        BurstRun(PACKETS, 20.0, (LARGE,) * 4, "", 0),
+        *(
+            BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 0)
+            if value in whole_at
+            else BurstRun(BURST, value, (LARGE,) * 4, "", 0)
+            for value in (700.0, 750.0, 800.0)
         ),
-        BurstRun(PACKETS, 20.0, (large,) * 4, "", -1, 0, True),
     ]
-    for value in (700.0, 750.0, 800.0):
-        if value in whole_at:
-            found.append(
-                BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True)
-            )
-        else:
-            found.append(BurstRun(BURST, value, (large,) * 4, "", -1, 0, True))
-    return found
 
 
 def compared(monkeypatch, whole_at):

@@ -4,6 +4,7 @@ segments.
 
 import json
 
+import pandas as pd
 import pytest
 
 from studies import findings as findings_files
@@ -13,24 +14,25 @@ from studies.seed.motions import MOTIONS
 from studies.study import Context
 
 
-def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):
-    def one(motion, scale):
-        mean = mean_of(motion, scale)
-        return RunSegment(
-            "", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1
-        )
-
-    return {motion: {scale: one(motion, scale) for scale in SCALES} for motion in MOTIONS}
+def made(mean_of, pulses=0):
+    """A row per motion and scale; the peak is 15 mm times the scale."""
+    rows = [
+        (kind, seed, *RunSegment("", s, 15.0 * s, mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1))
+        for kind, seed in MOTIONS
+        for s in SCALES
+        for mean in (mean_of(s),)
+    ]
+    return Setting(pd.DataFrame(rows, columns=["kind", "seed", *RunSegment._fields]))
 
 
 @pytest.fixture
 def settings():
-    found = {
-        MODELLED: made(lambda motion, scale: 8.0 * scale),
-        "noise": made(lambda m, s: 8.0 * s, pulses=1),
+    return {
+        MODELLED: made(lambda scale: 8.0 * scale),
+        "noise": made(lambda scale: 8.0 * scale, pulses=1),
+        "robot slow": made(lambda scale: 9.0 * scale),
+        "set B": made(lambda scale: 0.1),
     }
-    found |= {"robot slow": made(lambda m, s: 9.0 * s), "set B": made(lambda m, s: 0.1)}
-    return {name: Setting(name, segments) for name, segments in found.items()}
 
 
 def compared(monkeypatch, settings):
