@@ -27,6 +27,8 @@ NAMED = 4
 def of_plan(plan: Plan) -> tuple[str, ...]:
     """Return every notice of a campaign in words, in the order of the file."""
     declared = [f"{location.format_key(key)}: {message}" for key, message in of_config(plan.config)]
+    if plan.operator is not None:
+        declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
     return (*declared, *_of_parameters(plan), *_of_faults(plan), *_of_copies(plan))
 
 

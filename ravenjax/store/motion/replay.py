@@ -5,7 +5,7 @@ frame of the hands.
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +123,23 @@ def _replay(
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )
     summary = _summary(recording, reachable.inside, begin, end, course, pedal, scale)
+    summary = summary.model_copy(update={"notices": tuple(_cut_jaws(motion, bounds))})
     return OperatorReplay(recording, motion, summary, course, begin, bounds, reachable)
+
+
+def _cut_jaws(motion: Motion, bounds: Bounds) -> Iterator[str]:
+    gain, low, high = bounds.jaws
+    for i, arm in enumerate(motion.arms):
+        start = 1e3 * sum(motion.start_jpos[i][5:])
+        opening = np.fix(start - gain * motion.grasp_mrad[motion.surgeon_mode > 0, i])
+        beyond = np.maximum(low - opening, opening - high)
+        if count := int((beyond > 0).sum()):
+            yield (
+                f"{count:,} of {len(opening):,} samples open the jaws of {arm} beyond the limits of"
+                f" the control software, {low / 1e3:.3f} to {high / 1e3:.3f} rad, by up to"
+                f" {beyond.max() / 1e3:.3f} rad. It cuts them there, and the jaws are off by as"
+                " much from then on"
+            )
 
 
 def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:

@@ -70,6 +70,7 @@ class MotionSummary(BaseModel):
     # Least and greatest scale that a campaign varies it to.
     scales: tuple[float, float] | None = None
     arms: tuple[ArmSummary, ...]
+    notices: tuple[str, ...] = ()  # what the robot does not follow
 
 
 def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
