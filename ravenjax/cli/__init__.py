@@ -9,22 +9,15 @@ import sys
 from cyclopts import App, CycloptsError
 
 from ravenjax.cli import (
-    calibration,
     catalogue,
-    checking,
     console,
-    counterfactual,
     explaining,
-    exploring,
     exporting,
     machine,
     monitors,
     motion,
     results,
     running,
-    schema,
-    studies,
-    tracing,
     training,
 )
 
@@ -43,23 +36,23 @@ app = App(
 )
 for _command in (
     running.run,
-    checking.check,
+    running.check,
     running.fault_free,
     results.report,
-    tracing.trace,
+    explaining.trace,
     explaining.explain,
-    exploring.explore,
-    counterfactual.counterfactual,
+    exporting.explore,
+    monitors.counterfactual,
     results.verify,
     results.compare,
     results.merge,
-    studies.evidence,
+    machine.evidence,
     monitors.monitor,
     running.search,
-    studies.reproduce,
-    studies.credibility,
+    machine.reproduce,
+    machine.credibility,
     motion.motion,
-    calibration.calibrate,
+    motion.calibrate,
     training.train,
     training.robot,
     training.play,
@@ -69,7 +62,7 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
-    schema.schema,
+    exporting.schema,
     machine.bench,
     machine.doctor,
 ):
@@ -103,9 +96,9 @@ def main(tokens: list[str] | None = None) -> int:
                 result_action="return_value",
             )
     except KeyboardInterrupt:
-        console.err.print(
+        console.print_text(
             "stopped; finished parts are kept, and the same command goes on from there",
-            highlight=False,
+            console.err,
         )
         return INTERRUPTED
     except SystemExit as leaving:
