@@ -75,7 +75,7 @@ def simulate(
     """
     config = _config(campaign)
     again = replay_run(config, run, engine)
-    row = again.row.to_dict()
+    row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {
         "index": int(row["index"]),

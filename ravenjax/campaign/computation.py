@@ -162,12 +162,11 @@ class Computation:
             f"cue{number}": f"the cue of haptics.threshold_mm = {cue.threshold_m * 1e3:g}"
             for number, cue in enumerate(config.haptics.cues())
         } | {
-            f"detector{number}_threshold{place}": f"detector {name!r}, threshold = {limit:g},"
-            for number, (name, _, thresholds) in enumerate(config.detectors)
-            for place, limit in enumerate(thresholds)
+            f"detector{number}_threshold0": f"detector {name!r}, threshold = {limit:g},"
+            for number, (name, _, (limit, *_)) in enumerate(config.detectors)
         }
         for column, name in watching.items():
-            first = runs.get(f"{column}_first_ms", np.full(1, -1))
+            first = runs[f"{column}_first_ms"]
             if (first >= 0).all():
                 self.progress.note(
                     f"{name} is on in every golden run, from {first.max()} ms on at the latest. It"

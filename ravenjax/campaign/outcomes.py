@@ -44,7 +44,7 @@ def result_columns(
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, (failed, failed_ms) = measures.pop("diverged_ms"), _failed(config, measures)
-    sites = [runs[f"fault{slot}_site"] for slot in range(count_slots(runs))]
+    sites: list[Any] = [runs[f"fault{slot}_site"] for slot in range(count_slots(runs))]
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
     if schema.OVERLOAD in measures:

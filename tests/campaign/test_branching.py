@@ -113,13 +113,13 @@ def test_each_run_tells_when_it_ended(tmp_path):
 
 
 @pytest.mark.parametrize(("watchdog_ticks", "still"), [(5, True), (75, False)])
-def test_a_note_tells_of_golden_runs_that_stand_still_or_alarm(watchdog_ticks, still):
-    more = {
-        "parameters": {"plc.watchdog_ticks": watchdog_ticks},
-        "detector": [{"name": "mine", "kind": "tip_error", "threshold": [1e-9, 5]}],
-    }
+def test_a_note_tells_of_golden_runs_that_stand_still(watchdog_ticks, still):
+    parameters = {"plc.watchdog_ticks": watchdog_ticks}
     told = []
-    run_campaign(rj.load_campaign({**OPERATION, **more}), engine="simd", on_progress=told.append)
-    notes = " ".join(told[-1].notes)
-    assert ("1 of 1 golden runs stand still for up to" in notes) == still
-    assert "detector 'mine', threshold = 1e-09, is on in every golden run" in notes
+    run_campaign(
+        rj.load_campaign({**OPERATION, "parameters": parameters}),
+        engine="simd",
+        on_progress=told.append,
+    )
+    notes = told[-1].notes
+    assert any("1 of 1 golden runs stand still for up to" in note for note in notes) == still
