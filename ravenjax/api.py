@@ -26,8 +26,12 @@ if TYPE_CHECKING:
     import xarray
 
 
+AnyCampaign = Campaign | CampaignConfig | str | Path | dict[str, Any]
+"""A campaign: declared in Python, loaded, a file or a bundled name, or tables as TOML has them."""
+
+
 def run(
-    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
+    campaign: AnyCampaign,
     out: str | Path | None = None,
     engine: str = "auto",
     on_progress: OnProgress | None = None,
@@ -37,7 +41,8 @@ def run(
     """Run a campaign and return a table with one row per run.
 
     docs/reference/columns.md describes the columns; the table's `attrs` hold their units and
-    meanings. out: result folder; a partial result of this campaign in it is continued. None: a
+    meanings. campaign: declared in Python, loaded, a file or a bundled name, or tables as TOML has
+    them. out: result folder; a partial result of this campaign in it is continued. None: a
     temporary folder. executor: "local" (this process) or "ray". workers: number of parallel tasks;
     the table does not depend on it. Raises UserError, and StoreError for errors of `out`.
     """
@@ -56,7 +61,7 @@ def open_results(folder: str | Path) -> CampaignResults:
 
 
 def simulate(
-    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
+    campaign: AnyCampaign,
     run: str | int = 0,
     engine: str = "auto",
 ) -> xarray.Dataset:
@@ -89,7 +94,7 @@ def simulate(
 
 
 def explain(
-    campaign: Campaign | CampaignConfig | CampaignResults | str | Path | dict[str, Any],
+    campaign: AnyCampaign | CampaignResults,
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
@@ -112,7 +117,7 @@ def explain(
 
 
 def counterfactual(
-    campaign: Campaign | CampaignResults | CampaignConfig | str | Path | dict[str, Any],
+    campaign: AnyCampaign | CampaignResults,
     out: str | Path | None = None,
     *,
     false_alarms_per_hour: float = 4.0,
@@ -152,7 +157,7 @@ def counterfactual(
 
 
 def calibrate_monitor(
-    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
+    campaign: AnyCampaign,
     out: str | Path,
     signals: Sequence[str] = (),
     false_alarms_per_hour: float = 1.0,

@@ -6,7 +6,8 @@ The user agrees to code in one of these ways:
   that file and belongs to the user. A robot's module may lie wherever Python finds it.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
 - The same content has run before for this user, who agreed then. Its hash is remembered. The
-  content of a robot is all Python files of its package.
+  content of a robot is all Python files of its package, or its module and what that imports
+  from its folder.
 
 A result folder and `ravenjax check` therefore run only code that the user has run before.
 """
@@ -42,7 +43,7 @@ def given_for(*folders: Path) -> Iterator[None]:
 def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> None:
     """Raise UserError unless the user agrees that the code in this file runs.
 
-    robot: all files of the robot's package, if the code is that of a robot. `content` is then that
+    robot: all files of the robot, if the code is that of a robot. `content` is then that
     of all of them.
     """
     memory = user_folder("XDG_STATE_HOME", ".local/state")

@@ -1,10 +1,12 @@
 """Code that a file names runs if the user agreed, and else not at all."""
 
 import contextlib
+import importlib.util
 import os
 import sys
 import time
 import types
+from pathlib import Path
 
 import pytest
 
@@ -99,6 +101,32 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
     (tmp_path / "ran").unlink()
     (tmp_path / "lab" / "__init__.py").write_text(f"{ran}# changed\n")
     find_robot(r"strange.py: is Python code")
+
+
+def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
+    """So are the modules beside it that it imports, and no others."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(sys, "meta_path", sys.meta_path.copy())
+    module = Path(__file__).parent / "robots" / "planar_arm.py"
+    arm = tmp_path / "beside_arm.py"
+    arm.write_text("import beside_gains\n" + module.read_text())
+    (tmp_path / "beside_gains.py").write_text("import beside_nothing")
+    (tmp_path / "beside_strange.py").touch()
+    campaign = tmp_path / "own.toml"
+    text = '[campaign]\nname = "x"\nrobot = "beside_arm"\n[[group]]\nname = "free"\n'
+    campaign.write_text(text.replace("side_arm", "side_am"))
+    with pytest.raises(UserError, match=f"is unknown: .* looked for it in {tmp_path}, "):
+        loading.load_campaign(campaign)
+    campaign.write_text(text)
+    with pytest.raises(UserError, match=r"beside_arm.py: is Python code"):
+        loading.load_campaign(campaign, runs=False)
+    for error in ("ModuleNotFoundError: No module named 'beside_nothing'", "SyntaxError"):
+        with pytest.raises(UserError, match=f"beside_arm.py cannot be imported: {error}"):
+            loading.load_campaign(campaign)
+        (tmp_path / "beside_gains.py").write_text("KP = (")
+    (tmp_path / "beside_gains.py").write_text("KP = 1")
+    assert loading.load_campaign(campaign).robot.title == "planar arm"
+    assert importlib.util.find_spec("beside_strange") is None
 
 
 def test_a_user_without_a_home_has_no_cache(monkeypatch, tmp_path):

@@ -21,8 +21,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading, plan, runner
-from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.executors.protocol import FinishedChunk, Work
+from ravenjax.campaign.executors.protocol import FinishedChunk, Local, Work
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import Progress

@@ -71,13 +71,13 @@ def enable_cache() -> None:
     Code for one CPU may not run on another one that shares the home folder. Therefore each kind of
     CPU has a separate folder.
     """
-    if (place := cache_folder(f"xla-{_machine()}")) is not None:
-        lazy.when_loaded(lambda jax: _use(jax, place))
+    place = cache_folder(f"xla-{_machine()}")
 
+    def use(jax: Any) -> None:
+        if place is not None and not jax.config.jax_compilation_cache_dir:
+            jax.config.update("jax_compilation_cache_dir", str(place))
 
-def _use(jax: Any, place: Path) -> None:
-    if not jax.config.jax_compilation_cache_dir:
-        jax.config.update("jax_compilation_cache_dir", str(place))
+    lazy.when_loaded(use)
 
 
 def object_cache() -> MutableMapping[str, bytes] | None:

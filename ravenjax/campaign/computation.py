@@ -32,6 +32,7 @@ from ravenjax.campaign.memory_windows import (
     Pair,
     Window,
     WindowLimits,
+    concatenate,
     cut_into_windows,
     join_blocks,
 )
@@ -139,18 +140,13 @@ class Computation:
     def tables(self, ranges: Sequence[range]) -> Pair:
         """Return the columns of all rows of `ranges` together; see `blocks`."""
         with interruption.held_back():
-            blocks = list(self.blocks(ranges))
-        rows, golden_runs = (
-            {name: np.concatenate([block[table][name] for block in blocks]) for name in columns}
-            for table, columns in enumerate(blocks[0])
-        )
-        return rows, golden_runs
+            rows, golden_runs = zip(*self.blocks(ranges), strict=True)
+        return concatenate(rows), concatenate(golden_runs)
 
     def _note_fault_free(self) -> None:
-        some = self._fault_free_outcomes
-        if not some:
+        if not self._fault_free_outcomes:
             return
-        runs = {name: np.concatenate([columns[name] for columns in some]) for name in some[0]}
+        runs = concatenate(self._fault_free_outcomes)
         halted = runs.get("halted_ms", np.zeros(0))
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
@@ -161,13 +157,20 @@ class Computation:
                 " nothing. Column golden_halted_ms has the time of each; take a shorter"
                 " campaign.duration_s, another motion or a smaller operator.scale"
             )
-        for name, first in runs.items():
-            watches = name.startswith(("cue", "detector")) and name.endswith("_first_ms")
-            if watches and (first >= 0).all():
+        config = self.plan.config
+        watching = {
+            f"cue{number}": f"the cue of haptics.threshold_mm = {cue.threshold_m * 1e3:g}"
+            for number, cue in enumerate(config.haptics.cues())
+        } | {
+            f"detector{number}_threshold0": f"detector {name!r}, threshold = {limit:g},"
+            for number, (name, _, (limit, *_)) in enumerate(config.detectors)
+        }
+        for column, name in watching.items():
+            first = runs[f"{column}_first_ms"]
+            if (first >= 0).all():
                 self.progress.note(
-                    f"{name.removesuffix('_first_ms')} is on in every golden run, from"
-                    f" {first.max()} ms on at the latest. It cannot show a later fault: take a"
-                    " larger threshold"
+                    f"{name} is on in every golden run, from {first.max()} ms on at the latest. It"
+                    " cannot show a later fault: take a larger threshold"
                 )
 
     def _count(self, ticks: int) -> None:
@@ -264,18 +267,19 @@ class Computation:
 
         Each end time of a golden run is computed once.
         """
-        own, golden, ends = (
+        computed, golden, ends = (
             golden_runs.computed.result(),
             self.plan.golden[rows],
             self.plan.ends[rows],
         )
         early = self._fast_forward.early[rows]
-        if len(own.numbers) == 1 and not early.any():
+        if len(computed.numbers) == 1 and not early.any():
             return {
-                name: np.broadcast_to(values, len(rows)) for name, values in own.outcomes.items()
+                name: np.broadcast_to(values, len(rows))
+                for name, values in computed.outcomes.items()
             }
-        at_end = np.searchsorted(own.numbers, golden)
-        columns = {name: values[at_end] for name, values in own.outcomes.items()}
+        at_end = np.searchsorted(computed.numbers, golden)
+        columns = {name: values[at_end] for name, values in computed.outcomes.items()}
         for number in np.unique(golden[early]).tolist():
             mine = early & (golden == number)
             if number in golden_runs.branches:
@@ -288,7 +292,7 @@ class Computation:
             moments = golden[early] * (1 + self.plan.program.ticks) + ends[early]
             _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)
             result = self.kernel.run(
-                self._block(rows[early][first], own, harmless=True), self.plan.columns
+                self._block(rows[early][first], computed, harmless=True), self.plan.columns
             )
             for name, values in columns.items():
                 values[early] = result.outcomes[name][of_moment]
@@ -298,26 +302,28 @@ class Computation:
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
-        own = golden_runs.computed.result()
-        coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
-        here = np.isin(own.numbers, self.plan.golden[rows]).tolist()
+        computed = golden_runs.computed.result()
+        coming = [golden_runs.branches.get(number) for number in computed.numbers.tolist()]
+        here = np.isin(computed.numbers, self.plan.golden[rows]).tolist()
         trunks = [
             future.result().trunk if future and near else None
             for future, near in zip(coming, here, strict=True)
         ]
-        block = dataclasses.replace(self._block(rows, own), trunks=trunks)
+        block = dataclasses.replace(self._block(rows, computed), trunks=trunks)
         result = self.kernel.run(block, self.plan.columns, self._count)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
         if self.plan.program.ends:
             columns[schema.OBSERVED] = self.plan.ends[rows]
         return columns, self._golden_outcomes(rows, golden_runs)
 
-    def _block(self, rows: np.ndarray, own: Computed | None, harmless: bool = False) -> Block:
+    def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),
-            reference=None if own is None else own.reference,
-            golden=None if own is None else np.searchsorted(own.numbers, plan.golden[filled]),
+            reference=None if computed is None else computed.reference,
+            golden=None
+            if computed is None
+            else np.searchsorted(computed.numbers, plan.golden[filled]),
             acts=plan.acts[filled],
             ends=plan.ends[filled] if plan.program.ends else None,
             rows=len(rows),

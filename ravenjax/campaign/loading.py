@@ -94,12 +94,12 @@ def from_record(
             if where.written and isinstance(groups, list):
                 where.groups, where.names = (
                     groups,
-                    [_text(group.get("name")) for group in raw["group"]],
+                    [str(group.get("name")) for group in raw["group"]],
                 )
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
-        robot = robot_of(raw)
+        robot = robot_of(raw, source and source.parent)
     except UserError as error:
         raise where.error([(("campaign", "robot"), str(error))]) from None
     try:
@@ -113,7 +113,8 @@ def from_record(
         ) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
-    config = config.with_files(Path.cwd()) if source is None else config.with_source(source)
+    config = config.with_files(Path.cwd() if source is None else source.parent)
+    config._source = source
     config._repeated = tuple(
         (number, name)
         for number, group in enumerate(where.groups)
@@ -140,10 +141,6 @@ def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
         for other in errors
         if other["type"] == "extra_forbidden" and list(other["loc"][:-1]) == table
     )
-
-
-def _text(name: object) -> str:
-    return name if isinstance(name, str) else format_value(name)
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:

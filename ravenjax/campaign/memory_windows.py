@@ -63,6 +63,11 @@ Pair = tuple[Columns, Columns]
 """Outcomes of some rows, and those of their golden runs."""
 
 
+def concatenate(tables: Sequence[Columns]) -> Columns:
+    """Return the rows of several tables with the same columns in one."""
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
 def join_blocks(window: Window, blocks: Sequence[Pair]) -> Pair:
     """Return the columns of a window's blocks in the order of its rows.
 
@@ -112,12 +117,7 @@ def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator
             )
             pieces.append((outcomes, golden_runs))
             first, lacking = end, lacking - (end - first)
-        outcomes, golden_runs = pieces[0]
-        if len(pieces) > 1:
-            outcomes, golden_runs = (
-                {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-                for tables in zip(*pieces, strict=True)
-            )
-        yield PartRows(rows, outcomes, golden_runs)
+        whole = pieces[0] if len(pieces) == 1 else map(concatenate, zip(*pieces, strict=True))
+        yield PartRows(rows, *whole)
     # Resume the generator once more: the code after its last window must run.
     next(coming, None)

@@ -6,6 +6,7 @@ parameters and faults of each run.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,9 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers import paths
+from ravenjax.store.motion.summary import list_names
 from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
+from ravenjax.vocabulary.sites import PARAMETER
 
 MOST_COMPARED = 2**20
 """Equal runs are looked for among at most so many runs. Among more, that takes seconds."""
@@ -27,6 +30,8 @@ NAMED = 4
 def of_plan(plan: Plan) -> tuple[str, ...]:
     """Return every notice of a campaign in words, in the order of the file."""
     declared = [f"{location.format_key(key)}: {message}" for key, message in of_config(plan.config)]
+    if plan.operator is not None:
+        declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
     return (*declared, *_of_parameters(plan), *_of_faults(plan), *_of_copies(plan))
 
 
@@ -56,9 +61,15 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
                 )
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
-            if 0.0 in np.ravel(part.threshold):
+            thresholds = np.ravel(part.threshold)
+            if 0.0 in thresholds:
                 yield (kind, number, "threshold"), "0 is exceeded by any score: it is always on"
-    for number, cue in enumerate(config.haptics.cues()):
+            if len(np.unique(thresholds)) < len(thresholds):
+                yield (kind, number, "threshold"), "has a number twice: both alarm alike"
+    cues = config.haptics.cues()
+    for number, cue in enumerate(cues):
+        if (first := cues.index(cue)) < number:
+            yield ("haptics",), f"set {number} is the same as set {first}"
         if not cue.cap or not (cue.kp or cue.kd):
             yield (
                 ("haptics",),
@@ -66,7 +77,21 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
             )
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
         yield ("campaign", "limit"), f"{limit} is no limit: the campaign has no more runs"
+    if config.stop is not None and config.stop.looks == (1.0,):
+        yield ("stop", "looks"), "the only look comes at the end, so it ends nothing early"
     robot = config.robot
+    for g, group in enumerate(config.group):
+        for f, fault in enumerate(() if group.run else group.fault):
+            if fault.wraps and not any(semantics.find_unfit_values(config, group, fault, False)):
+                yield (
+                    ("group", g, "fault", f, "wraps"),
+                    "no value is beyond the 16 bits of its number, so nothing wraps",
+                )
+        if config.campaign.noise and semantics.is_silent(config, group):
+            yield (
+                ("campaign", "noise"),
+                f"nothing is drawn in group {group.name!r}, because every size of noise is 0",
+            )
     for key, axes in config.parameter_tables():
         for path, axis in axes.items() if not config.campaign.noise else ():
             if bounds.shorten_path(robot, path) in robot.noise and axis.values != (0,):
@@ -127,6 +152,7 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         moved = clocks.moved[faults["code"]].any(axis=1, keepdims=True)
         early, down = opens & (closes <= first[:, None]) & ~moved, first.min()
     for key, which, words in (
+        *_beyond_range(plan),
         ("start_ms", there & ~opens, "the window does not open before the run's end"),
         (
             "start_ms",
@@ -155,34 +181,78 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         yield from _grouped(plan, key, which, words)
 
 
+def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
+    """Yield (key, which faults [runs, slots], notice) where faults take a parameter out of its
+    range.
+    """
+    faults, robot, program = plan.faults, plan.config.robot, plan.program
+    value, length = _values_and_lengths(plan)
+    targets = table.injection_targets(program.setup.injection)
+    for code, (site, _, name) in enumerate(targets, start=1):
+        if site != PARAMETER or (limits := robot.sites[site].channel(name).field) is None:
+            continue
+        x = next(
+            (v for path, v in plan.varied.items() if bounds.paths_overlap(robot, path, name)),
+            *paths.named_numbers(program.params, program.setup, name).values(),
+        )
+        x = np.reshape(x, (-1, 1)).astype(np.float64)
+        reached = {
+            "offset": x + value,
+            "latch_offset": x + value,
+            "scale": x * value,
+            "drift": x + value * length,
+            "periodic": np.where(x - limits.low < limits.high - x, x - abs(value), x + abs(value)),
+            "random": np.where(-abs(value) < limits.low, -abs(value), abs(value)),
+            "toggle": 0.0 * value,
+        }
+        number = np.where(faults["code"] == code, _by_effect(plan, reached, x), limits.low)
+        outside = np.maximum(limits.low - number, number - limits.high)
+        worst = number.flat[outside.argmax()]
+        yield (
+            "value",
+            outside > 0,
+            f"{name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}",
+        )
+
+
 def _idle(plan: Plan) -> np.ndarray:
     faults, robot = plan.faults, plan.config.robot
     channels = [
         robot.sites[site].channel(name)
         for site, _, name in table.injection_targets(plan.program.setup.injection)
     ]
-    code, value = faults["code"], faults["value"].astype(np.float64)
-    own = [np.nan if channel.usual is None else channel.usual for channel in channels]
-    usual = np.array([np.nan, *own])[code]
-    least = np.array([0.0, *(float(c.kind not in ("float", "bool")) for c in channels)])[code]
-    small = (np.abs(value) < least) | (value == 0)
-    length = np.minimum(faults["duration"], plan.program.ticks - faults["start"])
-    by_effect = {
+    value, length = _values_and_lengths(plan)
+    known = [np.nan if channel.usual is None else channel.usual for channel in channels]
+    usual = np.array([np.nan, *known])[faults["code"]]
+    least = [float(channel.kind not in ("float", "bool")) for channel in channels]
+    least = np.array([0.0, *least])[faults["code"]]
+    small = (abs(value) < least) | (value == 0)
+    idle = {
         "overwrite": value == usual,
         "offset": small,
         "latch_offset": small & (usual == usual),
         "scale": (value == 1) | (usual == 0),
-        "drift": (np.abs(value) * length < least) | (value == 0),
+        "drift": (abs(value) * length < least) | (value == 0),
         "stuck": usual == usual,
-        "periodic": small,
+        # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
+        "periodic": small | (faults["period"] <= 2),
         "random": small & (usual == 0),
         "toggle": (value == 0) & (usual == 0),
         "lose": value == 0,
     }
-    idle = np.zeros(code.shape, bool)
-    for effect, mask in by_effect.items():
-        idle |= mask & (faults["effect"] == EFFECT_CODES[effect])
-    return idle
+    return _by_effect(plan, idle, False)
+
+
+def _values_and_lengths(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Return the value of each fault, and the ticks in which it may act, [runs, slots]."""
+    ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
+    return plan.faults["value"].astype(np.float64), ticks
+
+
+def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.ndarray:
+    """Return the result of each fault's effect, [runs, slots]."""
+    effects = [plan.faults["effect"] == EFFECT_CODES[effect] for effect in results]
+    return np.select(effects, list(results.values()), default)
 
 
 def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
@@ -192,9 +262,8 @@ def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[st
     for slot in np.flatnonzero(which.any(axis=0)):
         counts = np.bincount(groups.codes[which[:, slot]])
         hit = np.flatnonzero(counts)
-        named = [f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in hit[:NAMED]]
-        more = [f"of {len(hit) - NAMED} more groups"] if len(hit) > NAMED else []
-        yield f"fault[{slot}].{key}: {words}: {', '.join(named + more)}"
+        named = (f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in hit)
+        yield f"fault[{slot}].{key}: {words}: {list_names(named, NAMED)}"
 
 
 def find_copies(plan: Plan) -> np.ndarray:

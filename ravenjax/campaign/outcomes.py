@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -43,11 +43,13 @@ def result_columns(
     `of_golden` of each row's golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
-    diverged, failed = measures.pop("diverged_ms"), _failed(config, measures)
+    diverged, (failed, failed_ms) = measures.pop("diverged_ms"), _failed(config, measures)
+    sites: list[Any] = [runs[f"fault{slot}_site"] for slot in range(count_slots(runs))]
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
     if schema.OVERLOAD in measures:
-        measures[schema.OVERLOAD] = _cables(config, measures[schema.OVERLOAD])
+        place = measures[schema.OVERLOAD].astype(np.int32) + 1
+        measures[schema.OVERLOAD] = words.word_column(place, cable_names(config))
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{
@@ -58,48 +60,47 @@ def result_columns(
         "run_id": run_id.format_run_ids(runs["run_id"].to_numpy()),
         **measures,
         "activated": measures["active_ticks"] > 0,
-        "diverged": _faulty(runs) & (diverged >= 0),
+        "diverged": np.any([site.array != "" for site in sites], axis=0) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
         **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
-        "failed": words.word_column(failed.signal + 1, failures.CAUSES),
-        "failed_first_ms": failed.first,
-        "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
-        "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
+        "failed": words.word_column(failed + 1, failures.CAUSES),
+        "failed_first_ms": failed_ms,
+        "tissue_depth_mm": np.maximum(depth, 0),
+        "tip_distance_mm": np.where(np.isfinite(distance), distance, np.nan),
         **{
             f"golden_{name}": np.asarray(golden_runs[name])
             for name in measures
             if schema.kept_of_golden(name)
         },
     }
-    out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
+    out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], 0)
     if checks.needs_own_columns(config.own_checks, config.stops):
         detectors = [number for number, (_, use, _) in enumerate(config.detectors) if use.stops]
         alone = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
         out[checks.BUILT_IN] = words.word_column(alone.response, verdict.RESPONSES)
         out["built_in_told_ms"] = alone.told_ms
-    return out | judge_runs(
-        out,
-        verdict.classify_responses(measures, golden_runs, config.robot),
-        failed.first < 0,
-        config.outcomes.cue,
-    )
+    response = verdict.classify_responses(measures, golden_runs, config.robot)
+    stopped = response.response == verdict.RESPONSES.index("stopped")
+    hazard = verdict.classify_hazards(out, stopped)
+    cue = f"cue{config.outcomes.cue}_first_ms"
+    came = verdict.beyond_golden(out[cue], out[f"golden_{cue}"]) >= 0
+    place = verdict.classify_verdicts(response.response, hazard, came, failed_ms < 0)
+    return out | {
+        "response": words.word_column(response.response, verdict.RESPONSES),
+        "response_cause": words.word_column(response.cause, response.causes),
+        "response_ms": response.ms,
+        "told_ms": response.told_ms,
+        "hazard": words.word_column(hazard, verdict.HAZARDS),
+        "verdict": words.word_column(place, (*verdict.VERDICTS, "")),
+    }
 
 
-class _Failed(NamedTuple):
-    """Which number of each run was the first that is not finite, and when.
+def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the code of the first number of each run that is not finite, as in `failures.CODES`,
+    and when, ms. Both are -1 where all numbers are finite.
 
-    Arrays [rows], -1 where all numbers are finite.
-    """
-
-    signal: np.ndarray  # code as in `failures.CODES`
-    first: np.ndarray  # ms
-
-
-def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
-    """Return what the tick has found of non-finite numbers, and remove it from `measures`.
-
-    A robot's additional outcomes are not watched in each tick. A run with a NaN among them fails at
-    its end.
+    Removes what the tick has found of them from `measures`. A robot's additional outcomes are not
+    watched in each tick. A run with a NaN among them fails at its end.
     """
     first = measures.pop("failed_ms")
     signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
@@ -110,11 +111,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
     missed = invalid & (first < 0)
     end = round(config.campaign.duration_s * 1e3)
     signal = np.where(missed, failures.CODES["outcome"], signal).astype(np.int8)
-    return _Failed(signal, np.where(missed, end, first).astype(np.int32))
-
-
-def _cables(config: CampaignConfig, places: np.ndarray) -> pd.Categorical:
-    return words.word_column(places.astype(np.int32) + 1, cable_names(config))
+    return signal, np.where(missed, end, first).astype(np.int32)
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
@@ -132,36 +129,3 @@ def result_frame(
 ) -> pd.DataFrame:
     """Return `result_columns` as a DataFrame."""
     return pd.DataFrame(result_columns(config, runs, outcomes, golden_runs))
-
-
-def _faulty(runs: pd.DataFrame) -> np.ndarray:
-    faulty = np.zeros(len(runs), bool)
-    for slot in range(count_slots(runs)):
-        faulty |= runs[f"fault{slot}_site"].array != ""
-    return faulty
-
-
-def judge_runs(
-    columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int
-) -> dict[str, Any]:
-    """Return columns response, response_cause, response_ms, told_ms, hazard and verdict.
-
-    columns: those of the result table with hazards and cues. valid: bool [rows]. cue: number of the
-    haptic set that the verdict uses.
-    """
-    hazard = verdict.classify_hazards(
-        columns, response.response == verdict.RESPONSES.index("stopped")
-    )
-    came = (
-        verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"golden_cue{cue}_first_ms"])
-        >= 0
-    )
-    place = verdict.classify_verdicts(response.response, hazard, came, valid)
-    return {
-        "response": words.word_column(response.response, verdict.RESPONSES),
-        "response_cause": words.word_column(response.cause, response.causes),
-        "response_ms": response.ms,
-        "told_ms": response.told_ms,
-        "hazard": words.word_column(hazard, verdict.HAZARDS),
-        "verdict": words.word_column(place, (*verdict.VERDICTS, "")),
-    }

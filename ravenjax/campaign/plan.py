@@ -17,6 +17,7 @@ from ravenjax.campaign.faults import design, run_id, span, table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
+from ravenjax.errors import UserError
 from ravenjax.faults.clocks import Clocks
 from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers import paths
@@ -115,6 +116,10 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     varied = table.varied_parameters(rows)
     injection = table.table_injection(rows, config.robot)
     robot: Prepared = config.robot.part("campaign").prepare(config, varied, injection, precision)
+    if config.detector and not robot.setup.detectors:
+        raise UserError(
+            f"detector: robot {config.robot.name!r} runs no detectors: remove [[detector]]"
+        )
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     values = _filled(varied, robot.params, robot.setup)
     for path, purpose in robot.keys.items():
@@ -165,10 +170,12 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
     """
     filled = {}
     for path, values in varied.items():
-        alone, own = np.isnan(values), paths.named_numbers(params, setup, path)
-        alike = len({float(value) for value in own.values()}) == 1
+        alone, usual = np.isnan(values), paths.named_numbers(params, setup, path)
+        alike = len({float(value) for value in usual.values()}) == 1
         for place, value in (
-            {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items()
+            {path: next(iter(usual.values()))}.items()
+            if alike or not alone.any()
+            else usual.items()
         ):
             dtype = np.asarray(value).dtype
             dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)

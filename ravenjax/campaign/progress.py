@@ -12,6 +12,7 @@ import os
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -46,11 +47,6 @@ class Status:
     def computed(self) -> int:
         """Number of runs that this start has finished."""
         return self.done - self.earlier
-
-    @property
-    def failed(self) -> int:
-        """Number of runs without a valid outcome."""
-        return sum(self.failures.values())
 
     @property
     def left_s(self) -> float | None:
@@ -119,10 +115,7 @@ class Progress:
     def count_failures(self, failures: Mapping[str, int]) -> None:
         """Count runs without a valid outcome, by cause."""
         with self._lock:
-            total = dict(self.status.failures)
-            for cause, count in failures.items():
-                total[cause] = total.get(cause, 0) + count
-            self.status.failures = total
+            self.status.failures = Counter(self.status.failures) + Counter(failures)
 
     def note(self, sentence: str) -> None:
         """Add a message for the user."""

@@ -14,15 +14,14 @@ from pathlib import Path
 
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache, notices
-from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
+from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Local, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import StoreError, UserError
+from ravenjax.errors import StoreError
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.access.results import Results
@@ -55,15 +54,8 @@ def run_campaign(
     """
     if out is None:
         return in_temporary_folder(
-            functools.partial(
-                run_campaign,
-                config,
-                engine=engine,
-                on_progress=on_progress,
-                rows=rows,
-                executor=executor,
-                shard=shard,
-                command=command,
+            lambda folder: run_campaign(
+                config, folder, engine, on_progress=on_progress, executor=executor, shard=shard
             )
         )
     plan = make_plan(config)
@@ -76,15 +68,15 @@ def run_campaign(
     )
     first = range(min(config.campaign.limit or plan.runs, plan.runs))
     if shard is not None:
-        if rows is not None:
-            raise UserError(f"rows and shard {shard} were both given, expected one of them")
         chunk = config.campaign.chunk or shard.chunk(len(first), chunk)
         rows = shard.rows(len(first), chunk)
     elif rows is None and len(first) < plan.runs:
         rows = [first]
     record = make_manifest(plan, backend).model_copy(
         update={
-            "rows": None if rows is None else _pairs(rows, plan.runs),
+            "rows": manifest.join_ranges(
+                None if rows is None else tuple((some.start, some.stop - 1) for some in rows)
+            ),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
             "notices": (declared := notices.of_plan(plan)),
@@ -137,19 +129,6 @@ def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
         raise
     weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
     return results
-
-
-def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
-    """Return row ranges as a manifest has them. Raises UserError for rows that the campaign does
-    not have.
-    """
-    for some in rows:
-        if some.step != 1 or (some and not 0 <= some.start < some.stop <= runs):
-            raise UserError(
-                f"rows {some}: expected contiguous ranges (step 1) between 0 and {runs} (end"
-                f" excluded), because the campaign has {runs} runs"
-            )
-    return manifest.join_ranges(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
 def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:

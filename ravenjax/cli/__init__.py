@@ -9,13 +9,9 @@ import sys
 from cyclopts import App, CycloptsError
 
 from ravenjax.cli import (
-    calibration,
     catalogue,
-    checking,
     console,
-    counterfactual,
     explaining,
-    exploring,
     exporting,
     gating,
     machine,
@@ -23,9 +19,6 @@ from ravenjax.cli import (
     motion,
     results,
     running,
-    schema,
-    studies,
-    tracing,
     training,
 )
 
@@ -44,24 +37,24 @@ app = App(
 )
 for _command in (
     running.run,
-    checking.check,
+    running.check,
     running.fault_free,
     results.report,
-    tracing.trace,
+    explaining.trace,
     explaining.explain,
-    exploring.explore,
-    counterfactual.counterfactual,
+    exporting.explore,
+    monitors.counterfactual,
     results.verify,
     results.compare,
     gating.gate,
     results.merge,
-    studies.evidence,
+    machine.evidence,
     monitors.monitor,
     running.search,
-    studies.reproduce,
-    studies.credibility,
+    machine.reproduce,
+    machine.credibility,
     motion.motion,
-    calibration.calibrate,
+    motion.calibrate,
     training.train,
     training.robot,
     training.play,
@@ -71,7 +64,7 @@ for _command in (
     catalogue.campaigns,
     catalogue.faults,
     catalogue.parameters,
-    schema.schema,
+    exporting.schema,
     machine.bench,
     machine.doctor,
 ):
@@ -105,9 +98,9 @@ def main(tokens: list[str] | None = None) -> int:
                 result_action="return_value",
             )
     except KeyboardInterrupt:
-        console.err.print(
+        console.print_text(
             "stopped; finished parts are kept, and the same command goes on from there",
-            highlight=False,
+            console.err,
         )
         return INTERRUPTED
     except SystemExit as leaving:

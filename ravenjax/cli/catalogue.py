@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ravenjax import robots
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.vocabulary.robot import Robot
     from ravenjax.vocabulary.sites import Site
 
 
@@ -22,15 +25,15 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario
 
-    files = [
-        (path.name, loading.load_campaign(path))
+    files = {
+        path.name: loading.load_campaign(path)
         for path in resources.list_resources("campaigns", "*.toml")
-    ]
-    templates = [
-        (path.name, searches.load_search(path))
+    }
+    templates = {
+        path.name: searches.load_search(path)
         for path in resources.list_resources("campaigns/searches", "*.toml")
-    ]
-    scenarios = [(path.name, scenario.load_scenario(path)) for path in scenario.bundled_scenarios()]
+    }
+    trainings = {path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()}
     console.print_tables(
         [
             Listing(
@@ -38,8 +41,8 @@ def campaigns(*, as_json: AsJson = False) -> None:
                 "Campaigns: ravenjax run FILE",
                 ("file", "runs", "what it asks"),
                 [
-                    (name, str(design.count_rows(one)), one.campaign.description)
-                    for name, one in files
+                    (name, str(design.count_rows(config)), config.campaign.description)
+                    for name, config in files.items()
                 ],
             ),
             Listing(
@@ -47,22 +50,24 @@ def campaigns(*, as_json: AsJson = False) -> None:
                 "Searches: ravenjax search FILE",
                 ("file", "kind", "what it asks"),
                 [
-                    (name, one.search.kind, one.campaign.campaign.description)
-                    for name, one in templates
+                    (name, config.search.kind, config.campaign.campaign.description)
+                    for name, config in templates.items()
                 ],
             ),
             Listing(
                 "training",
                 "Training: ravenjax train FILE",
                 ("file", "s", "what it trains"),
-                [(name, f"{one.duration_s:g}", one.title) for name, one in scenarios],
+                [(name, f"{t.duration_s:g}", t.title) for name, t in trainings.items()],
             ),
         ],
         as_json,
     )
 
 
-def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
+def faults(
+    word: str | None = None, *, robot: str = robots.DEFAULT, as_json: AsJson = False
+) -> None:
     """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
     Parameters
@@ -71,66 +76,77 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
         Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or
         one of layers, sites, effects, triggers, phases (of an operation), classes (of
         outcomes), hazards.
+    robot
+        whose sites: raven2, or the module that declares another one, for which there are no
+        hazards
     """
-    console.print_tables(list(_faults(word)), as_json)
+    console.print_tables(list(_faults(word, robots.find_robot(robot))), as_json)
 
 
-def _faults(word: str | None) -> Iterator[Listing]:
+def _faults(word: str | None, robot: Robot) -> Iterator[Listing]:
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
-    from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
+    # The library of hazards is that of the usual robot.
+    usual = robot is robots.USUAL
+    layers = library.library_layers() if usual else robot.layers
     meaning = ("effect", "meaning")
     every = {
         "layers": Listing(
-            "layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layer_table()
+            "layers",
+            "Layers of the loop",
+            listing.LAYER_COLUMNS if usual else ("layer", "what"),
+            listing.layer_table() if usual else list(layers.items()),
         ),
         "sites": _sites(
-            "Sites, in the robot's order; `ravenjax faults SITE` shows one", ROBOT.sites.values()
+            "Sites, in the robot's order; `ravenjax faults SITE` shows one", robot.sites.values()
         ),
         "effects": Listing("effects", "Effects", meaning, [e[:2] for e in EFFECTS.values()]),
         "triggers": Listing(
             "triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())
         ),
         "phases": Listing(
-            "phases", "Phases of an operation", ("phase", "when"), list(ROBOT.phases.items())
+            "phases", "Phases of an operation", ("phase", "when"), list(robot.phases.items())
         ),
-        "classes": Listing(
+    }
+    if usual:
+        every["classes"] = Listing(
             "classes",
             "Outcome classes of hazards",
             ("class", "meaning"),
             list(library.library_terms()["classes"].items()),
-        ),
-        "hazards": Listing(
+        )
+        every["hazards"] = Listing(
             "hazards",
             "Hazards; `ravenjax faults ID` shows one, `hazards = [ID, ..]` in a [[group]] runs it",
             listing.COLUMNS,
             listing.hazard_table(),
-        ),
-    }
+        )
+    ids = [row.id for row in library.all_hazards()] if usual else []
     if word is None:
         yield from every.values()
     elif word in every:
         yield every[word]
-    elif word in (layers := library.library_layers()):
-        sites = [site for site in ROBOT.sites.values() if site.layer == word]
+    elif word in layers:
+        sites = [site for site in robot.sites.values() if site.layer == word]
         yield _sites(f"{word}, {layers[word]}: sites", sites)
-        rows = listing.hazard_table(listing.of_layer(word))
-        yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, rows)
-    elif word in ROBOT.sites:
-        yield from _site(ROBOT.sites[word])
+        if usual:
+            rows = listing.hazard_table(listing.of_layer(word))
+            yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, rows)
+    elif word in robot.sites:
+        yield from _site(robot.sites[word], layers, usual)
     elif word in EFFECTS:
         yield Listing("effect", f"Effect {word}", meaning, [EFFECTS[word][:2]])
-    else:
-        ids = [row.id for row in library.all_hazards()]
-        if word not in ids:
-            words = [*every, *layers, *ROBOT.sites, *EFFECTS, *ids]
-            raise UserError(
-                f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of"
-                f" a hazard, or one of {', '.join(every)}{suggest_name(word, words)}"
-            )
+    elif word in ids:
         yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.describe_hazard(word))
+    else:
+        words = [*every, *layers, *robot.sites, *EFFECTS, *ids]
+        raise UserError(
+            f"unknown word {word!r}, expected a layer ({', '.join(layers)}), a site, an effect,"
+            f"{' the id of a hazard,' if ids else ''} or one of"
+            f" {', '.join(every)}{suggest_name(word, words)}"
+        )
 
 
 def _sites(title: str, sites: Iterable[Site]) -> Listing:
@@ -145,28 +161,31 @@ def _sites(title: str, sites: Iterable[Site]) -> Listing:
     return Listing("sites", title, ("layer", "site", "channels (number, unit)", "where"), rows)
 
 
-def _site(site: Site) -> Iterator[Listing]:
-    from ravenjax.hazards import library, listing, ranges
+def _site(site: Site, layers: Mapping[str, str], usual: bool) -> Iterator[Listing]:
+    from ravenjax.hazards import listing, ranges
     from ravenjax.vocabulary.effects import EFFECTS
 
     about = [
-        ("layer", f"{site.layer}: {library.library_layers()[site.layer]}"),
+        ("layer", f"{site.layer}: {layers[site.layer]}"),
         ("where", site.where),
         ("arm", "on each arm: with both, write arm" if site.per_arm else "of no arm"),
     ]
     yield Listing("site", f"Site {site.name}", ("what", "is"), about)
+    measured = ranges.measured_ranges() if usual else {}
     channels = []
     for channel in site.channels:
         spans = {
             arm: f"{span.low:.4g}..{span.high:.4g}"
-            for (of, arm, name), span in ranges.measured_ranges().items()
+            for (of, arm, name), span in measured.items()
             if (of, name) == (site.name, channel.name)
         }
         alike = len(set(spans.values())) == 1
-        usual = ", ".join(
+        without_fault = ", ".join(
             {*spans.values()} if alike else (f"{arm} {span}" for arm, span in spans.items())
         )
-        channels.append((channel.name, channel.kind, channel.unit, usual))
+        channels.append((channel.name, channel.kind, channel.unit, without_fault))
+    if site.name == PARAMETER:
+        channels = [("PATH", "as it is", "as it is", "`ravenjax parameters` lists the paths")]
     columns = ("channel", "number", "unit", "without a fault")
     yield Listing("channels", "Channels", columns, channels)
     effects = [
@@ -175,14 +194,16 @@ def _site(site: Site) -> Iterator[Listing]:
         if effect.network is None or site.name == "network"
     ]
     yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
-    hazards = listing.hazard_table(listing.of_site(site.name))
-    yield Listing("hazards", "Hazards that act there", listing.COLUMNS, hazards)
+    if usual:
+        hazards = listing.hazard_table(listing.of_site(site.name))
+        yield Listing("hazards", "Hazards that act there", listing.COLUMNS, hazards)
 
 
 def parameters(
     file: Path | None = None,
     *,
     path: str = "",
+    robot: str | None = None,
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -198,22 +219,24 @@ def parameters(
         software raven2.
     path
         only paths that hold this text, as plant or kp
+    robot
+        of this robot instead: raven2, or the module that declares another one
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds
     from ravenjax.errors import UserError, suggest_name
 
-    plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
+    changes = [*(overrides or ()), *([] if robot is None else [f"campaign.robot={robot}"])]
     config = (
-        loading.load_campaign(file, overrides or (), runs=False)
+        loading.load_campaign(file, changes, runs=False)
         if file is not None
-        else loading.from_dict(plain, overrides=overrides or ())
+        else loading.from_record({"campaign": {"name": "x"}, "group": [{"name": "x"}]}, changes)
     )
     loading.check_parameters(config)
-    every = parameter_rows(config)
-    rows = [
-        row for row in every if path in row[0] and not bounds.reserved_reason(config.robot, row[0])
+    every = [
+        row for row in parameter_rows(config) if not bounds.reserved_reason(config.robot, row[0])
     ]
+    rows = [row for row in every if path in row[0]]
     if not rows:
         raise UserError(
             f"--path {path}: no parameter's path holds"
@@ -230,13 +253,12 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds
     from ravenjax.numbers import paths
-    from ravenjax.robots.raven2.arms import JOINTS
 
     program = plan.make_plan(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
     for full, value in paths.path_leaves(program.params, program.setup):
         head, _, last = full.rpartition(".")
-        if last in paths.path_words(JOINTS):
+        if last in paths.path_words(config.robot.joints):
             values.setdefault(head, []).append(f"{last} {float(value):g}")
         else:
             values.setdefault(full, []).append(f"{float(value):g}")

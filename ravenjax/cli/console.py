@@ -5,17 +5,24 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter, validators
 from rich.console import Console
+from rich.table import Table
 
 from ravenjax.errors import UserError
 
 if TYPE_CHECKING:
     from ravenjax.report.run.ranking import WorstRun
+
+LONGEST_NAME = 48
+"""Longest name in characters.
+
+A first column with longer texts holds sentences, which are wrapped as in any other column.
+"""
 
 out = Console()
 err = Console(stderr=True)
@@ -61,11 +68,13 @@ class Listing(NamedTuple):
 
 
 def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
-    """Print tables one below the other, or as one JSON object {name: [{column: cell}]}."""
+    """Print tables one below the other, without empty ones, or as one JSON object {name: [{column:
+    cell}]}.
+    """
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
-    for number, listing in enumerate(listings):
+    for number, listing in enumerate(listing for listing in listings if listing.rows):
         if number:
             out.print()
         print_table(listing.title, listing.columns, listing.rows)
@@ -73,9 +82,21 @@ def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
 
 def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print a table."""
-    from ravenjax.cli import terminal
+    out.print(make_table(title, columns, rows))
 
-    out.print(terminal.make_table(title, columns, rows))
+
+def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
+    """Return a table of text; square brackets are not markup.
+
+    Names in the first column are not wrapped, so that they can be copied.
+    """
+    grid = Table(title=title, title_justify="left", show_edge=False)
+    names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
+    for place, column in enumerate(columns):
+        grid.add_column(column, overflow="fold", no_wrap=names and place == 0)
+    for row in rows:
+        grid.add_row(*(cell.replace("[", r"\[") for cell in row))
+    return grid
 
 
 def emit_json(value: Any) -> None:
@@ -87,9 +108,15 @@ def emit_json(value: Any) -> None:
     print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)
 
 
-def print_text(text: str) -> None:
-    """Print text without markup."""
-    out.print(text, markup=False, highlight=False, soft_wrap=True)
+def print_text(text: object, to: Console | None = None, style: str | None = None) -> None:
+    """Print text without markup; to: None for standard output."""
+    (to or out).print(str(text), style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def print_written(paths: Iterable[Path]) -> None:
+    """Print the paths of files that a command wrote."""
+    for path in paths:
+        print_text(f"  wrote    {path}")
 
 
 def render_template(template: str, **content: Any) -> str:
@@ -107,12 +134,12 @@ def render_template(template: str, **content: Any) -> str:
 
 def print_error(text: str) -> None:
     """Print an error message."""
-    err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
+    print_text(text, err, "red")
 
 
 def print_note(text: str) -> None:
     """Print a note on standard error."""
-    err.print(f"note: {text}", markup=False, highlight=False, soft_wrap=True)
+    print_text(f"note: {text}", err)
 
 
 def load_module(name: str) -> Any:

@@ -1,9 +1,11 @@
-"""The command `explain`: shows the chain from fault to error to failure, for single runs or a
-campaign.
+"""Commands on single runs: `trace` writes their time series, `explain` shows the chain from fault
+to error to failure, also for a campaign.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +14,151 @@ from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngi
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.explain import Explained, Explainer
+    from ravenjax.campaign.inspection.replay import Replay
     from ravenjax.report.run.chain import Chain
     from ravenjax.store.manifest import Manifest
+
+
+def trace(
+    folder: ResultFolder,
+    *run_ids: RunIds,
+    worst: int | None = None,
+    by: Ranking = "unintended",
+    out: Path | None = None,
+    engine: SameEngine = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
+
+    Parameters
+    ----------
+    worst
+        trace the N worst runs instead of named ones
+    out
+        folder of the traces; default FOLDER/traces
+    """
+    from ravenjax.campaign.inspection.replay import Replayer
+    from ravenjax.errors import UserError
+    from ravenjax.report.run import summary as run_summary
+    from ravenjax.store import files, manifest
+
+    if bool(run_ids) == (worst is not None):
+        raise UserError(
+            "which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N"
+        )
+    record = manifest.read_manifest(folder)
+    ranked = console.worst_runs(folder, worst, by)
+    place = out or folder / "traces"
+    files.require_writable(place)
+    if record.code_hash != manifest.code_hash(record.robot):
+        console.print_note(
+            f"{folder} was computed by another version of the code; a run may come out otherwise"
+        )
+    runs = run_ids or tuple(run.run_id for run in ranked)
+    records = []
+    replayer = Replayer.of_folder(folder, engine) if runs else None
+    for run in runs:
+        assert replayer is not None
+        again = replayer.replay(run)
+        row = again.row.to_dict()
+        summary = run_summary.summarize_run(
+            row, record.rules, again.series, again.golden, record.robot
+        )
+        paths = _write(place, record, again, [event._asdict() for event in summary.events])
+        records.append(
+            {"run_id": row["run_id"], **summary._asdict(), "files": [str(path) for path in paths]}
+        )
+        if not as_json:
+            console.print_text("\n".join(summary.lines()))
+            console.print_written(paths)
+            console.print_text("")
+    if as_json:
+        console.emit_json(records)
+
+
+def _write(
+    place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
+) -> list[Path]:
+    from ravenjax.report import wording
+    from ravenjax.report.run.plot import trace_plot
+    from ravenjax.store.logs import time_series
+    from ravenjax.store.logs.trace import log as trace_log
+
+    row, series, rules = again.row.to_dict(), again.series, record.rules
+    log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
+    trace_log.write_trace(
+        log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
+    )
+    time_series.write_csv(table, series, record.robot)
+    named = {
+        "fault": "first_active_ms",
+        "cue": f"cue{rules.cue}_first_ms",
+        str(row["response"]): "response_ms",
+    }
+    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
+    trace_plot(
+        _plotted(series, rules.cue),
+        plot,
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
+        subtitle=f"{row['group']}: {wording.describe_fault(row, record.robot)}",
+        threshold_mm=rules.threshold_mm,
+        robot=record.robot,
+        events={name: float(row[column]) for name, column in named.items()},
+    )
+    return [log, table, plot]
+
+
+def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
+    from ravenjax.report import wording
+    from ravenjax.store import manifest
+
+    row = again.row.to_dict()
+    values = {
+        name: value
+        for name, value in row.items()
+        if isinstance(value, str)
+        or name in ("index", "seed")
+        or (name.startswith(("fault", "param:")) and value == value)
+    } | {
+        "fault": wording.describe_fault(row, record.robot),
+        "campaign": record.campaign,
+        "config_hash": record.config_hash,
+        "duration_ms": record.duration_ms,
+        "limit_mm": record.rules.limit_mm,
+        "cue_threshold_mm": record.rules.threshold_mm,
+        "engine": again.engine,
+        "version": manifest.package_versions()["ravenjax"],
+        "code_hash": manifest.code_hash(record.robot),
+        "campaign_engine": f"{record.engine} on {record.device}",
+        "campaign_version": record.versions.get("ravenjax", ""),
+        "campaign_code_hash": record.code_hash,
+    }
+    return {name: str(value) for name, value in values.items()}
+
+
+def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
+    active = [
+        values
+        for name, values in series.items()
+        if name.startswith("fault") and name.endswith("_active")
+    ]
+    commands = {
+        n.replace("boards_cnt", "current_cmd"): v
+        for n, v in series.items()
+        if n.endswith("/boards_cnt")
+    }
+    forces = {
+        n.replace("cue_force", "haptic_force"): v[:, cue]
+        for n, v in series.items()
+        if n.endswith("/cue_force")
+    }
+    return {
+        **series,
+        **commands,
+        **forces,
+        **({"pedal": series["surgeon_mode"]} if "surgeon_mode" in series else {}),
+        **({"fault_active": sum(active) > 0} if active else {}),
+    }
 
 
 def explain(
@@ -104,34 +249,33 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
     for row, ticks in zip(
         explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True
     ):
-        one = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
-        table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
-        write_text(table, downloads.format_csv(one.links) or "layer,signal\n")
-        paths = [table, plot] if chain_words.draw_timeline(one, plot) else [table]
-        records.append(one._asdict() | {"visible": one.first, "files": paths})
+        explained = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
+        table, plot = (place / f"{explained.run_id}.{kind}" for kind in ("csv", "svg"))
+        write_text(table, downloads.format_csv(explained.links) or "layer,signal\n")
+        paths = [table, plot] if chain_words.draw_timeline(explained, plot) else [table]
+        records.append(explained._asdict() | {"visible": explained.first, "files": paths})
         if not as_json:
-            _print(one, paths)
+            _print(explained, paths)
     if as_json:
         console.emit_json(records)
 
 
-def _print(one: Chain, paths: list[Path]) -> None:
+def _print(explained: Chain, paths: list[Path]) -> None:
     from ravenjax.report import wording
     from ravenjax.report.run import chain_words
 
     console.print_text(
-        "\n  ".join([chain_words.chain_title(one), *chain_words.chain_sentences(one)])
+        "\n  ".join([chain_words.chain_title(explained), *chain_words.chain_sentences(explained)])
     )
     for template in ("links.txt.j2", "near_checks.txt.j2"):
-        columns, *rows = wording.fill_table(template, chain=one)
+        columns, *rows = wording.fill_table(template, chain=explained)
         if rows:
             console.print_table("", columns, rows)
-    console.print_text("\n".join([*(f"  wrote    {path}" for path in paths), ""]))
+    console.print_written(paths)
+    console.print_text("")
 
 
 def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
-    import contextlib
-
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
@@ -141,18 +285,18 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     ticks = explained.read_explained(place, record)
     assert ticks is not None
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        one = chains.summarize_chains(runs, ticks)
+        summary = chains.summarize_chains(runs, ticks)
     paths = [place / explained.FILE]
-    if text := downloads.format_csv(one.carriers):
+    if text := downloads.format_csv(summary.carriers):
         paths.append(place / "signals.csv")
         write_text(paths[-1], text)
-    if chains.draw_charts(one, place / "signals.svg"):
+    if chains.draw_charts(summary, place / "signals.svg"):
         paths.append(place / "signals.svg")
     if as_json:
-        sentences = chains.chain_sentences(one)
-        return console.emit_json(one._asdict() | {"sentences": sentences, "files": paths})
-    console.print_text("\n".join(chains.chain_sentences(one)))
-    if one.carriers:
-        columns, *rows = wording.fill_table("carriers.txt.j2", all=one)
+        sentences = chains.chain_sentences(summary)
+        return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})
+    console.print_text("\n".join(chains.chain_sentences(summary)))
+    if summary.carriers:
+        columns, *rows = wording.fill_table("carriers.txt.j2", all=summary)
         console.print_table("", columns, rows)
-    return console.print_text("\n".join(f"  wrote    {path}" for path in paths))
+    return console.print_written(paths)

@@ -1,10 +1,78 @@
-"""The command `export`: writes control software and virtual robot as a C library."""
+"""Commands that write for use elsewhere: `explore` a page, `export` a C library, `schema` that of
+files.
+"""
 
+import dataclasses
+import json
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Words
+from ravenjax.errors import UserError
+
+Kind = Literal["campaign", "search", "scenario"]
+
+
+def explore(
+    *sources: str,
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
+    gallery: Path | None = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a page that simulates faults of a campaign in any browser.
+
+    The page contains the robot, its control software and its checks as WebAssembly. It is one
+    file and needs no network. For a result folder it also shows that folder's runs.
+
+    Parameters
+    ----------
+    sources
+        Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax
+        run` wrote.
+    out
+        the page; default NAME.explore.html, or DIR/explore.html
+    gallery
+        a folder: pages of several campaigns, of all bundled ones unless named, and an index
+    """
+    if gallery is not None:
+        _gallery(gallery, sources, out, as_json)
+        return
+    if len(sources) != 1:
+        raise UserError(
+            f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several"
+        )
+    from ravenjax.analyses.explorer import page
+
+    path = page.build_page(sources[0], out)
+    if as_json:
+        console.emit_json({"page": path, "bytes": path.stat().st_size})
+        return
+    console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    if out is not None:
+        raise UserError(
+            "got --out and --gallery; leave out --out: a gallery's pages are named after their"
+            " campaigns"
+        )
+    from ravenjax.analyses.explorer import gallery
+
+    cards = gallery.build_gallery(folder, sources)
+    if as_json:
+        console.emit_json(
+            {
+                "index": folder / gallery.INDEX,
+                "campaigns": [dataclasses.asdict(card) for card in cards],
+            }
+        )
+        return
+    for card in cards:
+        console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
+    console.print_text(folder / gallery.INDEX)
 
 
 def export(
@@ -42,7 +110,6 @@ def export(
         portable: any CPU of this kind; native: this one; the same bits
     """
     from ravenjax.analyses.export import c_folder
-    from ravenjax.errors import UserError
     from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
     from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
@@ -60,10 +127,46 @@ def export(
         return console.emit_json(written)
     for path in written:
         if path is not None:
-            console.print_text(str(path))
+            console.print_text(path)
     if written.shared is None:
         console.print_note(
             f"no C compiler ({', '.join(c_folder.COMPILERS)}) to link a shared library with: link"
             f" {written.object} and the C library's mathematics (-lm) into your program"
         )
     return None
+
+
+def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
+    """Print the JSON Schema of campaign, search or scenario files, for editors.
+
+    Editors with Taplo use it if the first line of the TOML file is `#:schema
+    campaign.schema.json`.
+
+    Parameters
+    ----------
+    kind
+        Kind of file that the schema describes.
+    out
+        write it to this file; default: print it
+    """
+    from ravenjax.robots.raven2 import ROBOT
+    from ravenjax.store import files
+
+    if kind == "search":
+        from ravenjax.analyses.search.file import config as searches
+
+        content = searches.json_schema_of(ROBOT)
+    elif kind == "scenario":
+        from ravenjax.train.scenario import loading
+
+        content = loading.json_schema()
+    else:
+        from ravenjax.campaign.inspection import json_schema
+
+        content = json_schema.campaign_schema(ROBOT)
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    if out is None:
+        print(text, end="", file=console.out.file)
+        return
+    files.write_text(out, text)
+    console.print_text(f"wrote {out}")

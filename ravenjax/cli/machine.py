@@ -1,4 +1,8 @@
-"""Commands that test this machine: `bench`, `doctor`."""
+"""Commands whose code is in the folder `analysis` of a checkout, and `doctor`.
+
+`bench` measures this machine, `reproduce` runs studies, `credibility` prints the evidence for each
+of their claims, and `evidence` writes tables and an argument for a risk file.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +11,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, Switch
+from ravenjax.cli.console import AsJson, Engine, Listing, Switch, load_module
 
 TableName = Literal["engines", "shell", "cores", "devices", "fault_times", "campaigns", "peers"]
 
@@ -41,8 +45,78 @@ def bench(
     price
         dollars that this machine costs an hour: adds cents per million runs of 10 s
     """
-    suite = console.load_module("bench.suite")
+    suite = load_module("bench.suite")
     return suite.bench(json, quick, markdown, only or (), seconds, price)
+
+
+def reproduce(
+    name: str | None = None,
+    *,
+    out: Path = Path("results/reproduce"),
+    engine: Engine = "auto",
+    keep: Path | None = None,
+    as_json: AsJson = False,
+) -> None:
+    """Repeat a published experiment, or run a study, and compare prediction and publication.
+
+    Parameters
+    ----------
+    name
+        The study, or "all". Without one: list them.
+    out
+        folder for the results; each study gets its own folder in it
+    keep
+        also copy the findings, without pictures, into this folder
+    """
+    load_module("studies.commands").reproduce(name, out, engine, keep, as_json)
+
+
+def credibility(
+    folder: Path = Path("results/reproduce"),
+    *,
+    out: Path | None = None,
+) -> None:
+    """Print the evidence for each claim of the studies, in the order of FDA's guidance of 2023.
+
+    Parameters
+    ----------
+    folder
+        Findings of `ravenjax reproduce`: its folder --out, or --keep.
+    out
+        write it to this file; default: print it
+    """
+    load_module("studies.commands").credibility(folder, out)
+
+
+def evidence(
+    *folders: Path,
+    out: Path | None = None,
+    check: Path | None = None,
+    xlsx: Switch = False,
+    credibility: Path | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
+
+    Every number leads to runs, and every file has a checksum. It claims no conformity with any
+    standard. With --check the exit code is 1 if something no longer holds; the argument shows
+    it in red.
+
+    Parameters
+    ----------
+    folders
+        What `ravenjax run` wrote, one folder or several.
+    out
+        folder to write into; default FOLDER/evidence of a single one
+    check
+        compute the checksums of evidence in this folder again, and write nothing new
+    xlsx
+        the tables as one workbook, too (extra: xlsx)
+    credibility
+        findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too
+    """
+    commands = load_module("evidence.commands")
+    return commands.evidence(folders, out, check, xlsx, credibility, as_json)
 
 
 def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
@@ -81,18 +155,12 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
 def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.train import timing
 
-    measured = timing.measure_timing(seconds, lambda what: console.err.print(what, highlight=False))
+    measured = timing.measure_timing(seconds, lambda what: console.print_text(what, console.err))
     rows = [timing.timing_row(*loop) for loop in measured.items()]
     loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, rows)
     states = timing.timing_verdict(measured)
-    if as_json:
-        console.print_tables(
-            [loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json
-        )
-    else:
-        console.print_tables([loops], as_json)
-        for state, sentence in states:
-            console.print_text(f"{state}: {sentence}")
+    verdict = Listing("verdict", "", ("state", "sentence"), list(states))
+    console.print_tables([loops, verdict], as_json)
     return int(any(state != "ok" for state, _ in states))
 
 

@@ -1,19 +1,30 @@
-"""The command `motion` for recorded operators, and the lines that `run` prints about them."""
+"""Commands on recordings: `motion` of operators, `calibrate` of a robot's joints. Also the lines
+that `run` prints about recorded operators.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Words
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
+    from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
+    from ravenjax.analyses.calibration.position_loop import LoopParams
     from ravenjax.campaign.file.config import CampaignConfig
     from ravenjax.robots.raven2.campaign.config import RavenConfig
     from ravenjax.store.motion.summary import MotionSummary
+
+
+SET = "power_consistent"
+"""Parameter set whose values are the prior, before the log is read."""
+EVERYTHING = "friction,offsets,motors,cables,delays"
 
 
 def motion(
@@ -42,6 +53,8 @@ def motion(
     out
         folder of the picture, SVG and PNG
     """  # noqa: E501
+    import numpy as np
+
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.store.motion import reach, recording, replay
@@ -50,16 +63,20 @@ def motion(
     ticks, bounds = None if whole else config.campaign.ticks, hands.operator_bounds(config)
     options, scale = config.operator.options, config.operator.scale
     try:
-        one = replay.replay_motion(file, config.campaign.arms, options, ticks, scale, bounds=bounds)
+        made = replay.replay_motion(
+            file, config.campaign.arms, options, ticks, scale, bounds=bounds
+        )
     except UserError:
         # If the file cannot even be read, this raises that error.
         raw = recording.load_recording(file, config.campaign.arms, options)
-        courses = replay.motion_courses(raw, reach.reach_poses(raw.poses, bounds).inside, None)
+        courses = replay.motion_courses(
+            raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0)
+        )
         _draw(file, out, courses, "cannot be replayed as it is")
         raise
-    _table(one.summary, console.out)
-    begin, end = one.summary.window_s
-    courses = replay.motion_courses(one.recording, one.reach.inside, one)
+    _table(made.summary, console.out)
+    begin, end = made.summary.window_s
+    courses = replay.motion_courses(made.recording, made.reach.inside, made.rows)
     _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
@@ -73,8 +90,8 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 
     if not isinstance(config, RavenConfig) or config.operator.file is None:
         return
-    if (one := hands.operator_replay(config)) is not None:
-        _table(one.summary, to)
+    if (made := hands.operator_replay(config)) is not None:
+        _table(made.summary, to)
 
 
 def _config(
@@ -103,14 +120,146 @@ def _config(
 
 
 def _table(summary: MotionSummary, to: Console) -> None:
-    from ravenjax.cli import terminal
     from ravenjax.store.motion.summary import table_rows
 
-    to.print(terminal.make_table("Recorded operator", ("what", "how it is"), table_rows(summary)))
+    to.print(console.make_table("Recorded operator", ("what", "how it is"), table_rows(summary)))
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
     from ravenjax.report.run.motion_plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):
-        console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print_text(f"wrote {path}")
+
+
+def calibrate(
+    log: Path,
+    *,
+    out: Path = Path("my_robot.toml"),
+    arm: Literal["gold", "green"] = "gold",
+    tool: str | None = None,
+    software: Literal["raven2", "fork2015"] = "raven2",
+    gains: Literal["raven2", "fork2015"] | None = None,
+    period_ms: float | None = None,
+    columns: str = "",
+    topics: str | None = None,
+    ask: str = EVERYTHING,
+    draws: int = 200,
+) -> None:
+    """Estimate your robot's parameters from a log of its joints.
+
+    The parameters are friction, offsets, motor constants, cables and delays. The command fits
+    them to the first half of the log. It tests the fit on the second half, and compares it with
+    a null model. The null model is bare rotors: motors with cut cables and only viscous friction.
+    Parameters that the log does not determine keep their prior. A campaign with `[parameters]
+    from = "my_robot.toml"` then draws a robot for each run.
+
+    Parameters
+    ----------
+    log
+        Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
+        ravenstate or CRTK's measured_js and setpoint_js; or a table, text or .parquet, with
+        columns as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_
+        with dac_.
+    out
+        file for campaigns; its pictures beside it
+    arm
+        whose joints the log has
+    tool
+        its tool; default the software's own
+    software
+        decides how the first jaw is strung: raven2 opposes it
+    gains
+        PID of the log's robot; default that of its software
+    period_ms
+        time between samples, instead of the log's own
+    columns
+        names of a table's columns, a comma between: all in order where it has no header line, or
+        NAME=THEIRS for each that the log calls differently
+    topics
+        namespace of the arm's joints in a bag, such as /lab/arm1
+    ask
+        what the log is asked for, a comma between
+    draws
+        robots that are written
+    """
+    from ravenjax.analyses.calibration import (
+        drawing,
+        joint_log,
+        parameters,
+        position_loop,
+    )
+    from ravenjax.analyses.calibration.calibrate import LoggedRobot
+    from ravenjax.errors import UserError
+    from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
+    from ravenjax.robots.raven2.plant import robot
+    from ravenjax.robots.raven2.setup import RavenSetup
+    from ravenjax.store.files import write_text
+
+    if draws < 1:
+        raise UserError(f"--draws {draws}: expected at least 1 robot")
+    tool = tool or DEFAULT_TOOLS[software][arm]
+    given = [word.strip() for word in columns.split(",")] if columns else []
+    named = dict(word.split("=", 1) for word in given if "=" in word)
+    setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
+    controller = position_loop.CONTROLLERS[gains or software]
+    logged = LoggedRobot(
+        joint_log.read_joint_log(
+            log, arm, tool, software, controller, period_ms, named or given, topics
+        ),
+        setup,
+        arm,
+        controller,
+    )
+    for note in logged.log.notes:
+        console.print_text(note)
+    wanted = parameters.select_unknowns(
+        logged.log.joints, [word.strip() for word in ask.split(",")]
+    )
+    calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
+    _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
+    values = parameters.values_by_path(
+        calibrated.base, calibrated.unknowns, calibrated.draws(draws)
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_text(out, parameters.format_robot_file(values, arm, SET, log))
+    pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
+    whole = logged.log.compared(0, len(logged.log.desired))
+    replayed = logged.replayed(whole, [calibrated.robot])[0]
+    drawing.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
+    drawing.draw_intervals(pictures[1], calibrated)
+    console.print_text(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
+    console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
+
+
+def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
+    from ravenjax.analyses.calibration import tables
+
+    joints = logged.log.joints
+    where = ("where the robot was fitted", "on the rest, to which nothing was fitted")
+    titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
+    judged = [
+        tables.by_joint(title, logged.judged(part, robots), joints)
+        for title, part in zip(titles, logged.halves, strict=True)
+    ]
+    for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
+        console.print_table(rows.title, rows.columns, rows.cells)
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
+    ]
+    if integrated:
+        console.print_text(
+            f"{', '.join(integrated)}: includes what the controller's integral held at the start of"
+            " the log"
+        )
+    for one, other, correlation in calibrated.confounded:
+        console.print_text(
+            f"not separable by this log: {one} and {other}, correlation {correlation:.2f}"
+        )
+    for one, steps in calibrated.unlikely:
+        console.print_text(
+            f"unlikely: {one} is {abs(steps):.1f} standard deviations from its value before the"
+            " log; check whether something else differs between robot and model"
+        )

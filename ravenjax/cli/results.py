@@ -89,8 +89,8 @@ def verify(
     if verified.rerun is not None and verified.rerun.differing:
         n = len(verified.rerun.rows)
         apart = [
-            (one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}")
-            for one in verified.rerun.differing
+            (column.name, f"{n - column.equal} of {n}", f"{column.largest:.3g}")
+            for column in verified.rerun.differing
         ]
         columns = ("column", "rows that differ", "largest difference")
         console.print_table("Not equal to the bit", columns, apart)
@@ -172,17 +172,15 @@ def compare(
         return
     for sentence in result.sentences():
         console.print_text(sentence)
-    console.print_tables(
-        [listing for listing in _comparison_tables(result) if listing.rows], as_json
-    )
+    console.print_tables(list(_comparison_tables(result)), as_json)
 
 
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
     from ravenjax.report import wording
 
     changes = [
-        (one.path, one.first or "–", one.second or "–")
-        for one in (*found.configuration, *found.environment)
+        (change.path, change.first or "–", change.second or "–")
+        for change in (*found.configuration, *found.environment)
     ]
     yield Listing(
         "configuration",
@@ -211,18 +209,21 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
         "rates", f"Rates among {wording.format_count(found.pairs.compared)} pairs", columns, rates
     )
     for word, transitions in found.transitions.items():
-        rows = [(one.first, one.second, wording.format_count(one.runs)) for one in transitions]
+        rows = [
+            (transition.first, transition.second, wording.format_count(transition.runs))
+            for transition in transitions
+        ]
         yield Listing(
             word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows
         )
     changed = [
         (
-            one.run_ids[0],
-            one.fault,
-            *one.verdicts,
-            *(wording.format_number(mm) for mm in one.unintended_mm),
+            run.run_ids[0],
+            run.fault,
+            *run.verdicts,
+            *(wording.format_number(mm) for mm in run.unintended_mm),
         )
-        for one in found.changed
+        for run in found.changed
     ]
     columns = ("run", "fault", "first", "second", "unintended motion, mm", "second")
     yield Listing("changed", "Runs that changed most", columns, changed)

@@ -1,4 +1,4 @@
-"""Commands that run simulations: `run`, `fault-free`, `search`."""
+"""Commands about campaigns and searches: `run`, `check`, `fault-free`, `search`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
+from ravenjax.cli.console import AsJson, Count, Engine, Listing, Overrides, ResultFolder
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
     from ravenjax.store.access.results import Results
 
+MOST_ROWS = 40
+"""Number of groups that `check` prints; further ones are only counted."""
 ENDED = "ended by a signal; finished parts are kept, and the same command goes on"
 
 
@@ -105,16 +107,82 @@ def run(
         write_report(folder)
 
 
+def check(
+    file: str,
+    *,
+    overrides: Overrides = None,
+    out: Path | None = None,
+    engine: Engine = "auto",
+    limit: Count = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
+
+    Simulates nothing. Refuses what `ravenjax run` would refuse, with exit code 2.
+
+    Parameters
+    ----------
+    file
+        Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+    out
+        result folder that is meant; default results/NAME
+    limit
+        as for run: only the first runs
+    """
+    from ravenjax.campaign import loading
+    from ravenjax.campaign.inspection.estimate import format_estimate
+    from ravenjax.campaign.inspection.preview import preview_campaign
+    from ravenjax.report import wording
+
+    sizes = [] if limit is None else [f"campaign.limit={limit}"]
+    config = loading.load_campaign(file, [*(overrides or ()), *sizes], runs=False)
+    view, sample = preview_campaign(config, out or Path("results") / config.campaign.name, engine)
+    view["sample"] = [
+        {
+            "index": int(row["index"]),
+            "run_id": row["run_id"],
+            "group": str(row["group"]),
+            "fault": wording.describe_fault(row, config.robot),
+        }
+        for row in sample.to_dict("records")
+    ]
+    if as_json:
+        console.emit_json(view)
+        return
+    groups = view["groups"]
+    more = f", the first {MOST_ROWS} of {len(groups)}" if len(groups) > MOST_ROWS else ""
+    summary = console.render_template("check.j2", config=config, duration=format_estimate, **view)
+    tables = [
+        Listing(
+            "",
+            f"Campaign {config.campaign.name}, as it would run",
+            ("what", "is"),
+            [tuple(line.split("|", 1)) for line in summary.splitlines()],
+        ),
+        _listing(f"Groups{more}", groups[:MOST_ROWS], "name", "design", "runs", "sites", "effects"),
+        _listing("Faults by site and effect", view["faults"], "site", "layer", "effect", "runs"),
+        _listing("Some of the runs", view["sample"], "index", "group", "fault"),
+    ]
+    console.print_tables(tables, False)
+    for notice in view["notices"]:
+        console.print_text(f"note: {notice}")
+
+
+def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
+    columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
+    cells = [[row[key] for key in keys] for row in rows]
+    texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]
+    return Listing("", title, columns, texts)
+
+
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
     record = manifest.read_manifest(folder)
-    return {
+    names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
+    return {name: getattr(record, name) for name in names.split()} | {
         "folder": folder,
-        "campaign": record.campaign,
-        "config_hash": record.config_hash,
-        "runs": record.runs,
         "finished": record.done,
         "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
         "runs_without_valid_outcome": record.failures,
@@ -122,12 +190,6 @@ def _outcome(folder: Path, results: Results) -> dict[str, Any]:
             results.verdicts(acted=False) if record.done else {}
         ),
         "stop_rule": decisions.describe_stop(folder) or None,
-        "engine": record.engine,
-        "device": record.device,
-        "code_hash": record.code_hash,
-        "compile_s": record.compile_s,
-        "run_s": record.run_s,
-        "runs_per_s": record.runs_per_s,
     }
 
 
@@ -162,18 +224,16 @@ def fault_free(
 
     place, screen = folder / FOLDER, console.err if as_json else console.out
 
-    def say(text: str) -> None:
-        screen.print(text, markup=False, highlight=False, soft_wrap=True)
-
     def began(there: float, path: Path) -> None:
-        say(f"{wording.format_hours(there)} of {wording.format_hours(hours)}; next: {path}")
+        so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)}"
+        console.print_text(f"{so_far}; next: {path}", screen)
 
     with _ended_by_signals(), terminal.Watch(screen) as watch:
         there = more_motion.extend_fault_free(
             folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
         )
     if not as_json:
-        say(f"fault-free motion: {wording.format_hours(there)} in {place}")
+        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {place}")
     page = write_report(folder, prints=not as_json) if report else None
     if as_json:
         console.emit_json({"folder": place, "hours": there, "report": page})
@@ -214,7 +274,7 @@ def _ended_by_signals() -> Iterator[None]:
             with interruption.ended_in_time(ENDED), interruption.held_back():
                 yield
         except SystemExit:
-            console.err.print(ENDED, highlight=False)
+            console.print_text(ENDED, console.err)
             raise
 
 

@@ -6,13 +6,14 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
 
+from ravenjax.campaign.inspection.estimate import format_estimate
+from ravenjax.cli.console import print_text
 from ravenjax.outcomes import verdict
 
 if TYPE_CHECKING:
@@ -20,12 +21,6 @@ if TYPE_CHECKING:
 
 PLAIN_EVERY_S = 5.0
 """Time between two lines of progress if the output is not a terminal, s."""
-
-LONGEST_NAME = 48
-"""Longest name in characters.
-
-A first column with longer texts holds sentences, which are wrapped as in any other column.
-"""
 
 
 class Watch:
@@ -58,9 +53,9 @@ class Watch:
     def __call__(self, status: Status) -> None:
         if not self._engine:
             self._engine = status.engine
-            self._console.print(f"engine: {status.engine}", highlight=False)
+            print_text(f"engine: {status.engine}", self._console)
         for note in status.notes[self._notes :]:
-            self._console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+            print_text(f"note: {note}", self._console)
         self._notes = len(status.notes)
         text = describe_progress(status)
         if self._console.is_terminal:
@@ -71,7 +66,7 @@ class Watch:
         now = time.monotonic()
         if status.phase != self._phase or now - self._last >= PLAIN_EVERY_S:
             self._last, self._phase = now, status.phase
-            self._console.print(f"{status.phase}: {text}", highlight=False)
+            print_text(f"{status.phase}: {text}", self._console)
 
 
 def describe_progress(status: Status) -> str:
@@ -82,39 +77,17 @@ def describe_progress(status: Status) -> str:
     if status.runs_per_s is not None:
         parts.append(f"{status.runs_per_s:.0f} runs/s")
     if status.phase == "run" and status.left_s is not None:
-        parts.append(f"{format_duration(status.left_s)} left")
+        parts.append(f"{format_estimate(status.left_s)} left")
     if status.parts:
         parts.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
     if status.workers > 1:
         parts.append(f"{status.workers} workers")
     if status.compile_s > 0.0:
         parts.append(f"compiled in {status.compile_s:.1f} s")
-    if status.failed:
-        parts.append(f"{status.failed} failed")
+    if failed := sum(status.failures.values()):
+        parts.append(f"{failed} failed")
     parts += [f"{cause} {count}" for cause, count in sorted(status.failures.items())]
     return ", ".join(parts)
-
-
-def format_duration(seconds: float) -> str:
-    """Return a time in units that suit its length."""
-    if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
-    """Return a table of text; square brackets are not markup.
-
-    Names in the first column are not wrapped, so that they can be copied.
-    """
-    grid = Table(title=title, title_justify="left", show_edge=False)
-    names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
-    for place, column in enumerate(columns):
-        grid.add_column(column, overflow="fold", no_wrap=names and place == 0)
-    for row in rows:
-        grid.add_row(*(cell.replace("[", r"\[") for cell in row))
-    return grid
 
 
 def describe_machine() -> Iterator[tuple[str, str]]:

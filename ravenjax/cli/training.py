@@ -10,13 +10,12 @@ from cyclopts import App, Parameter, validators
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides
+from ravenjax.cli.console import Overrides, Switch
 
 Crtk = Literal["ros1", "ros2"] | None
 ConsoleProfile = Annotated[str, Parameter("--console")]
 Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
 Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
-_SWITCH = Parameter(negative="")
 
 log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(
@@ -37,7 +36,7 @@ def train(
     blinded: bool | None = None,
     script: str | None = None,
     page: bool = True,
-    headless: Annotated[bool, _SWITCH] = False,
+    headless: Switch = False,
     linger: float | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
@@ -159,8 +158,8 @@ def _words_of_a_stop() -> Iterator[None]:
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as stop:
-            console.err.print(
-                "stopped; of a session that had begun the recording is kept", highlight=False
+            console.print_text(
+                "stopped; of a session that had begun the recording is kept", console.err
             )
             raise SystemExit(
                 stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
@@ -239,13 +238,11 @@ def play(
     from ravenjax.train.robot_link import player
 
     address = player.parse_host_port(to)
-    raw = packet_file.read_packets(packets)
-    arrivals = packet_file.read_arrivals(packets, raw, console_profile)
-    for note in arrivals.notes:
+    recorded = packet_file.time_packets(packets, packet_file.read_packets(packets), console_profile)
+    for note in recorded.notes:
         console.print_text(note)
-    console.print_text(
-        str(player.play_packets(raw.datagrams, arrivals.seconds, address, console.print_text))
-    )
+    played = player.play_packets(recorded.datagrams, recorded.time, address, console.print_text)
+    console.print_text(played)
 
 
 @study.default
@@ -254,8 +251,8 @@ def compare(
     *,
     out: Path = Path("results/study"),
     by: str | None = None,
-    unblind: Annotated[bool, _SWITCH] = False,
-    mixed: Annotated[bool, _SWITCH] = False,
+    unblind: Switch = False,
+    mixed: Switch = False,
 ) -> None:
     """Compare groups of training sessions, with effect sizes and intervals.
 
@@ -360,7 +357,7 @@ def recover(file: Path, *, out: Path | None = None) -> None:
             f"--out {out}: is the recording itself, expected another file: what is damaged may be"
             " needed again"
         )
-    console.print_text(str(store.recover_records(file, out)))
+    console.print_text(store.recover_records(file, out))
 
 
 @log.command
@@ -378,7 +375,7 @@ def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> 
     """
     from ravenjax.store.logs import bags
 
-    console.print_text(str(bags.write_bag(recording, ros, out)))
+    console.print_text(bags.write_bag(recording, ros, out))
 
 
 @log.command

@@ -1,16 +1,20 @@
 """Robots: one folder for each, which declares arms, joints, sites and checks, and holds the tick.
 
-`find_robot` returns the declaration of a robot by name. Other robots live in any module that
-Python can import. Such a module declares ROBOT, and a campaign names the module: `[campaign] robot
-= "my_lab.arm"`.
+`find_robot` returns the declaration of a robot by name. Other robots live in a module beside the
+campaign, in the current folder, or wherever Python finds it. Such a module declares ROBOT, and a
+campaign names the module: `[campaign] robot = "my_lab.arm"`.
 """
 
+import ast
 import functools
 import importlib
 import importlib.util
 import sys
-from importlib.machinery import PathFinder
+import traceback
+import types
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from typing import Any
 
 from ravenjax import consent
 from ravenjax.errors import UserError
@@ -21,50 +25,95 @@ DEFAULT = "raven2"
 
 
 @functools.cache
-def find_robot(name: str) -> Robot:
+def find_robot(name: str, folder: Path | None = None) -> Robot:
     """Return a robot: a folder here, or a module that declares ROBOT.
 
-    Raises UserError, also if the user has not agreed to run that module.
+    folder: that of the campaign, in which a module may lie that Python would not find. Raises
+    UserError, also if the user has not agreed to run that module.
     """
+    places = () if name == DEFAULT else (folder or Path(), Path())
+    places = list(dict.fromkeys(str(place.resolve()) for place in places))
     for module in (f"{__name__}.{name}", name):
-        if (file := _source(module)) is None:
+        top, file = _find_module(module, places)
+        if top is None or file is None or not file.is_file():
             continue
-        if module == name and name not in sys.modules:
-            files = _package_files(name, file)
-            content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
-            consent.require_consent(file, content, robot=files)
-        robot = getattr(importlib.import_module(module), "ROBOT", None)
+        try:
+            if module == name and name not in sys.modules:
+                _agree(top, file)
+            robot = getattr(importlib.import_module(module), "ROBOT", None)
+        except UserError:
+            raise
+        # The user's code may raise anything.
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            raise UserError(
+                f"robot {name!r}: {file} cannot be imported: {type(error).__name__}: {error}"
+                f" ({at.filename}:{at.lineno})"
+            ) from error
         if not isinstance(robot, Robot):
             raise UserError(
                 f"robot {name!r}: the module {module} declares no ROBOT of"
                 " ravenjax.vocabulary.robot.Robot"
             )
         return robot
+    looked = ", ".join(dict.fromkeys([*places, *filter(None, sys.path)]))
     raise UserError(
-        f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can"
-        " import and that declares ROBOT"
+        f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that declares"
+        f" ROBOT; looked for it in {looked}"
     )
 
 
-def _package_files(module: str, file: Path) -> list[Path]:
-    """Return all Python files of the top package of a module; of a module alone, its file."""
-    spec = importlib.util.find_spec(module.partition(".")[0])
-    places = (spec and spec.submodule_search_locations) or []
-    return sorted(path for place in places for path in Path(place).rglob("*.py")) or [file]
-
-
-def _source(module: str) -> Path | None:
-    """Return the file of a module, without importing the packages that hold it."""
+def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Path | None]:
+    """Return the top package of a module, and its file, without importing the packages that hold
+    it.
+    """
     first, *rest = module.split(".")
     try:
-        spec = importlib.util.find_spec(first)
+        top = spec = importlib.util.find_spec(first) or PathFinder.find_spec(first, places)
         for name in rest:
-            places = (spec and spec.submodule_search_locations) or []
-            spec = spec and PathFinder.find_spec(f"{spec.name}.{name}", places)
+            inner = (spec and spec.submodule_search_locations) or []
+            spec = spec and PathFinder.find_spec(f"{spec.name}.{name}", inner)
     except (ModuleNotFoundError, ValueError):
-        return None
-    origin = spec and spec.origin
-    return file if origin and (file := Path(origin)).is_file() else None
+        return None, None
+    return top, Path(spec.origin) if spec and spec.origin else None
+
+
+def _agree(top: ModuleSpec, file: Path) -> None:
+    """Raise UserError unless the user agrees that a module runs, with the other Python files of its
+    top package; a module alone with those of its folder that it imports.
+    """
+    folders = top.submodule_search_locations
+    files = [path for folder in folders or () for path in Path(folder).rglob("*.py")]
+    files = sorted(files or imported_beside(file))
+    content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
+    consent.require_consent(file, content, robot=files)
+    if importlib.util.find_spec(top.name) is None:
+        # Python finds only these modules there, and none that the user did not agree to.
+        names = {top.name} if folders else {path.stem for path in files}
+        place = str((Path(folders[0]) if folders else file).parent)
+
+        def find_spec(name: str, *_: object) -> ModuleSpec | None:
+            return PathFinder.find_spec(name, [place]) if name in names else None
+
+        finder: Any = types.SimpleNamespace(find_spec=find_spec)
+        sys.meta_path.append(finder)
+
+
+def imported_beside(module: Path) -> set[Path]:
+    """Return a module's file, and those of its folder that it imports, directly or not."""
+    found, waiting = set[Path](), [module]
+    while waiting:
+        path = waiting.pop()
+        if path in found or not path.is_file():
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
+                waiting += [
+                    path.with_name(f"{part}.py") for name in names for part in name.split(".")
+                ]
+    return found
 
 
 USUAL = find_robot(DEFAULT)

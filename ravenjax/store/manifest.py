@@ -8,7 +8,6 @@ ignored. Such parts are found on disk, checked and recorded again.
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import functools
 import hashlib
@@ -386,23 +385,6 @@ def package_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
 
 
-def _imported_beside(module: Path) -> set[Path]:
-    """Return a module's file, and those of its folder that it imports, directly or not."""
-    found, waiting = set[Path](), [module]
-    while waiting:
-        path = waiting.pop()
-        if path in found or not path.is_file():
-            continue
-        found.add(path)
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
-                waiting += [
-                    path.with_name(f"{part}.py") for name in names for part in name.split(".")
-                ]
-    return found
-
-
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
     """Return the sha256 over the names and contents of the files that decide an outcome.
@@ -425,7 +407,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
             for path in module.parent.rglob("*.py")
         }
     else:
-        contents |= {f"robot {path.name}": path for path in _imported_beside(module)}
+        contents |= {f"robot {path.name}": path for path in robots.imported_beside(module)}
     for name in robot.files:
         beside = module.parent / name
         contents[f"robot {name}"] = beside if beside.is_file() else resources.find_model(name)

@@ -17,6 +17,9 @@ FAULT: dict[str, Any] = {
     "start_ms": 1000,
     "duration_ms": 16,
 }
+SILENT = {"plant.encoder_noise": 0, "plant.torque_noise": 0}
+TWICE = {"name": "a", "kind": "steps", "threshold": [1, 1]}
+MASS = {"site": "parameter", "channel": "plant.gold.mass_scale", "effect": "scale", "value": 2}
 
 
 def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -> str:
@@ -43,6 +46,12 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: ends no run"),
         ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 is no limit"),
+        ({}, {"haptics": {"threshold_mm": [2, 3, 2]}}, "haptics: set 2 is the same as set 0"),
+        ({}, {"detector": [TWICE]}, "detector[0].threshold: has a number twice"),
+        ({}, {"stop": {"half_width": 0.1, "looks": [1]}}, "stop.looks: the only look comes at"),
+        ({}, {"campaign": {"noise": True}, "parameters": SILENT}, "nothing is drawn in group 'g'"),
+        ({"wraps": True}, {}, "group[0].fault[0].wraps: no value is beyond the 16 bits"),
+        ({"effect": "periodic", "period_ms": 2}, {}, "fault[0].value: leaves the number"),
         ({"value": [0, 9]}, {}, "fault[0].value: leaves the number as it is, or within one count"),
         ({"effect": "scale", "value": 1}, {}, "fault[0].value: leaves the number"),
         ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: leaves"),
@@ -51,6 +60,9 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({"start_ms": 100}, {}, "the window closes before the robot is in pedal-down"),
         ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the window does not open before"),
         ({"start_ms": 1999, "duration_ms": 64}, {}, "up to 63 of 64 ms lie beyond the run's end"),
+        ({**MASS, "effect": "offset", "value": [-0.5, -2]}, {}, "mass_scale becomes -1, expected"),
+        ({**MASS, "effect": "scale", "value": 1e3}, {}, "mass_scale becomes 1000, expected"),
+        (MASS, {"parameters": {"plant.mass_scale": 99}}, "plant.gold.mass_scale becomes 198"),
         ({"every_ms": 1500}, {}, "fault[0].every_ms: the window does not open again"),
         ({"start_ms": 1500, "duration_ms": [500, 600, "end"]}, {}, "group: 2 of 3 runs have"),
     ],
@@ -67,7 +79,7 @@ def test_the_same_fault_or_hazard_twice_is_noted():
 
 
 def test_what_acts_is_not_noted():
-    assert of() == ""
+    assert of() == "" == of(MASS)
     assert (
         of({"start_ms": 1000, "duration_ms": "end"}, reaction={}, haptics={"threshold_mm": 2}) == ""
     )

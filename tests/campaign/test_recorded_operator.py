@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign import loading, plan, runner
+from ravenjax.campaign import loading, notices, plan, runner
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.hands import operator_bounds
@@ -89,6 +89,22 @@ def test_limits_are_those_of_the_campaign(hands):
         plan.make_plan(config)
     fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])
     assert operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
+
+
+def test_jaws_beyond_the_limits_of_the_software_are_noted(hands):
+    """From 90 to 120 degrees and back; gain 2 of the fork doubles what is recorded."""
+    opening = 90.0 + 30.0 * np.sin(np.pi * np.arange(300) / 100.0)
+    pd.read_csv(hands).assign(gold_grasp_deg=opening).to_csv(hands, index=False)
+
+    def said(**campaign):
+        raw = tables(hands)
+        raw["campaign"] |= campaign
+        return " ".join(notices.of_plan(plan.make_plan(rj.load_campaign(raw))))
+
+    assert "of 1,800 samples open the jaws of gold beyond" in said()
+    assert "-0.174 to 1.570 rad, by up to 0.524 rad" in said()
+    assert "-0.523 to 1.570 rad, by up to 1.047 rad" in said(software="fork2015")
+    assert said(console="absolute") == ""
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import computation, runner
-from ravenjax.campaign.executors import local
+from ravenjax.campaign.executors import protocol
 from ravenjax.campaign.inspection import replay
 from ravenjax.engines.cpu import engine as simd
 from ravenjax.errors import StoreError
@@ -101,7 +101,7 @@ def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monke
 
 def test_a_start_that_stored_nothing_does_not_keep_its_folder(whole, tmp_path, monkeypatch):
     with monkeypatch.context() as broken, pytest.raises(TypeError):
-        broken.setattr(local, "Computation", None)
+        broken.setattr(protocol, "Computation", None)
         rj.run(config(), out=tmp_path, engine="simd")
     other = config(name="other", duration_s=0.5)
     assert len(rj.run(other, out=tmp_path)) == len(whole)
@@ -119,7 +119,7 @@ def test_parts_are_stored_while_later_runs_are_computed(monkeypatch, tmp_path):
 
 def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
     rj.run(config(), out=tmp_path)
-    monkeypatch.setattr(local, "Computation", None)
+    monkeypatch.setattr(protocol, "Computation", None)
     same(whole, rj.run(config(), out=tmp_path))
 
 

@@ -93,21 +93,7 @@ def test_a_folder_that_is_being_written_to_is_left_alone(tmp_path):
 def test_the_progress_file_tells_what_the_watcher_was_told(whole):
     out, told = whole
     found = json.loads((out / "progress.json").read_text())
-    assert {
-        "phase",
-        "done",
-        "total",
-        "runs_per_s",
-        "eta_s",
-        "failed",
-        "workers",
-        "started",
-        "updated",
-    } <= found.keys()
-    assert (found["phase"], found["done"], found["total"], found["eta_s"]) == (
-        "done",
-        300,
-        300,
-        0.0,
-    )
+    names = "phase done total eta_s runs_per_s failed workers started updated"
+    first = [found[name] for name in names.split()][:4]
+    assert first == ["done", 300, 300, 0.0]
     assert found["pid"] == os.getpid() and found["parts"] == told[-1].parts

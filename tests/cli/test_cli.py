@@ -1,17 +1,12 @@
 """The command line: help is fast, errors are one message and code 2, lists are complete."""
 
 import json
-import re
 import subprocess
 import sys
 
 import pytest
-import synthetic_results as synthetic
 
-from ravenjax.cli import console, running
 from ravenjax.robots.raven2.declaration import SITES
-from ravenjax.store.access.results import Results
-from ravenjax.store.folder import ResultFolder
 from ravenjax.vocabulary.effects import EFFECTS
 
 
@@ -59,6 +54,16 @@ def test_parameters_are_listed_with_their_ranges(command_line):
     assert not [path for path in lines if "noise_key" in path or path.startswith("start")]
 
 
+def test_a_page_of_a_campaign_with_noise_is_refused(command_line, tmp_path):
+    file, page = tmp_path / "noisy.toml", tmp_path / "page.html"
+    file.write_text(
+        "[campaign]\nname = 'noisy'\nduration_s = 0.2\nnoise = true\n[operator]\nmotion = 'still'\n"
+        "[[group]]\nname = 'a'\n[group.parameters]\nplant.gold.encoder_noise = 2\n"
+    )
+    code, _, err = command_line("explore", file, "-o", page)
+    assert code == 2 and "drawn again in each run" in err and not page.exists()
+
+
 def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
     from ravenjax.campaign import loading
 
@@ -68,30 +73,6 @@ def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
     monkeypatch.setattr(loading, "load_campaign", interrupted)
     code, _, err = command_line("run", "quick.toml")
     assert code == 130 and "same command goes on" in err
-
-
-def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(console, "out", type(console.out)(width=400))
-    frame, manifest = synthetic.frame(600), synthetic.manifest(600)
-    folder = ResultFolder.open(tmp_path, manifest)
-    folder.add(frame)
-    folder.close(compile_s=1.0, run_s=1.0, rows=600)
-    running._summary(tmp_path, Results(manifest.shape, tmp_path))
-    lines = [re.split(r" *[│┃] *", line.strip()) for line in capsys.readouterr().out.splitlines()]
-    valid = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
-    shares = {
-        row[0]: row[1:]
-        for row in lines
-        if "/" in row[0] and row[0].count("/") == 2 and len(row) == 3
-    }
-    counts = valid["verdict"].value_counts()
-    assert shares.pop("response / hazard / cue") == ["runs", "share"]
-    assert shares == {word: [str(n), f"{100 * n / len(valid):.1f} %"] for word, n in counts.items()}
-    failed = int((frame["failed"] != "").sum())
-    causes = frame.loc[frame["failed"] != "", "failed"].value_counts()
-    assert failed > 0 and len(causes)
-    for cause, count in causes.items():
-        assert [cause, str(count), f"{100 * count / 600:.1f} %"] in lines
 
 
 def as_json(command_line, *tokens):
@@ -113,6 +94,11 @@ def test_faults_as_json(command_line):
         "delay",
     }
     assert [one["id"] for one in told["hazards"]] == ["B11", "B24", "B25", "B26", "B27"]
+    assert as_json(command_line, "faults", "parameter")[1]["channels"][0]["channel"] == "PATH"
+    _, told = as_json(command_line, "faults", "--robot", "planar_arm", "--trust")
+    assert [one["site"] for one in told["sites"]] == ["encoder", "torque"] and "hazards" not in told
+    _, told = as_json(command_line, "parameters", "--robot", "planar_arm", "--trust")
+    assert [one["path"] for one in told["parameters"]] == ["kp", "kd", "inertia", "torque_max"]
     _, told = as_json(command_line, "faults", "C09")
     assert told["hazard"][0] == {"what": "id", "is": "C09"}
     _, told = as_json(command_line, "faults", "brake")

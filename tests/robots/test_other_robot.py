@@ -205,6 +205,7 @@ def test_series_have_names_and_units(file):
         ("group.torque.fault.0.site=usb_out", "expected one of encoder, torque"),
         ("group.torque.fault.0.channel=wrist", "expected one of shoulder, elbow"),
         ("parameters.kq=3", "unknown parameter"),
+        ('detector=[{name = "d", kind = "tip_error"}]', "runs no detectors"),
         ("parameters.kp=-1", "expected 0..1000 N m/rad"),
     ],
 )

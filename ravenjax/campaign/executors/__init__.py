@@ -1,6 +1,6 @@
 """Chooses the executor that computes the chunks of a campaign: this process, or a Ray cluster."""
 
-from ravenjax.campaign.executors.protocol import Executor
+from ravenjax.campaign.executors.protocol import Executor, Local
 from ravenjax.errors import UserError, suggest_name
 
 EXECUTORS = ("local", "ray")
@@ -36,6 +36,4 @@ def choose_executor(
             f"--workers {workers} with --executor local, which is one process: its engine uses"
             " every core and GPU. Leave --workers out, or take --executor ray"
         )
-    from ravenjax.campaign.executors.local import Local
-
     return Local()

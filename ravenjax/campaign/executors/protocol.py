@@ -1,5 +1,5 @@
 """Defines the executor interface: it takes chunks of a plan and delivers each finished part, in any
-order.
+order. Executor `local` computes in this process, whose engine uses every core or every GPU.
 
 A chunk is a range of rows. Its rows, and the bytes of its part, are the same wherever they are
 computed. Only the coordinator, the process that the user started, writes to the result folder;
@@ -9,6 +9,8 @@ worker that dies cannot damage it, and all disk errors occur in one process.
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,7 +18,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ravenjax import interruption
-from ravenjax.campaign import outcomes
+from ravenjax.campaign import memory_windows, outcomes
+from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
@@ -27,6 +30,8 @@ Pack = Callable[[Mapping[str, Any]], Any]
 computed.
 """
 
+WRITERS = 12
+"""Largest number of chunks that executor `local` packs and delivers in parallel."""
 WAITING_CALLS = 4
 """Largest number of calls that wait for a thread in a BackgroundQueue."""
 
@@ -54,11 +59,6 @@ class Work:
 
 class Executor(Protocol):
     """Computes the chunks of a campaign."""
-
-    @property
-    def name(self) -> str:
-        """Name of the executor, as `--executor` takes it."""
-        ...
 
     @property
     def workers(self) -> int | None:
@@ -115,3 +115,25 @@ class BackgroundQueue:
         """Wait for every call, and raise the exception of any that failed."""
         while self._under_way:
             interruption.wait_for_result(self._under_way.popleft())
+
+
+class Local:
+    """Computes chunks in this process; see `Executor`."""
+
+    workers = 1
+
+    def run(self, work: Work, chunks: Sequence[range]) -> None:
+        """See `Executor`."""
+        computation = Computation(work.plan, work.engine, work.progress)
+        computation.compile()
+        writers = min(WRITERS, len(os.sched_getaffinity(0)))
+        with (
+            interruption.held_back(),
+            BackgroundQueue(writers) as queue,
+            contextlib.closing(computation.blocks(chunks)) as blocks,
+        ):
+            for part in memory_windows.assemble_parts(chunks, blocks):
+                queue.call(
+                    lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part
+                )
+            queue.finish()

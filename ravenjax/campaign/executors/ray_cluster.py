@@ -144,8 +144,6 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
 class Ray:
     """Computes chunks on a Ray cluster; see `protocol.Executor`."""
 
-    name = "ray"
-
     def __init__(self, workers: int | None = None, address: str | None = None) -> None:
         """address: address of a running cluster; None: start one on this machine.
 

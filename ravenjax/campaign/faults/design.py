@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign.faults import run_id, sampled_order, sampling
+from ravenjax.campaign.faults import run_id, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import NUMBERS, fill_slot, words_of
 from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed_axis
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import Fault, Group, Run
+from ravenjax.campaign.file.group import SAMPLED, Fault, Group, Run
 from ravenjax.store.words import word_column
 from ravenjax.vocabulary.effects import FIELDS
 
@@ -55,8 +55,8 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
     """Return the whole fault table with the columns of `ravenjax.store.schema`; `run_id` is a
     number (uint64).
 
-    With [stop], rows are in the order of `sampled_order`. `campaign.limit` does not shorten the
-    table; `runner` applies it. A parameter that a group does not set is NaN in its rows, which
+    With [stop], the first rows of each group are a sample of it. `campaign.limit` does not shorten
+    the table; `runner` applies it. A parameter that a group does not set is NaN in its rows, which
     means the robot's value.
     """
     moments = Moments(config)
@@ -111,7 +111,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
     whole = pd.DataFrame(table, copy=False)
-    return whole if config.stop is None else sampled_order.arrange_table(config, whole)
+    return whole if config.stop is None else _arrange_table(config, whole)
 
 
 def count_rows(config: CampaignConfig) -> int:
@@ -128,8 +128,7 @@ def count_group_rows(config: CampaignConfig) -> dict[str, int]:
     """Return the number of rows of each group, in order, without expanding them."""
     return {
         group.name: (
-            group.repeats
-            * len(_crossings(config, group))
+            rows_of_a_draw(config, group)
             * sum(sampling.count_samples(group, axes) for _, axes in faults_and_axes(config, group))
         )
         for group in config.group
@@ -215,3 +214,43 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
 
 def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
     return {name: value for (s, name), value in table.items() if s == slot}
+
+
+def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
+    """Return the whole fault table in the order for [stop], `index` and `pair` renumbered.
+
+    A draw is one point of a group's design. Its repeats and crossed variants have the same fault;
+    their rows are adjacent, are computed together and count once. Draws of a random, lhs or sobol
+    design keep their order, because their first draws are a sample. Draws of a grid, zip or list
+    are shuffled by the campaign's seed, because their first draws would be a corner of the design.
+    Run ids do not depend on the order.
+    """
+    order = np.arange(len(table))
+    pair = table["pair"].to_numpy()
+    first_of_kind = pair == order
+    sizes = table["group"].array.value_counts()
+    start = 0
+    for group in config.group:
+        rows = order[start : start + sizes[group.name]]
+        # Consecutive number, from 0, of each row that is the first of its kind.
+        kind = np.cumsum(first_of_kind[rows]) - 1
+        draw = kind[pair[rows] - start] // group.repeats
+        number = len(rows) // rows_of_a_draw(config, group)
+        places = np.arange(number)
+        if group.design not in SAMPLED:
+            seed = config.campaign.seed, zlib.crc32(group.name.encode()), 1
+            places = np.random.default_rng(seed).permutation(number)
+        order[rows] = rows[np.argsort(places[draw], kind="stable")]
+        start += len(rows)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    numbers = {
+        "index": np.arange(len(order), dtype=np.int32),
+        "pair": place[pair[order]].astype(np.int32),
+    }
+    return table.take(order).reset_index(drop=True).assign(**numbers)
+
+
+def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:
+    """Return the number of rows of each draw of a group."""
+    return group.repeats * len(_crossings(config, group))

@@ -1,9 +1,8 @@
 """Converts fault onsets in a phase of the operation into milliseconds."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -36,23 +35,18 @@ class Moments:
 
     def _axis(self, axis: Axis, where: str) -> Axis:
         if axis.kind == PHASE:
-            stretches = self._stretches(axis.values[0], where)
-            return Axis(PHASE, (axis.values[0], *map(tuple, stretches.tolist())))
+            return self._phase(axis.values[0], where)
         if not axis.phases:
             return axis
-        values = tuple(self._value(value, where) for value in axis.values)
-        return dataclasses.replace(axis, values=values)
+        values = (self._ms(v, where) if isinstance(v, Moment) else v for v in axis.values)
+        return dataclasses.replace(axis, values=tuple(values))
 
-    def _value(self, value: Any, where: str) -> Any:
-        if not isinstance(value, Moment):
-            return value
-        stretches = self._stretches(value.phase, where)
-        after = np.cumsum(stretches[:, 1] - stretches[:, 0])
-        place = round(value.share * (int(after[-1]) - 1))
-        number = int(np.searchsorted(after, place, side="right"))
-        return int(stretches[number, 1] + place - after[number])
+    def _ms(self, moment: Moment, where: str) -> int:
+        phase = self._phase(moment.phase, where)
+        count = sum(end - begin for begin, end in phase.values[1:])
+        return int(phase.at(np.array((round(moment.share * (count - 1)) + 0.5) / count)))
 
-    def _stretches(self, phase: str, where: str) -> np.ndarray:
+    def _phase(self, phase: str, where: str) -> Axis:
         stretches = self.phases[phase]
         if not len(stretches):
             there = ", ".join(name for name, some in self.phases.items() if len(some))
@@ -62,13 +56,4 @@ class Moments:
                 f" {there}. Write that, or take another motion, a longer campaign.duration_s or"
                 " another scale"
             )
-        return stretches
-
-
-def used_phases(config: CampaignConfig) -> Iterator[str]:
-    """Yield each phase that onsets of a campaign name, once."""
-    faults = [fault for group in config.group for fault in group.fault]
-    faults += [
-        fault for group in config.group for run in group.run for fault in group.faults_of(run)
-    ]
-    yield from dict.fromkeys(phase for fault in faults for phase in fault.start_ms.phases)
+        return Axis(PHASE, (phase, *map(tuple, stretches.tolist())))

@@ -9,7 +9,6 @@ import numpy as np
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
-from ravenjax.errors import UserError
 
 Key = tuple[int, str]
 """Key of an axis: (fault slot, field), or (-1, parameter path)."""
@@ -29,24 +28,11 @@ class Sample(NamedTuple):
 
 
 def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """Return how many runs `sample_runs` gives, without repeats.
-
-    Raises UserError if lists of design "zip" differ in length.
-    """
+    """Return how many runs `sample_runs` gives, without repeats."""
     if group.design in SAMPLED:
         return group.runs or 0
-    lengths = {key: len(axis.values) for key, axis in axes.items() if axis.kind == "list"}
-    if group.design != "zip":
-        return math.prod(lengths.values())
-    if len({length for length in lengths.values() if length > 1}) > 1:
-        sizes = ", ".join(
-            f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}"
-            for (f, name), n in lengths.items()
-        )
-        raise UserError(
-            f"group {group.name!r}: design 'zip' needs lists of one length, got {sizes}"
-        )
-    return max(lengths.values(), default=1)
+    lengths = [len(axis.values) for axis in axes.values() if axis.kind == "list"]
+    return max(lengths, default=1) if group.design == "zip" else math.prod(lengths)
 
 
 def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:

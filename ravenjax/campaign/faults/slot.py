@@ -41,12 +41,10 @@ def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
     }
 
 
+TIMES = ("start_ms", "duration_ms", "every_ms", "period_ms")
 NUMBERS: dict[str, tuple[type[np.number], float]] = {
     "value": (np.float64, math.nan),
-    "start_ms": (np.int32, 0),
-    "duration_ms": (np.int32, 0),
-    "every_ms": (np.int32, 0),
-    "period_ms": (np.int32, 0),
+    **dict.fromkeys(TIMES, (np.int32, 0)),
 }
 """Columns of numbers: type, and value in an empty slot."""
 
@@ -82,7 +80,7 @@ def fill_slot(
     value = np.where(np.isin(words["effect"], WITHOUT_VALUE)[effect], np.nan, value)
     columns = {"site": np.int8(words["site"].index(fault.site)), **word, "value": value}
     periodic = np.isin(words["effect"], WITH_PERIOD)[effect]
-    for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
+    for name in TIMES:
         columns[name] = _times(
             name, axes[name].at(places[name], whole=True), axes[name], periodic
         ).astype(np.int32)

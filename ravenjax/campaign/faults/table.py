@@ -15,17 +15,8 @@ FOREVER_TICKS = 2**30
 
 WORDS = ("site", "arm", "channel", "effect", "trigger")
 
-ARRAYS = {
-    "code": np.int32,
-    "effect": np.int32,
-    "trigger": np.int32,
-    "value": np.float32,
-    "start": np.int32,
-    "duration": np.int32,
-    "every": np.int32,
-    "period": np.int32,
-    "key": np.uint32,
-}
+_INTEGERS = ("code", "effect", "trigger", "start", "duration", "every", "period")
+ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.uint32}
 """The numbers of a fault, as in `faults.fault.FaultSlot`."""
 
 SHARED = "shared_id"

@@ -27,14 +27,6 @@ def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
 
 
 @functools.cache
-def parameter_words(robot: Robot) -> frozenset[str]:
-    """Return every word that occurs in a parameter's path, except arms and numbers."""
-    return paths.path_words(robot.joints).union(
-        *(path.split(".") for path, _ in parameter_bounds(robot))
-    )
-
-
-@functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
     """Return (path or beginning of paths, reason) of parameters that a campaign must not vary.
 
@@ -107,7 +99,7 @@ def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():
-            if message := _unfit(config.robot, path, axis, known):
+            if message := _unfit(config, path, axis, known):
                 yield (*key, path), message
 
 
@@ -119,16 +111,20 @@ def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
             yield group.parameters
 
 
-def _unfit(robot: Robot, path: str, axis: Axis, known: list[str]) -> str:
+def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> str:
+    robot = config.robot
     if path not in known:
         part = path.partition(".")[0]
-        if allowed_values(robot, path) and not any(one.startswith(f"{part}.") for one in known):
+        if allowed_values(robot, path) and not any(name.startswith(f"{part}.") for name in known):
             return (
                 f"unknown parameter: this campaign has no part {part!r}: add the section of the"
                 " file that it belongs to"
             )
-        return f"unknown parameter{suggest_name(path, known)}"
-    parts = [one.rpartition(".")[2] for one in known if one.rpartition(".")[0] == path]
+        free = [
+            name for name in known if not reserved_reason(robot, name) and not config.unread(name)
+        ]
+        return f"unknown parameter{suggest_name(path, free)}"
+    parts = [name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == path]
     parts = [part for part in parts if part in paths.path_words(robot.joints)]
     if axis.kind != "list" or axis.explicit or len(axis.values) != len(parts):
         return ""

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.axis import Axis, Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint, Key
-from ravenjax.campaign.file.section import unique_names
 from ravenjax.campaign.file.sections import (
     CampaignSection,
     Detector,
@@ -67,67 +66,37 @@ class CampaignConfig(Section):
     @field_validator("group", "detector", "check")
     @classmethod
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
-        return unique_names(tables)
-
-    @field_validator("outcomes")
-    @classmethod
-    def _cue(cls, outcomes: Outcomes, info: ValidationInfo) -> Outcomes:
-        if "haptics" in info.data and outcomes.cue >= (sets := len(info.data["haptics"].cues())):
-            raise ValueError(
-                f"cue: got {outcomes.cue}, expected 0..{sets - 1}: [haptics] makes {sets} sets"
-            )
-        return outcomes
-
-    @field_validator("group")
-    @classmethod
-    def _judged(cls, groups: tuple[Group, ...], info: ValidationInfo) -> tuple[Group, ...]:
-        if info.data.get("stop") is not None and not any(group.fault for group in groups):
-            raise ValueError(
-                "no group has a fault: there is nothing that [stop] could judge; remove it"
-            )
-        return groups
-
-    @field_validator("stop")
-    @classmethod
-    def _unlimited(cls, stop: Stop | None, info: ValidationInfo) -> Stop | None:
-        campaign = info.data.get("campaign")
-        if stop is not None and campaign is not None and campaign.limit is not None:
-            raise ValueError(
-                f"campaign.limit = {campaign.limit} would cut the groups that the looks are shares"
-                " of; to compute less write a smaller last look, such as looks = [0.01, 0.05]"
-            )
-        return stop
+        names = [table.name for table in tables]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")
+        return tables
 
     @property
     def source(self) -> Path | None:
         """The file that the campaign was read from."""
         return self._source
 
-    def with_source(self, path: Path) -> CampaignConfig:
-        """Return a copy read from `path`, which also locates the files that the campaign names.
-
-        Raises UserError.
-        """
-        new = self.with_files(path.parent)
-        new._source = path
-        return new
-
     def with_files(self, folder: Path) -> CampaignConfig:
         """Return a copy in which the files that it names are located in `folder`.
 
         Raises UserError for a file that cannot be used.
         """
-        detectors = [
-            own_part.locate_part(one, folder, "detector", one.name) for one in self.detector
-        ]
-        checks = [own_part.locate_part(one, folder, "check", one.name) for one in self.check]
-        return self.model_copy(update={"detector": tuple(detectors), "check": tuple(checks)})
+        located = {
+            kind: tuple(
+                own_part.locate_part(table, folder, kind, table.name)
+                for table in getattr(self, kind)
+            )
+            for kind in ("detector", "check")
+        }
+        return self.model_copy(update=located)
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
         """(name, detector, thresholds) of every detector, in order."""
         return tuple(
-            (name, use, one.threshold) for one in self.detector for name, use in one.uses()
+            (name, use, detector.threshold)
+            for detector in self.detector
+            for name, use in detector.uses()
         )
 
     @property
@@ -147,12 +116,12 @@ class CampaignConfig(Section):
     @property
     def own_checks(self) -> tuple[Check, ...]:
         """The user's checks, in order."""
-        return tuple(one.check for one in self.check)
+        return tuple(check.check for check in self.check)
 
     @property
     def stops(self) -> bool:
         """Whether a detector may stop the robot."""
-        return any(one.acts == "stop" for one in self.detector)
+        return any(detector.acts == "stop" for detector in self.detector)
 
     @property
     def watches_cables(self) -> bool:
@@ -291,7 +260,9 @@ class CampaignConfig(Section):
 
         Raises UserError for a file that cannot be used.
         """
-        thresholds = tuple((f"checks.threshold.{one.name}", part.THRESHOLD) for one in self.check)
+        thresholds = tuple(
+            (f"checks.threshold.{check.name}", part.THRESHOLD) for check in self.check
+        )
         return thresholds + tuple(
             (f"{above}.{path}", limits)
             for above, source in self.own_parts()
@@ -302,18 +273,20 @@ class CampaignConfig(Section):
         """Yield (beginning of its parameters' paths, code) of each of the user's files. Raises
         UserError.
         """
-        for one in self.detector:
-            if (source := one.part) is not None:
-                yield f"detectors.own.{one.name}", source
+        for detector in self.detector:
+            if (source := detector.part) is not None:
+                yield f"detectors.own.{detector.name}", source
         for check in self.check:
             yield f"checks.own.{check.name}", check.part
 
 
-def robot_of(raw: Any) -> Robot:
-    """Return the robot that a campaign's tables name. Raises UserError."""
+def robot_of(raw: Any, folder: Path | None = None) -> Robot:
+    """Return the robot that a campaign's tables name. folder: that of its file. Raises
+    UserError.
+    """
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
-    return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT)
+    return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT, folder)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
 
 from ravenjax.campaign.file.axis import (
     END,
@@ -23,7 +23,7 @@ from ravenjax.campaign.file.axis import (
     word_axis,
 )
 from ravenjax.campaign.file.section import Section
-from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, TRIGGERS
+from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
 from ravenjax.vocabulary.sites import Site
 
 ALL = "*"
@@ -104,11 +104,21 @@ def _is_distribution(table: dict[str, Any]) -> bool:
     )
 
 
+def _effects(raw: Any, info: ValidationInfo) -> Axis:
+    try:
+        return word_axis("effect", EFFECTS).axis(raw)
+    except ValueError:
+        if info.data.get("site") == "network":
+            raise
+    # A message proposes only effects that the site takes.
+    return word_axis("effect", [e for e in EFFECTS if e not in NETWORK_EFFECTS]).axis(raw)
+
+
 if TYPE_CHECKING:
     Arm = Channel = EffectName = Trigger = Duration = Repeat = Axis
 else:
     Arm, Channel = word_axis("arm").annotation(), word_axis("channel").annotation()
-    EffectName = word_axis("effect", EFFECTS).annotation()
+    EffectName = word_axis("effect", EFFECTS).annotation(_effects)
     Trigger = word_axis("trigger", TRIGGERS).annotation()
     Duration, Repeat = time_axis(1, endless=True).annotation(), time_axis(0).annotation()
 

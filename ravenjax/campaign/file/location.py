@@ -3,6 +3,7 @@
 The line numbers are computed here because tomllib does not provide them.
 """
 
+import dataclasses
 import os
 import re
 import tomllib
@@ -123,7 +124,8 @@ def format_key(key: Key) -> str:
     for part in key:
         if isinstance(part, int):
             text += f"[{part}]"
-        else:
+        # Pydantic also names the member of a union, such as list[str].
+        elif "[" not in part:
             text += f".{part}" if text else part
     return text
 
@@ -178,21 +180,19 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
     return key
 
 
+@dataclasses.dataclass
 class Where:
     """Turns (key, message) into a line of an error that names the file and line, or the
     override.
     """
 
-    def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
-        self.source, self.lines, self.replaced = (
-            source,
-            lines,
-            [format_key(key) for key in replaced],
-        )
-        # For each group, the number of the group in the file that it comes from.
-        self.written: list[int] = []
-        self.names: list[str] = []  # of each group
-        self.groups: Sequence[Any] = ()  # as written in the file
+    source: Path | None
+    lines: dict[str, int]
+    replaced: Sequence[Key]
+    # For each group, the number of the group in the file that it comes from.
+    written: Sequence[int] = ()
+    names: Sequence[str] = ()  # of each group
+    groups: Sequence[Any] = ()  # as written in the file
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
         """Return all complaints as one error, in the order of the file, without repetitions."""
@@ -228,13 +228,10 @@ class Where:
         return ("group", number, "hazards"), f"{hazard}, {format_key(key[2:])}: {message}"
 
     def _place(self, key: Key) -> str:
-        own = format_key(key)
-        if any(own.startswith(replaced) for replaced in self.replaced):
-            return "--set: "
-        if own not in self.lines and any(
-            replaced.startswith((f"{own}.", f"{own}[")) for replaced in self.replaced
-        ):
-            # Only an override has opened this table.
+        text, replaced = format_key(key), [format_key(key) for key in self.replaced]
+        # Where the file does not have a table, an override has opened it.
+        inner = () if text in self.lines else (f"{text}.", f"{text}[")
+        if any(text.startswith(other) or other.startswith(inner) for other in replaced):
             return "--set: "
         if self.source is None:
             return ""

@@ -25,39 +25,27 @@ def check_overrides(overrides: Sequence[str]) -> Sequence[str]:
 
 
 def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
-    """Return `raw` with every override applied, and their keys.
+    """Return `raw` with every override `key.path=value` applied, and their keys.
 
-    Raises UserError as `check_overrides` and `apply_override`.
+    A value is TOML or plain text. Entries of arrays are given by number or name. Raises UserError,
+    also as `check_overrides`.
     """
     keys = []
     for override in check_overrides(overrides):
-        raw, key = apply_override(raw, override)
+        path, equals, text = override.partition("=")
+        parts = [part.strip() for part in path.strip().split(".")]
+        if not equals or not all(parts) or len(parts) > MOST_PARTS:
+            raise UserError(
+                f"--set {override[:80]}: expected key.path=value with at most {MOST_PARTS} keys,"
+                " such as campaign.duration_s=5 or group.0.runs=100"
+            )
+        try:
+            value = tomllib.loads(f"x = {text}")["x"]
+        except (ValueError, RecursionError):
+            value = text.strip()
+        raw, key = _entered(raw, parts, value, override)
         keys.append(key)
     return raw, keys
-
-
-def apply_override(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
-    """Return `raw` with `key.path=value` applied, and its key.
-
-    The value is TOML or plain text. Entries of arrays are given by number or name.
-    """
-    path, equals, text = override.partition("=")
-    parts = [part.strip() for part in path.strip().split(".")]
-    if not equals or not all(parts):
-        raise UserError(
-            f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or"
-            " group.0.runs=100"
-        )
-    if len(parts) > MOST_PARTS:
-        raise UserError(
-            f"--set {format_value(override)}: got a path of {len(parts)} keys, expected at most"
-            f" {MOST_PARTS}, such as campaign.duration_s=5 or group.0.runs=100"
-        )
-    try:
-        value = tomllib.loads(f"x = {text}")["x"]
-    except (ValueError, RecursionError):
-        value = text.strip()
-    return _entered(raw, parts, value, override)
 
 
 def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[Any, Key]:

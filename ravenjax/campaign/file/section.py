@@ -26,8 +26,11 @@ class _SectionClass(type(BaseModel)):
                 return super().__call__(**toml_value(keys))
             except ValidationError as error:
                 complaints = [
-                    (one["loc"], location.format_error(one, model_at(cls, one["loc"][:-1])))
-                    for one in error.errors()
+                    (
+                        problem["loc"],
+                        location.format_error(problem, model_at(cls, problem["loc"][:-1])),
+                    )
+                    for problem in error.errors()
                 ]
             where = location.Where(None, {}, [])
             raise where.error(((cls.__name__, *key), text) for key, text in complaints)
@@ -86,14 +89,14 @@ def toml_value(value: Any) -> Any:
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, Mapping):
-        return {key: toml_value(one) for key, one in value.items() if one is not None}
+        return {key: toml_value(item) for key, item in value.items() if item is not None}
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     # Numbers and arrays of NumPy and pandas.
     if hasattr(value, "tolist"):
         return toml_value(value.tolist())
     if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
-        return [toml_value(one) for one in value]
+        return [toml_value(item) for item in value]
     return value
 
 
@@ -130,11 +133,3 @@ class OneOf:
         if word not in self.names:
             raise ValueError(describe_unknown_name(self.what, word, self.names))
         return word
-
-
-def unique_names(tables: Sequence[Any]) -> Any:
-    """Return the tables. Raises ValueError unless all names differ."""
-    names = [table.name for table in tables]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")
-    return tables

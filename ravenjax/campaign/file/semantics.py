@@ -6,6 +6,7 @@ Parameters are checked by `bounds`.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 from ravenjax.campaign.file.axis import Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
@@ -37,9 +38,23 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
             f"got {list(arms)}, expected each arm once, in the order {list(names)}",
         )
     yield from config.complaints()
-    rates = () if config.stop is None else config.stop.rates
-    if "cable_overload" in rates and not config.watches_cables:
-        yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
+    cue, sets = config.outcomes.cue, len(config.haptics.cues())
+    if cue >= sets:
+        yield (
+            ("outcomes", "cue"),
+            f"got {cue}, expected 0..{sets - 1}: [haptics] makes {sets} sets",
+        )
+    if config.stop is not None:
+        if "cable_overload" in config.stop.rates and not config.watches_cables:
+            yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
+        if not any(group.fault for group in config.group):
+            yield ("stop",), "no group has a fault that it could judge; remove it"
+        if (limit := config.campaign.limit) is not None:
+            yield (
+                ("stop",),
+                f"campaign.limit = {limit} would cut the groups that the looks are shares of; to"
+                " compute less write a smaller last look, such as looks = [0.01, 0.05]",
+            )
     for c, check in enumerate(config.check):
         if check.at not in config.robot.check_seams:
             yield (
@@ -65,6 +80,8 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
         yield ("parameters",), f"together takes lists of one length, got lengths {sorted(drawn)}"
     for f, fault in enumerate(group.fault):
         axes |= {f"fault[{f}].{name}": axis for name, axis in fault.axes()}
+        if fault.site in config.robot.sites:
+            axes[f"fault[{f}].channel"] = fault.channels(config.robot.sites[fault.site])
     lists = {name: len(axis.values) for name, axis in axes.items() if axis.kind == "list"}
     if group.design == "zip" and len({*lists.values()} - {1}) > 1:
         yield ("design",), f"'zip' needs lists of one length, got lengths {lists}"
@@ -75,7 +92,8 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
         return
-    wrong = [*_place(config, fault, site), *_onset(config, fault)]
+    paired = group.design == "zip"
+    wrong = [*_place(config, fault, site, paired), *_onset(config, fault)]
     effects = fault.effect.listed
     valued = [effect for effect in effects if effect not in WITHOUT_VALUE]
     if fault.value is None and valued:
@@ -89,11 +107,15 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
         wrong.append(("period_ms", f"effect {effects[0]!r} has no period: remove the key"))
     yield from wrong
-    if not wrong and fault.value is not None:
-        yield from _value(config, group, fault, site)
+    if not wrong:
+        beyond = config.says_beyond(fault)
+        if message := next(find_unfit_values(config, group, fault, beyond), None):
+            yield "value", message
 
 
-def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[str, str]]:
+def _place(
+    config: CampaignConfig, fault: Fault, site: Site, paired: bool
+) -> Iterator[tuple[str, str]]:
     """Check the arm and the channel, and that no effect belongs to another site."""
     arms = config.campaign.arms
     if fault.arm is not None and not site.per_arm:
@@ -120,6 +142,15 @@ def _place(config: CampaignConfig, fault: Fault, site: Site) -> Iterator[tuple[s
             yield "channel", f"missing: site {site.name} has {listing}; write one, a list, or '*'"
     elif strays := [name for name in channels if name not in names]:
         yield "channel", describe_unknown_name(f"channel of site {site.name}", strays[0], names)
+    elif site.name == "network":
+        for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
+            if effect in network and name != (acts_on := NETWORK_EFFECTS[effect].channel):
+                yield (
+                    "channel",
+                    f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
+                    f" write another effect for {name!r}, such as 'overwrite'",
+                )
+                return
 
 
 def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
@@ -138,30 +169,32 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
         )
 
 
-def _value(
-    config: CampaignConfig, group: Group, fault: Fault, site: Site
-) -> Iterator[tuple[str, str]]:
-    """Yield the first value, or end of a distribution, that one of the channels cannot take."""
-    assert fault.value is not None
-    beyond = config.says_beyond(fault)
+def find_unfit_values(
+    config: CampaignConfig, group: Group, fault: Fault, beyond: bool
+) -> Iterator[str]:
+    """Yield why a channel cannot take a value, or an end of a distribution, for each such value.
+
+    beyond: values may exceed a 16-bit word.
+    """
+    if fault.value is None:
+        return
+    site = config.robot.sites[fault.site]
     axes = (fault.effect, fault.channels(site), fault.value)
     for effect, name, value in _combinations(axes, paired=group.design == "zip"):
         if effect not in WITHOUT_VALUE:
             aimed = NETWORK_EFFECTS[effect].channel if effect in NETWORK_EFFECTS else name
-            message = _misfit(site, site.channel(aimed), effect, value, fault.value, beyond)
-            if message:
-                yield "value", message
-                return
+            if message := _misfit(site, site.channel(aimed), effect, value, fault.value, beyond):
+                yield message
 
 
-def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[str, str, float]]:
+def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, ...]]:
     """Yield the combinations of values of some axes; a distribution is represented by its ends.
 
     paired: lists are combined element by element.
     """
     lists = [len(axis.values) for axis in axes if axis.kind == "list" and len(axis.values) > 1]
     for row in range(max(lists, default=1) if paired else 1):
-        yield from itertools.product(  # pyright: ignore[reportReturnType]
+        yield from itertools.product(
             *(
                 axis.values[row : row + 1]
                 if paired and axis.kind == "list" and len(axis.values) > 1
@@ -215,8 +248,12 @@ def random_in_itself(config: CampaignConfig, group: Group) -> bool:
 
     Noise, packets or an effect may be random.
     """
+    draws = (config.campaign.noise and not is_silent(config, group)) or config.random_packets
+    return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)
+
+
+def is_silent(config: CampaignConfig, group: Group) -> bool:
+    """Return whether every size of the robot's noise is 0 in a group."""
     robot, axes = config.robot, {**config.parameters, **group.parameters}
     plain = {paths.plain_path(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
-    silent = all(path in plain and plain[path].values == (0,) for path in robot.noise)
-    draws = (config.campaign.noise and not silent) or config.random_packets
-    return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)
+    return all(path in plain and plain[path].values == (0,) for path in robot.noise)

@@ -82,7 +82,7 @@ class Explainer(PlannedCampaign):
             )
         some = self._plan.take(np.asarray(rows))
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
-        some = dataclasses.replace(some, golden=golden_runs.reshape(-1).astype(np.int32))
+        some = dataclasses.replace(some, golden=golden_runs.astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
         work = Computation(some, self.backend, progress)
         work.compile()

@@ -63,7 +63,8 @@ def extend_fault_free(
         if there >= hours:
             return there
         path = folder / FOLDER / name
-        if (earlier := _record(path)) is not None:
+        if (path / manifest.FILE).exists():
+            earlier = manifest.read_manifest(path)
             if earlier.finished is not None or earlier.code_hash != record.code_hash:
                 continue
             raw = earlier.config
@@ -104,7 +105,9 @@ def _require(record: Manifest, hours: float) -> None:
 
 def require_others(config: Mapping[str, Any]) -> None:
     """Raise UserError unless there are motions that the campaign of these tables did not have."""
-    operator = config["operator"]
+    if (operator := config.get("operator")) is None:
+        robot = config["campaign"]["robot"]
+        raise UserError(f"robot {robot!r} has one motion for every seed: no more to compute")
     if operator.get("file"):
         raise UserError(
             f"the operator is a recording ({operator['file']}), which has no other motion to"
@@ -120,25 +123,25 @@ def require_others(config: Mapping[str, Any]) -> None:
 
 
 def fault_free_campaigns(
-    own: Mapping[str, Any], seconds: int
+    tables: Mapping[str, Any], seconds: int
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield name and configuration of the fault-free campaign of each further motion, endlessly.
 
-    own: tables of the original campaign.
+    tables: tables of the original campaign.
     """
     group: dict[str, Any] = {"name": "fault_free"}
     if any(
         isinstance(value, dict)
         for table in ("parameters", "cross")
-        for value in own.get(table, {}).values()
+        for value in tables.get(table, {}).values()
     ):
         # A parameter has a distribution: draw the robots.
         group |= {"design": "random", "runs": DRAWN}
-    base = {**own} | {
-        name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
+    base = {**tables} | {
+        name: fault_free.without_reaction(tables.get(name, {})) for name in ("parameters", "cross")
     }
     base |= {"reaction": None, "stop": None, "group": [group]}
-    motion, seed = own["operator"].get("motion") or "suture", int(own["operator"]["seed"])
+    motion, seed = tables["operator"].get("motion") or "suture", int(tables["operator"]["seed"])
     while True:
         seed = (seed + 1) % 2**31
         changes = {
@@ -147,15 +150,11 @@ def fault_free_campaigns(
             "seed": seed,
             "limit": None,
         }
-        campaign = own["campaign"] | changes | {"duration_s": float(seconds)}
+        campaign = tables["campaign"] | changes | {"duration_s": float(seconds)}
         yield (
             changes["name"],
-            base | {"campaign": campaign, "operator": own["operator"] | {"seed": seed}},
+            base | {"campaign": campaign, "operator": tables["operator"] | {"seed": seed}},
         )
-
-
-def _record(path: Path) -> Manifest | None:
-    return manifest.read_manifest(path) if (path / manifest.FILE).exists() else None
 
 
 def _length_s(record: Manifest, hours: float) -> int:
@@ -166,8 +165,8 @@ def _length_s(record: Manifest, hours: float) -> int:
 
 def _hours(folder: Path, record: Manifest) -> float:
     total_ms = 0.0
-    for one in fault_free.find_fault_free(folder, record).motions:
-        with query.open_folder(one.path) as table:
+    for motion in fault_free.find_fault_free(folder, record).motions:
+        with query.open_folder(motion.path) as table:
             (pedal_ms,) = table.row(
                 f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''"
             )

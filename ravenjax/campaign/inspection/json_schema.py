@@ -17,6 +17,7 @@ from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import PATHS
 from ravenjax.campaign.population import KEY
 from ravenjax.hazards import expansion
+from ravenjax.numbers import paths
 from ravenjax.vocabulary.robot import Robot
 
 Schema = dict[str, Any]
@@ -55,7 +56,12 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
     any_path = _paths(robot)
     definitions |= {
         TABLE: _parameters(robot, any_path),
-        "ParameterPath": _path(any_path),
+        "ParameterPath": {
+            "type": "object",
+            "additionalProperties": _REST,
+            "propertyNames": any_path,
+            "minProperties": 1,
+        },
         "ParameterValue": TypeAdapter(Number).json_schema(),
     }
     return whole
@@ -91,7 +97,10 @@ def _name(node: Any, words: Any) -> None:
 
 
 def _paths(robot: Robot) -> Schema:
-    words = {re.escape(word) for word in (*bounds.parameter_words(robot), *robot.arms)} | {r"\d+"}
+    words = paths.path_words(robot.joints).union(
+        *(path.split(".") for path, _ in bounds.parameter_bounds(robot)), robot.arms
+    )
+    words = {*map(re.escape, words), r"\d+"}
     name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
 
@@ -138,15 +147,6 @@ def _node(tree: Schema, any_path: Schema) -> Schema:
 
 
 _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs/ParameterPath"}]}
-
-
-def _path(any_path: Schema) -> Schema:
-    return {
-        "type": "object",
-        "additionalProperties": _REST,
-        "propertyNames": any_path,
-        "minProperties": 1,
-    }
 
 
 # --- groups that name hazards

@@ -1,5 +1,6 @@
 """Shows what a campaign would run, for `ravenjax check`: expanded and checked, but not computed."""
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import notices
-from ravenjax.campaign.faults import design, moments, run_id, table
+from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import Group
 from ravenjax.campaign.inspection.estimate import (
     BASIS,
     CostEstimate,
@@ -52,13 +52,17 @@ def preview_campaign(
         traced.traced_forms(traced.printable_program(plan.program), block, plan.columns)
     record = make_manifest(plan, backend)
     golden_runs = len(np.unique(plan.golden[:due]))
-    sites = {fault.site for group in config.group for fault in group.fault}
+    faults = {
+        group.name: [fault for some, _ in design.faults_and_axes(config, group) for fault in some]
+        for group in config.group
+    }
+    every = list(itertools.chain(*faults.values()))
     work = CostFactors(
         runs=due,
         ticks=config.campaign.ticks,
         golden_runs=golden_runs,
         arms=len(config.campaign.arms),
-        sites=max(1, len(sites)),
+        sites=max(1, len({fault.site for fault in every})),
         slots=max(1, config.slots),
         cues=len(record.cues),
         thresholds=sum(record.shape.detectors),
@@ -67,8 +71,8 @@ def preview_campaign(
     )
     cost = estimate_cost(work, backend.name, measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
-    sites_of_runs = rows[[f"fault{slot}_site" for slot in range(config.slots)]]
-    phases = Moments(config).phases if (names := list(moments.used_phases(config))) else {}
+    names = dict.fromkeys(phase for fault in every for phase in fault.start_ms.phases)
+    phases = Moments(config).phases if names else {}
     view = {
         "campaign": record.campaign,
         "description": config.campaign.description,
@@ -83,7 +87,7 @@ def preview_campaign(
             }
             for name in names
         ],
-        "fault_free_runs": int((sites_of_runs == "").to_numpy().all(axis=1).sum()),
+        "fault_free_runs": int((plan.faults["code"] == 0).all(axis=1).sum()),
         "golden_runs": golden_runs,
         "copies": int(notices.find_copies(plan).sum()),
         "duration_ms": record.duration_ms,
@@ -93,7 +97,18 @@ def preview_campaign(
         "detectors": [detector._asdict() for detector in record.detectors],
         "checks": list(_own_checks(config, plan)),
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
-        "groups": [_group_row(config, group) for group in config.group],
+        "groups": [
+            {
+                "name": group.name,
+                "design": group.design,
+                "runs": design.count_group_rows(config)[group.name],
+                "sites": list(dict.fromkeys(fault.site for fault in faults[group.name])),
+                "effects": list(
+                    dict.fromkeys(e for fault in faults[group.name] for e in fault.effect.listed)
+                ),
+            }
+            for group in config.group
+        ],
         "faults": list(_fault_rows(config, rows)),
         "notices": list(notices.of_plan(plan)),
         "engine": {
@@ -110,17 +125,6 @@ def preview_campaign(
     return view, sample.assign(
         run_id=run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
     )
-
-
-def _group_row(config: CampaignConfig, group: Group) -> dict[str, Any]:
-    faults = [fault for entry, _ in design.faults_and_axes(config, group) for fault in entry]
-    return {
-        "name": group.name,
-        "design": group.design,
-        "runs": design.count_group_rows(config)[group.name],
-        "sites": list(dict.fromkeys(fault.site for fault in faults)),
-        "effects": list(dict.fromkeys(e for fault in faults for e in fault.effect.listed)),
-    }
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:

@@ -15,7 +15,7 @@ import numpy as np
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.faults import design, sampled_order
+from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import decisions
@@ -59,7 +59,7 @@ def run_adaptively(
     if out is None:
         return runner.in_temporary_folder(
             lambda folder: run_adaptively(
-                config, folder, engine, on_progress=on_progress, executor=executor, command=command
+                config, folder, engine, on_progress=on_progress, executor=executor
             )
         )
     rule, draws = stop_rule(config), group_draws(config)
@@ -80,7 +80,7 @@ def run_adaptively(
 
 
 class GroupDraws(NamedTuple):
-    """The draws of one group in the fault table, in the order of `sampled_order`."""
+    """The draws of one group in the fault table, in its order."""
 
     first: int  # row of the first draw
     number: int
@@ -94,9 +94,8 @@ class GroupDraws(NamedTuple):
 def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
     """Return the draws of each group in the order of the table."""
     result, first = [], 0
-    for group in config.group:
-        rows = design.count_group_rows(config)[group.name]
-        each = sampled_order.rows_of_a_draw(config, group)
+    for group, rows in zip(config.group, design.count_group_rows(config).values(), strict=True):
+        each = design.rows_of_a_draw(config, group)
         result.append(GroupDraws(first, rows // each, each))
         first += rows
     return tuple(result)
@@ -104,8 +103,8 @@ def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
 
 def stop_rule(config: CampaignConfig) -> Sequential:
     """Return the stop rule of a campaign that has one."""
-    if (stop := config.stop) is None:
-        raise ValueError(f"campaign {config.campaign.name!r} has no [stop] section")
+    stop = config.stop
+    assert stop is not None
     strata = tuple(
         Stratum(group.name, draws.number, bool(group.fault))
         for group, draws in zip(config.group, group_draws(config), strict=True)

@@ -13,6 +13,7 @@ move nothing: repeated and older numbers, and the packet after a gap. A stream m
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
 import struct
@@ -61,30 +62,21 @@ class PacketStream(NamedTuple):
     # [T] 0 or 1, held where a packet does not count.
     pedal: np.ndarray
     counted: np.ndarray  # bool [T], whether the packet counts
-    numbers: np.ndarray  # [T]
-    arrivals: Arrivals
-
-
-class Arrivals(NamedTuple):
-    """Arrival times of packets."""
-
-    seconds: np.ndarray  # [T] since the first
-    clock: str  # description of their source
-    notes: tuple[str, ...]
+    packets: RawPackets  # with arrival times in seconds
 
 
 class RawPackets(NamedTuple):
     """The packets of a recording, not yet decoded."""
 
     datagrams: list[bytes]  # 124 bytes or more each
-    time: np.ndarray  # [T], since an arbitrary moment
+    time: np.ndarray  # [T], since the first, in the unit of the column
     clock: str  # the column of times, or "" for a capture
     notes: tuple[str, ...] = ()
 
     @property
     def fields(self) -> list[tuple]:
         """Decoded fields of each packet."""
-        return [FIELDS.unpack_from(one) for one in self.datagrams]
+        return [FIELDS.unpack_from(datagram) for datagram in self.datagrams]
 
 
 def read_packets(path: Path) -> RawPackets:
@@ -137,8 +129,8 @@ class Datagram(NamedTuple):
 
 
 def _read_capture(path: Path) -> RawPackets:
-    datagrams = [one for one in _datagrams(path) if len(one.content) >= FIELDS.size]
-    ports = Counter(one.port for one in datagrams)
+    datagrams = [datagram for datagram in _datagrams(path) if len(datagram.content) >= FIELDS.size]
+    ports = Counter(datagram.port for datagram in datagrams)
     if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
         raise UserError(
@@ -147,14 +139,16 @@ def _read_capture(path: Path) -> RawPackets:
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     (console, _), *others = Counter(
-        one.sender for one in datagrams if one.port == port
+        datagram.sender for datagram in datagrams if datagram.port == port
     ).most_common()
-    stream = [one for one in datagrams if one.port == port and one.sender == console]
+    stream = [
+        datagram for datagram in datagrams if datagram.port == port and datagram.sender == console
+    ]
     more = sum(count for _, count in others)
     note = f"{more} packets of {len(others)} other senders to port {port} are left out"
     return RawPackets(
-        [one.content for one in stream],
-        np.array([one.time_s for one in stream]),
+        [datagram.content for datagram in stream],
+        np.array([datagram.time_s for datagram in stream]),
         "",
         (note,) if others else (),
     )
@@ -189,31 +183,28 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
                     " here; expected Ethernet, Linux 'any', loopback or plain IP. Capture with"
                     " tcpdump -i eth0"
                 )
-            frames = iter(reader)
-            while True:
-                try:
-                    time_s, content = next(frames)
-                except (StopIteration, dpkt.NeedData):
-                    return
-                try:
-                    packet: Any = links[reader.datalink()](content)
-                except not_of_udp:
-                    continue
-                while not isinstance(packet, (bytes, type(None), ip.IP, ip6.IP6)):
-                    packet = getattr(packet, "data", None)
-                if isinstance(getattr(packet, "data", None), dpkt.udp.UDP):
-                    found = cast("Any", packet)
-                    udp, sender = found.data, (found.src, found.data.sport)
-                    yield Datagram(float(time_s), sender, udp.dport, bytes(udp.data))
+            # A capture may be cut short.
+            with contextlib.suppress(dpkt.NeedData):
+                for time_s, content in reader:
+                    try:
+                        packet: Any = links[reader.datalink()](content)
+                    except not_of_udp:
+                        continue
+                    while not isinstance(packet, (bytes, type(None), ip.IP, ip6.IP6)):
+                        packet = getattr(packet, "data", None)
+                    if isinstance(getattr(packet, "data", None), dpkt.udp.UDP):
+                        found = cast("Any", packet)
+                        udp, sender = found.data, (found.src, found.data.sport)
+                        yield Datagram(float(time_s), sender, udp.dport, bytes(udp.data))
     except (OSError, *not_of_udp) as error:
         raise UserError(
             f"{path}: no capture that can be read: {str(error) or type(error).__name__}"
         ) from None
 
 
-def read_arrivals(path: Path, packets: RawPackets, console: str) -> Arrivals:
-    """Return the arrival times of packets. Raises UserError if no profile fits."""
-    return _arrivals(path, packets, _profile(path, packets.fields, ARMS, console))
+def time_packets(path: Path, packets: RawPackets, console: str) -> RawPackets:
+    """Return packets with their arrival times in seconds. Raises UserError if no profile fits."""
+    return _in_seconds(path, packets, _profile(path, packets.fields, ARMS, console))
 
 
 def read_track(
@@ -223,7 +214,7 @@ def read_track(
     read = read_stream(path, arms, console)
     rows, dropped = len(read.counted), int((~read.counted).sum())
     if dropped > MOST_MISFITS * rows:
-        back = int((np.diff(read.numbers) < 0).sum())
+        back = int((np.diff([fields[0] for fields in read.packets.fields]) < 0).sum())
         what = (
             f"Numbers go back {back} times: they come from two streams. Record one console"
             if back > MOST_MISFITS * rows
@@ -232,16 +223,16 @@ def read_track(
         raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {what}")
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):
-        axes = np.array([[float(c) for c in row] for row in ITP_AXES[arm]])
+        axes = np.array(ITP_AXES[arm], float)
         moved = np.cumsum(read.delta_um[:, i], axis=0) @ axes.T * 1e-6
         turns = np.concatenate([read.quat[:, i, :3] @ axes.T, read.quat[:, i, 3:]], axis=1)
         tracks[arm] = ArmTrack(
-            read.arrivals.seconds,
+            read.packets.time,
             home[arm].position + moved,
             _accumulated(home[arm].quat, turns),
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
-    cycles = packet_lengths.packet_lengths(read.arrivals.seconds * 1e3)
+    cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     notes = (
         f"packets are those of console {read.profile.name}; the robot would drop"
@@ -251,12 +242,12 @@ def read_track(
     )
     return Track(
         path,
-        read.arrivals.clock,
+        read.packets.clock,
         tracks,
         read.pedal,
         (PACKET,),
         tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms),
-        (*read.arrivals.notes, *notes),
+        (*read.packets.notes, *notes),
     )
 
 
@@ -282,14 +273,14 @@ def _profile(
     return loading.load_profile(fits)
 
 
-def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arrivals:
-    """Return the arrival times in the unit of the column's name.
+def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
+    """Return packets with their arrival times in seconds, and their source in words.
 
     Without a unit, take the only one that agrees with the profile's rate, and add a note.
     """
     since, name = packets.time, packets.clock
     if not name:
-        return Arrivals(since, "times of the capture", packets.notes)
+        return packets._replace(clock="times of the capture")
     expected, unit = profile.stream.rate_hz, name.rpartition("_")[2]
     # The longest 2 % of steps are left out, because a pause does not indicate another unit.
     steps = np.sort(np.diff(since))[: math.floor(0.98 * (len(since) - 1)) or None]
@@ -313,7 +304,7 @@ def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arriv
             f" {rates[unit]} as {unit}",
         )
         unit = near[0]
-    return Arrivals(since * stamps.UNITS[unit], f"column {name}", notes)
+    return packets._replace(time=since * stamps.UNITS[unit], clock=f"column {name}", notes=notes)
 
 
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
@@ -324,7 +315,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     packets = read_packets(path)
     fields = packets.fields
     profile = _profile(path, fields, arms, console)
-    arrivals = _arrivals(path, packets, profile)
+    packets = _in_seconds(path, packets, profile)
     rows, count = len(fields), len(arms)
     delta, grasp = np.zeros((rows, count, 3)), np.zeros((rows, count))
     quat = np.tile(np.array([0.0, 0.0, 0.0, 1.0]), (rows, count, 1))
@@ -333,7 +324,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     why: Misfit | None = None
     # Time of the last packet that continued the stream.
     heard_s = 0.0
-    for row, (packet, time_s) in enumerate(zip(fields, arrivals.seconds.tolist(), strict=True)):
+    for row, (packet, time_s) in enumerate(zip(fields, packets.time.tolist(), strict=True)):
         number = packet[0]
         joined = number == last + 1
         restarts = number < last and _restarts(number, last, time_s - heard_s)
@@ -349,7 +340,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
                 counted[row] = True
         pedal[row] = packet[MODE] if counted[row] else pedal[row - 1] if row else 0
     if len(misfits) > MOST_MISFITS * rows:
-        others = [one for one in loading.bundled_profiles() if one != profile]
+        others = [other for other in loading.bundled_profiles() if other != profile]
         fits = matching_profile(misfits, others, arms)
         advice = (
             f"they fit {fits}: write operator.console = '{fits}'"
@@ -360,8 +351,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
             f" for {why}; {advice}"
         )
-    numbers = np.array([one[0] for one in fields])
-    return PacketStream(profile, delta, quat, grasp, pedal, counted, numbers, arrivals)
+    return PacketStream(profile, delta, quat, grasp, pedal, counted, packets)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:

@@ -30,11 +30,13 @@ _INSERTION = JOINTS.index("insertion")
 
 class Bounds(NamedTuple):
     """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without the
-    margin.
+    margin; and what the control software does to the opening of the jaws.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+    # Gain, and least and greatest opening, mrad, beyond which a command is cut.
+    jaws: tuple[float, float, float] = (1.0, -math.inf, math.inf)
 
     def within(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest joints [5] that a motion may have."""

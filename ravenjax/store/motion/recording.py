@@ -2,6 +2,7 @@
 with an optional filter.
 """
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -23,6 +24,14 @@ from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
 
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
+OPTIONS_OF = {
+    "columns": ("table",),
+    "sensors": ("table",),
+    **dict.fromkeys(("frame", "rotation", "offset_mm", "rate_hz"), ("table", "bag")),
+    "topics": ("bag",),
+    "console": ("stream of packets",),
+}
+"""Options that apply to some kinds of recordings only."""
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 
@@ -62,9 +71,19 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     Raises UserError if the file cannot be read.
     """
     require_readable(path)
-    if path.suffix.lower() in CAPTURES or _packets(path):
-        return ARMS
-    return source.arms_in(path) or ("gold",)
+    found: tuple[ArmName, ...]
+    if path.suffix.lower() in bags.SUFFIXES:
+        with source.open_bag(path, ReplayOptions()) as bag:
+            found = tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
+    elif path.suffix.lower() in CAPTURES or _packets(path):
+        found = ARMS
+    else:
+        names: list[str] = []
+        # A table without a header line may be read under the names that the options give.
+        with contextlib.suppress(UserError):
+            names = [*map(str, files.read_table(path))]
+        found = tuple(arm for arm in ARMS if any(name.startswith(f"{arm}_x_") for name in names))
+    return found or ("gold",)
 
 
 def _packets(path: Path) -> bool:
@@ -72,18 +91,31 @@ def _packets(path: Path) -> bool:
 
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    if path.suffix.lower() in CAPTURES or _packets(path):
-        if options.frame or options.rotation or options.offset_mm:
+    packets = path.suffix.lower() in CAPTURES or _packets(path)
+    kind = (
+        "stream of packets"
+        if packets
+        else "bag"
+        if path.suffix.lower() in bags.SUFFIXES
+        else "table"
+    )
+    for name, kinds in OPTIONS_OF.items():
+        value = getattr(options, name)
+        if kind not in kinds and value != getattr(ReplayOptions(), name):
             raise UserError(
-                f"{path}: operator.frame, rotation and offset_mm are of recorded tips, this file"
-                " holds packets: remove them"
+                f"{path}: operator.{name} belongs to a {' or a '.join(kinds)}, this file is a"
+                f" {kind}: remove it"
             )
+    for name in ("rotation", "offset_mm"):
+        given = getattr(options, name) or arms
+        if lacking := [arm for arm in arms if isinstance(given, dict) and arm not in given]:
+            raise UserError(
+                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; write"
+                " one without arms if it is that of all"
+            )
+    if packets:
         return packet_file.read_track(
             path, arms, options.console, {arm: _home(arm) for arm in arms}
-        )
-    if options.console != "auto":
-        raise UserError(
-            f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
         )
     return source.read_track(path, arms, options)
 
@@ -156,14 +188,14 @@ def require_readable(path: Path) -> None:
 def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
     """Return seconds of each arm's samples since the first moment at which all arms have one."""
     times: dict[str, np.ndarray] = {}
-    for arm, one in track.arms.items():
-        if one.time_s is None:
-            times[arm] = np.arange(len(one)) / (options.rate_hz or math.nan)
+    for arm, samples in track.arms.items():
+        if samples.time_s is None:
+            times[arm] = np.arange(len(samples)) / (options.rate_hz or math.nan)
         else:
-            stamps.require_plausible(track.path, one.time_s, track.clock, options)
-            times[arm] = one.time_s
-    begin = max(one[0] for one in times.values())
-    return {arm: one - begin for arm, one in times.items()}
+            stamps.require_plausible(track.path, samples.time_s, track.clock, options)
+            times[arm] = samples.time_s
+    begin = max(time_s[0] for time_s in times.values())
+    return {arm: time_s - begin for arm, time_s in times.items()}
 
 
 def _evenly(
@@ -195,7 +227,9 @@ def _evenly(
         )
     pedal = None
     if track.surgeon_mode is not None:
-        pedal = resampling.hold_last(time_s[arms[0]], track.surgeon_mode, at)
+        # A switch keeps its state until its next sample.
+        last = np.searchsorted(time_s[arms[0]], at + 1e-9, side="right") - 1
+        pedal = track.surgeon_mode[np.clip(last, 0, len(track.surgeon_mode) - 1)]
     return Poses(arms, np.stack(position, 1), np.stack(quat, 1), np.stack(opening, 1)), pedal
 
 

@@ -5,7 +5,7 @@ frame of the hands.
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,16 +43,94 @@ class OperatorReplay:
 
     recording: HandRecording
     motion: Motion
-    summary: MotionSummary
     timeline: Timeline
     begin: int  # first row of the recording that is replayed
+    end: int  # row after the last that is replayed
     bounds: Bounds
     reach: ArmReach  # of every row of the recording
+    scale: float  # teleoperation scale at which the tip moves as recorded
 
     @property
-    def end(self) -> int:
-        """Row after the last that is replayed."""
-        return _end(self.begin, self.timeline)
+    def rows(self) -> np.ndarray:
+        """The row of the recording, fractional, at each tick, [ticks]."""
+        return self.begin + self.timeline.row
+
+    @functools.cached_property
+    def summary(self) -> MotionSummary:
+        """Summary of the recording and of the motion."""
+        recording, course = self.recording, self.timeline
+        track, options, arms = recording.track, recording.options, recording.poses.arms
+        times = recording.time_s[arms[0]]
+        steps = np.diff(times) * 1e3
+        gap = max(recording.gaps, key=lambda gap: gap[2] - gap[1], default=None)
+        lost = ~(np.all(self.reach.inside, axis=1) & recording.covered)
+        outside = resampling.spans_in_seconds(resampling.true_stretches(lost))
+        return MotionSummary(
+            file=str(track.path),
+            sha256=files.hash_file(track.path),
+            options=options,
+            rows=len(times),
+            clock=track.clock,
+            read=track.read,
+            ignored=track.ignored,
+            notes=track.notes,
+            duration_s=float(times[-1] - times[0]),
+            rate_hz=float(1e3 / steps.mean()),
+            steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
+            gaps=len(recording.gaps),
+            longest_gap=None if gap is None else (gap[0], gap[1], gap[2] - gap[1]),
+            spikes=tuple(spike.words for spike in recording.spikes),
+            outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:OUTSIDE_LISTED]),
+            outside_share=float(lost.mean()),
+            window_s=(self.begin * TICK_S, (self.end - 1) * TICK_S),
+            campaign_s=len(course.row) * TICK_S,
+            end_s=course.end_s,
+            turns=course.turns,
+            pedal="down" if recording.pedal is None else "recorded",
+            pedal_down=float(np.mean(self.motion.surgeon_mode)),
+            scale=self.scale,
+            arms=tuple(self._arm_summary(i, arm) for i, arm in enumerate(arms)),
+            notices=tuple(self._cut_jaws()),
+        )
+
+    def _arm_summary(self, i: int, arm: ArmName) -> ArmSummary:
+        recording, begin = self.recording, self.begin
+        samples, inside = recording.track.arms[arm], self.reach.inside[recording.covered, i]
+        path = resampling.at_rows(recording.poses.position[:, i], self.rows)
+        steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        distance = np.linalg.norm(path, axis=1) * 1e3
+        removed = None
+        if recording.options.cutoff_hz is not None:
+            moved = (recording.unfiltered - recording.poses.position)[begin : self.end, i]
+            size = np.linalg.norm(moved, axis=1) * 1e3
+            at_s = (begin + int(np.argmax(size))) * TICK_S
+            removed = float(np.sqrt(np.mean(size**2))), float(size.max()), at_s
+        x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
+        return ArmSummary(
+            arm=arm,
+            orientation="home" if samples.quat is None else "recorded",
+            jaws="home" if samples.opening_mrad is None else "recorded",
+            inside=float(inside.mean()) if len(inside) else 0.0,
+            extent_mm=(x, y, z),
+            path_mm=float(steps.sum()) * 1e3,
+            fastest_mm_s=float(steps.max(initial=0.0)) * 1e3 / TICK_S,
+            distance_mm=(float(distance.min()), float(distance.max())),
+            removed=removed,
+        )
+
+    def _cut_jaws(self) -> Iterator[str]:
+        motion, (gain, low, high) = self.motion, self.bounds.jaws
+        for i, arm in enumerate(motion.arms):
+            start = 1e3 * sum(motion.start_jpos[i][5:])
+            opening = np.fix(start - gain * motion.grasp_mrad[motion.surgeon_mode > 0, i])
+            beyond = np.maximum(low - opening, opening - high)
+            if count := int((beyond > 0).sum()):
+                yield (
+                    f"{count:,} of {len(opening):,} samples open the jaws of {arm} beyond the"
+                    f" limits of the control software, {low / 1e3:.3f} to {high / 1e3:.3f} rad, by"
+                    f" up to {beyond.max() / 1e3:.3f} rad. It cuts them there, and the jaws are off"
+                    " by as much from then on"
+                )
 
 
 def replay_motion(
@@ -92,7 +170,7 @@ def _replay(
     reachable = reach_poses(recording.poses, bounds)
     begin, after = _window(recording)
     course = timeline.make_timeline(path, after - begin, ticks, options)
-    end = _end(begin, course)
+    end = begin + math.ceil(float(course.row.max()) - 1e-9) + 1
     _require_covered(recording, begin, end)
     _require_inside(recording, reachable, begin, end, bounds)
     pedal, rows = course.pedal, begin + course.row
@@ -122,27 +200,26 @@ def _replay(
         surgeon_mode=pedal,
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )
-    summary = _summary(recording, reachable.inside, begin, end, course, pedal, scale)
-    return OperatorReplay(recording, motion, summary, course, begin, bounds, reachable)
+    return OperatorReplay(recording, motion, course, begin, end, bounds, reachable, scale)
 
 
-def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
+def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
     """Raise UserError if a varied teleoperation scale moves a tip out of its joint limits."""
-    begin, end = one.begin, one.end
-    poses, base = one.recording.poses.part(begin, end), one.summary.scale
+    begin, end, base = replay.begin, replay.end, replay.scale
+    poses = replay.recording.poses.part(begin, end)
 
     def first_outside(scale: float) -> int | None:
         start = poses.position[:1]
         magnified = dataclasses.replace(
             poses, position=start + scale / base * (poses.position - start)
         )
-        return reach_poses(magnified, one.bounds).first_bad(0, end - begin)
+        return reach_poses(magnified, replay.bounds).first_bad(0, end - begin)
 
     for scale in (float(np.max(scales)), float(np.min(scales))):
         if scale == base or (row := first_outside(scale)) is None:
             continue
         raise UserError(
-            f"{one.recording.path}: operator.scale varied to {scale:g} moves the tip"
+            f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
             f" {scale / base:.3g} times as far as recorded: at {(begin + row) * TICK_S:.3f} s of"
             f" the recording it leaves the joint limits. The scale of [operator], {base:g}, moves"
             f" it as recorded; vary it less, or write scale = {scale:g} in [operator] and do not"
@@ -151,26 +228,19 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
 
 
 def motion_courses(
-    recording: HandRecording, inside: np.ndarray, one: OperatorReplay | None
+    recording: HandRecording, inside: np.ndarray, rows: np.ndarray
 ) -> tuple[TipCourse, ...]:
-    """Return the courses for a picture: each arm's samples, and the motion that `one` makes of
-    them.
+    """Return the courses for a picture: each arm's samples, and the motion along `rows` of the
+    recording.
     """
-    none = np.zeros(0)
     limit = recording.options.max_gap_s
     return tuple(
         TipCourse(
             arm=arm,
             recorded_s=recording.time_s[arm],
             recorded=recording.track.arms[arm].position,
-            replayed_s=none if one is None else (one.begin + one.timeline.row) * TICK_S,
-            replayed=(
-                none.reshape(0, 3)
-                if one is None
-                else resampling.at_rows(
-                    recording.poses.position[:, i], one.begin + one.timeline.row
-                )
-            ),
+            replayed_s=rows * TICK_S,
+            replayed=resampling.at_rows(recording.poses.position[:, i], rows),
             outside=tuple(
                 resampling.spans_in_seconds(
                     resampling.true_stretches(recording.covered & ~inside[:, i])
@@ -181,10 +251,6 @@ def motion_courses(
         )
         for i, arm in enumerate(recording.poses.arms)
     )
-
-
-def _end(begin: int, course: Timeline) -> int:
-    return begin + math.ceil(float(course.row.max()) - 1e-9) + 1
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
@@ -223,7 +289,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
         f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
         f" row {worst[0]}. Replay a part without: operator.window_s within"
-        f" {format_spans(_longest_first(recording, recording.covered), 4)}; or bridge them:"
+        f" {format_spans(_longest_first(recording, recording.covered))}; or bridge them:"
         f" operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
 
@@ -242,7 +308,7 @@ def _require_inside(
         " replayed"
     )
     advice = (
-        f"Reachable stretches, longest first: {format_spans(usable, 4)}; write one, or a part of"
+        f"Reachable stretches, longest first: {format_spans(usable)}; write one, or a part of"
         " one, as operator.window_s"
         if usable
         else "No row lies inside the joint limits of every arm. If positions are of another frame,"
@@ -306,81 +372,3 @@ def _itp(
     turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
     hand = (position - position[0]) @ axes / scale * 1e6
     return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)
-
-
-def _summary(
-    recording: HandRecording,
-    inside: np.ndarray,
-    begin: int,
-    end: int,
-    course: Timeline,
-    pedal: np.ndarray,
-    scale: float,
-) -> MotionSummary:
-    track, options, poses = recording.track, recording.options, recording.poses
-    times = recording.time_s[poses.arms[0]]
-    steps = np.diff(times) * 1e3
-    gap = max(recording.gaps, key=lambda one: one[2] - one[1], default=None)
-    lost = ~(np.all(inside, axis=1) & recording.covered)
-    outside = resampling.spans_in_seconds(resampling.true_stretches(lost))
-    return MotionSummary(
-        file=str(track.path),
-        sha256=files.hash_file(track.path),
-        options=options,
-        rows=len(times),
-        clock=track.clock,
-        read=track.read,
-        ignored=track.ignored,
-        notes=track.notes,
-        duration_s=float(times[-1] - times[0]),
-        rate_hz=float(1e3 / steps.mean()),
-        steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
-        gaps=len(recording.gaps),
-        longest_gap=None if gap is None else (gap[0], gap[1], gap[2] - gap[1]),
-        spikes=tuple(spike.words for spike in recording.spikes),
-        outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:OUTSIDE_LISTED]),
-        outside_share=float(lost.mean()),
-        window_s=(begin * TICK_S, (end - 1) * TICK_S),
-        campaign_s=len(course.row) * TICK_S,
-        end_s=course.end_s,
-        turns=course.turns,
-        pedal="down" if recording.pedal is None else "recorded",
-        pedal_down=float(np.mean(pedal)),
-        scale=scale,
-        arms=tuple(
-            _arm_summary(recording, inside, i, begin, end, course) for i in range(len(poses.arms))
-        ),
-    )
-
-
-def _arm_summary(
-    recording: HandRecording, inside: np.ndarray, i: int, begin: int, end: int, course: Timeline
-) -> ArmSummary:
-    samples = recording.track.arms[recording.poses.arms[i]]
-    path = resampling.at_rows(recording.poses.position[:, i], begin + course.row)
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    distance = np.linalg.norm(path, axis=1) * 1e3
-    removed = (
-        np.linalg.norm((recording.unfiltered - recording.poses.position)[begin:end, i], axis=1)
-        * 1e3
-    )
-    x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
-    return ArmSummary(
-        arm=recording.poses.arms[i],
-        orientation="home" if samples.quat is None else "recorded",
-        jaws="home" if samples.opening_mrad is None else "recorded",
-        inside=float(inside[recording.covered, i].mean()) if recording.covered.any() else 0.0,
-        extent_mm=(x, y, z),
-        path_mm=float(steps.sum()) * 1e3,
-        fastest_mm_s=float(steps.max(initial=0.0)) * 1e3 / TICK_S,
-        distance_mm=(float(distance.min()), float(distance.max())),
-        removed=(
-            None
-            if recording.options.cutoff_hz is None
-            else (
-                float(np.sqrt(np.mean(removed**2))),
-                float(removed.max()),
-                (begin + int(np.argmax(removed))) * TICK_S,
-            )
-        ),
-    )

@@ -33,22 +33,8 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
     Neighbours of opposite sign are the same rotation.
     """
     signs = np.cumprod(np.where(np.sum(quat[1:] * quat[:-1], axis=1) < 0.0, -1.0, 1.0))
-    return unit_quaternions(by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s))
-
-
-def unit_quaternions(quat: np.ndarray) -> np.ndarray:
-    """Normalise quaternions to length 1."""
-    return quat / np.linalg.norm(quat, axis=1, keepdims=True)
-
-
-def hold_last(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Return `values` [T] of the last sample at or before each time.
-
-    A switch keeps its state until its next sample.
-    """
-    return values[
-        np.clip(np.searchsorted(time_s, at_s + 1e-9, side="right") - 1, 0, len(values) - 1)
-    ]
+    turns = by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s)
+    return turns / np.linalg.norm(turns, axis=1, keepdims=True)
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ravenjax.errors import UserError, suggest_name
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.logs.bags import TopicMessages
@@ -131,7 +131,7 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
         if theirs not in table:
             raise UserError(
                 f"{path}: no column {theirs!r}, which {options.written('columns', '...')} takes for"
-                f" {name}; the file has {list_names([*map(str, table)], 12)}"
+                f" {name}; the file has {list_names(table)}"
                 f"{suggest_name(theirs, map(str, table))}"
             )
     replaced = [name for name in ours if name in table and name not in ours.values()]
@@ -150,19 +150,6 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     return samples
 
 
-def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """Return the arms for which a table or a bag has positions under the usual names."""
-    if path.suffix.lower() in bags.SUFFIXES:
-        with open_bag(path, ReplayOptions()) as bag:
-            return tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
-    try:
-        table = files.read_table(path)
-    # A table without a header line may be read under the names that the options give.
-    except UserError:
-        return ()
-    return tuple(arm for arm in ARMS if any(str(name).startswith(f"{arm}_x_") for name in table))
-
-
 def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
     """Return the recording of `arms`. Raises UserError that names row or message, and problem."""
     if path.suffix.lower() in bags.SUFFIXES:
@@ -170,20 +157,18 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
     whole = read_table(path, options, "time_s,gold_x_um,gold_y_um,gold_z_um")
     samples = {arm: _of_sensor(whole, arm, options.sensors) for arm in arms}
     tracks: dict[str, ArmTrack] = {arm: _arm_track(samples[arm], arm, options) for arm in arms}
-    pedal = None
+    pedal, first = None, samples[arms[0]]
     if PEDAL in whole.table:
-        one = samples[arms[0]]
-        pedal = one.numbers(PEDAL)
+        pedal = first.numbers(PEDAL)
         if (bad := np.flatnonzero((pedal != 0.0) & (pedal != 1.0))).size:
             raise UserError(
-                f"{path}: {one.place(bad[0])}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1"
+                f"{path}: {first.place(bad[0])}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1"
                 " (pedal down) or 0"
             )
-    used = {name for one in (whole, *samples.values()) for name in one.read}
+    used = {name for some in (whole, *samples.values()) for name in some.read}
     if options.rate_hz is not None:
         used -= set(stamps.time_columns(used))
-    names = list(dict.fromkeys(str(name) for one in samples.values() for name in one.table))
-    first = samples[arms[0]]
+    names = list(dict.fromkeys(str(name) for some in samples.values() for name in some.table))
     return Track(
         path=path,
         clock=first.clock,
@@ -206,14 +191,14 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
         raise UserError(
             f"{whole.path}: operator.sensors needs `column`, a column of the file, and the sensor"
             f" of {arm}: operator.sensors = {{ column = 'tool', {arm} = 'left' }}; the file has"
-            f" {list_names([*map(str, whole.table)], 12)}"
+            f" {list_names(whole.table)}"
         )
     there = whole.table[column].astype(str).str.strip().str.removesuffix(".0")
     rows = np.asarray(there == str(sensor))
     if rows.sum() < 2:
         raise UserError(
             f"{whole.path}: column {column} names {sensor!r} in {rows.sum()} rows, it has"
-            f" {list_names(sorted(set(there)), 8)}; expected a motion of at least 2"
+            f" {list_names(sorted(set(there)))}; expected a motion of at least 2"
         )
     measures = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
     measures |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
@@ -229,11 +214,9 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
     for name in (f"{arm}_{axis}" for axis in "xyz"):
         values = samples.quantity(name, LENGTHS)
         if values is None:
-            columns = list(map(str, table))
+            columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
-                f"{path}: no column {' or '.join(f'{name}_{unit}' for unit in LENGTHS)}; the file"
-                f" has {list_names(columns, 12)}{suggest_name(f'{name}_um', columns)}. Name those"
-                " of the"
+                f"{path}: no column {columns}; the file has {list_names(table)}. Name those of the"
                 f" file: operator.columns = {{ {name}_mm = '...' }}; where a column names the"
                 " sensor of each row, write operator.sensors"
             )
@@ -262,6 +245,8 @@ def _unit_quaternions(
     """
     from scipy.spatial.transform import Rotation
 
+    if quat is not None and matrix is not None:
+        raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. say the same; keep one")
     if matrix is not None:
         turns = matrix.reshape(-1, 3, 3)
         apart = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
@@ -323,7 +308,7 @@ class Bag:
         advice = f". To take other topics write {self._choice(arm, others)}" if others else ""
         return UserError(
             f"{self.path}: no topic {' or '.join(f'{space}/{end}' for end in ends)}; the file has"
-            f" {list_names(kinds, 12) or 'none'}{advice}"
+            f" {list_names(kinds) or 'none'}{advice}"
         )
 
     def _choice(self, arm: str, topics: Sequence[str]) -> str:

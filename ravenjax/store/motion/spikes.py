@@ -70,15 +70,10 @@ def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float)
         )
         back = next((j for j in near if _returns(place, time_s, step, j)), None)
         last = step if back is None else back
-        away = place[step + 1 : (step + 1 if back is None else back) + 1]
+        away = place[step + 1 : max(last, step + 1) + 1]
         size = float(np.linalg.norm(away - place[step], axis=1).max()) * 1e3
-        rows, times = (
-            0 if back is None else back - step,
-            (time_s[step + 1], time_s[step], time_s[last + 1]),
-        )
-        spikes.append(
-            Spike(arm, step + 1, rows, float(times[0]), size, float(times[1]), float(times[2]))
-        )
+        at_s, begin_s, end_s = time_s[[step + 1, step, last + 1]].tolist()
+        spikes.append(Spike(arm, step + 1, last - step, at_s, size, begin_s, end_s))
     return spikes
 
 

@@ -5,8 +5,9 @@ The texts are in summary.j2.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -70,6 +71,7 @@ class MotionSummary(BaseModel):
     # Least and greatest scale that a campaign varies it to.
     scales: tuple[float, float] | None = None
     arms: tuple[ArmSummary, ...]
+    notices: tuple[str, ...] = ()  # what the robot does not follow
 
 
 def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
@@ -117,13 +119,14 @@ class TipCourse:
     spikes: tuple[float, ...]
 
 
-def list_names(names: Sequence[str], most: int) -> str:
+def list_names(names: Iterable[Any], most: int = 12) -> str:
     """Return the first `most` names, and how many more there are."""
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+    words = [*map(str, names)]
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
 
 
-def format_spans(spans: Sequence[tuple[float, float]], most: int) -> str:
+def format_spans(spans: Sequence[tuple[float, float]]) -> str:
     """Return spans as text: `[1.200, 3.450], .. s`, as `window_s` takes them."""
-    more = f" and {len(spans) - most} more" if len(spans) > most else ""
-    words = ", ".join(f"[{begin:.3f}, {end:.3f}]" for begin, end in spans[:most])
-    return f"{words} s{more}" if spans else "none"
+    words = list_names((f"[{begin:.3f}, {end:.3f}]" for begin, end in spans), 4)
+    return f"{words} s" if spans else "none"

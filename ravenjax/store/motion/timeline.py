@@ -35,7 +35,8 @@ class Timeline:
 
 def natural_ticks(rows: int, slow_down: float) -> int:
     """Return the ticks in which `rows` of a recording are replayed once, without coming to rest."""
-    return REST_TICKS + RUN_UP_TICKS + _cruise(rows - 1 - _ramp(slow_down)[-1], slow_down)
+    steady = math.floor((rows - 1 - _ramp(slow_down)[-1]) * slow_down)
+    return REST_TICKS + RUN_UP_TICKS + max(0, steady)
 
 
 def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
@@ -87,10 +88,6 @@ def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
     """
     fraction = np.arange(1, ticks + 1) / ticks
     return ticks / slow_down * fraction**4 * (2.5 - 3.0 * fraction + fraction**2)
-
-
-def _cruise(rows: float, slow_down: float) -> int:
-    return max(0, math.floor(rows * slow_down))
 
 
 def _there(rows: int, slow_down: float) -> np.ndarray:

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors import choose_executor, ray_cluster, shards
-from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.executors.protocol import Work, finish_chunk
+from ravenjax.campaign.executors.protocol import Local, Work, finish_chunk
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.plan import make_plan
 from ravenjax.campaign.progress import Progress
@@ -33,7 +32,7 @@ def test_the_executor_that_is_meant(arguments, name, workers):
     if name == "ray":
         pytest.importorskip("ray")
     executor = choose_executor(*arguments)
-    assert (executor.name, executor.workers) == (name, workers)
+    assert (type(executor).__name__.lower(), executor.workers) == (name, workers)
 
 
 @pytest.mark.parametrize(

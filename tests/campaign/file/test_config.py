@@ -105,6 +105,11 @@ def test_dump_loads_again(write):
         ),
         ('"free"', '"dac"', "got name 'dac' twice"),
         (
+            'motion = "reach"',
+            'file = "a.csv"\nrotation = { blue = [0, 0, 0, 1] }',
+            "operator.rotation: got 'blue', expected 'gold' or 'green'",
+        ),
+        (
             '"free"',
             '"free"\ndesign = "zip"\nparameters."plant.a" = [1, 2, 3]',
             "'zip' needs lists of one length",
@@ -251,13 +256,8 @@ def with_section(section: dict) -> CampaignConfig:
 
 
 def test_cues_are_the_product_in_si():
-    cues = with_section(
-        {"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009]}}
-    ).haptics.cues()
-    assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == [
-        (0.002, 4.5),
-        (0.002, 9.0),
-        (0.003, 4.5),
-        (0.003, 9.0),
-    ]
+    lists = {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009]}
+    cues = with_section({"haptics": lists}).haptics.cues()
+    product = [(0.002, 4.5), (0.002, 9.0), (0.003, 4.5), (0.003, 9.0)]
+    assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == product
     assert all(c.cap == 0.05 and abs(c.kd - 0.09) < 1e-12 for c in cues)

@@ -42,6 +42,11 @@ def load(text: str) -> Any:
             NETWORK + "effect = 'drop'\nvalue = 1",
             "group[0].fault[0].value: effect 'drop' takes no value: remove the key",
         ),
+        (
+            NETWORK + "channel = ['lost', 'lag']\neffect = 'lose'\nvalue = 0.1",
+            "fault[0].channel: got 'lag', but effect 'lose' acts on 'lost': remove the key",
+        ),
+        (FAULT.replace("overwrite", "dely"), "toggle\n"),
         (FAULT.replace("overwrite", "delay"), "fault[0].effect: 'delay' belongs to site 'network'"),
         (
             "[parameters]\nplant.friction_scale = { together = [1, 2] }\n"
@@ -67,4 +72,4 @@ def load(text: str) -> Any:
 def test_what_is_refused_and_what_to_write(text: str, message: str) -> None:
     with pytest.raises(UserError) as error:
         load(text)
-    assert message in str(error.value)
+    assert message in f"{error.value}\n"

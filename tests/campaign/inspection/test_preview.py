@@ -60,24 +60,14 @@ def test_a_limit_asks_for_less_of_the_same(idle, tmp_path):
     assert view["expected"]["run_s"] < whole["expected"]["run_s"]
 
 
-def test_runs_that_repeat_another_are_counted(idle, tmp_path):
-    fault = {
-        "site": "usb_out",
-        "channel": "elbow",
-        "effect": "overwrite",
-        "value": [1, 2],
-        "start_ms": 5,
-    }
-    raw = {
-        "campaign": {"name": "x", "duration_s": 0.02},
-        "group": [
-            {"name": "a", "fault": [fault]},
-            {"name": "b", "fault": [{**fault, "value": [2, 3]}]},
-        ],
-    }
-    assert view_of(loading.from_dict(raw), tmp_path)["copies"] == 1
-    noisy = {**raw, "campaign": {**raw["campaign"], "noise": True}}
-    assert view_of(loading.from_dict(noisy), tmp_path)["copies"] == 0
+@pytest.mark.parametrize(("noise", "copies"), [(False, 1), (True, 0)])
+def test_runs_that_repeat_another_are_counted(idle, tmp_path, noise, copies):
+    fault = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
+    groups = [
+        {"name": str(values), "fault": [{**fault, "value": values}]} for values in ([1, 2], [2, 3])
+    ]
+    raw = {"campaign": {"name": "x", "duration_s": 0.02, "noise": noise}, "group": groups}
+    assert view_of(loading.from_dict(raw), tmp_path)["copies"] == copies
 
 
 @pytest.mark.slow

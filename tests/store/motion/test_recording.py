@@ -112,16 +112,20 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
     refused(path, "truncated")
 
 
-def test_missing_empty_and_unknown(tmp_path):
-    refused(tmp_path / "none.parquet", "no such file")
-    (tmp_path / "empty.csv").write_bytes(b"")
-    refused(tmp_path / "empty.csv", "is empty")
-    (tmp_path / "header.csv").write_text("gold_x_um,gold_y_um,gold_z_um\n")
-    refused(tmp_path / "header.csv", "no rows")
-    (tmp_path / "motion.doc").write_text("x")
-    refused(tmp_path / "motion.doc", "unknown kind of file '.doc'")
-    (tmp_path / "one.csv").write_text("gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n")
-    refused(tmp_path / "one.csv", "holds 1 rows; expected a motion of at least 2")
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("none.parquet", None, "no such file"),
+        ("empty.csv", "", "is empty"),
+        ("header.csv", "gold_x_um,gold_y_um,gold_z_um\n", "no rows"),
+        ("motion.doc", "x", "unknown kind of file '.doc'"),
+        ("one.csv", "gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n", "holds 1 rows; expected a"),
+    ],
+)
+def test_a_file_without_a_motion_is_refused(tmp_path, name, content, says):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    refused(tmp_path / name, says)
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,18 @@ def test_a_rigid_transform_moves_tips_into_frame_0(tmp_path, by_matrix):
 
 
 @pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"topics": {"gold": "/lab"}}, "operator.topics belongs to a bag, this file is a table"),
+        ({"console": "raven"}, "belongs to a stream of packets, this file is a table: remove it"),
+        ({"offset_mm": {"green": (0, 0, 0)}}, "operator.offset_mm has green, expected also gold"),
+    ],
+)
+def test_an_option_that_nothing_would_read_is_refused(tmp_path, options, says):
+    refused(csv(tmp_path / "a.csv"), says, **options)
+
+
+@pytest.mark.parametrize(
     ("namespace", "options"), [("/arm1", {}), ("/lab/PSM2", {"topics": {"gold": "/lab/PSM2"}})]
 )
 @pytest.mark.parametrize("jaws", ["raven2", "alone", "none"])

@@ -409,7 +409,7 @@ def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, st
     why = ""
     if name not in known:
         why = f"got {name!r}, expected the path of one number, with arm and joint"
-        why += suggest_name(name, known)
+        why += suggest_name(name, [path for path in known if path.startswith(CHANGEABLE)])
     elif not name.startswith(CHANGEABLE) or ".kinematic_errors." in name or not rows:
         why = f"{name} cannot change during a run: expected a parameter that begins with one of"
         why += f" {', '.join(CHANGEABLE)}, and no kinematic error; vary it in [parameters]"

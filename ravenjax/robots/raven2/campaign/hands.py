@@ -9,6 +9,8 @@ from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages import teleoperation
 from ravenjax.store.motion import replay as recorded
 from ravenjax.store.motion.reach import Bounds
 from ravenjax.store.motion.replay import OperatorReplay
@@ -30,12 +32,16 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Return the soft limits of the positioning joints, the roll and the wrist in a campaign."""
+    """Return the limits of a campaign to which the control software cuts an operator's commands."""
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
     given = config.limits.si()
     pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
     lower, upper = zip(*(given.get(joint, pair) for joint, pair in pairs), strict=True)
-    return Bounds(lower, upper)
+    if config.campaign.console == "absolute":
+        return Bounds(lower, upper)
+    jaws = teleoperation.params(RavenSetup(software=config.campaign.software))
+    ends = float(jaws.grasp_min_mrad), float(jaws.grasp_max_mrad)
+    return Bounds(lower, upper, (float(jaws.grasp_gain), *ends))
 
 
 def scale_hands(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
