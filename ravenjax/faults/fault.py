@@ -1,8 +1,6 @@
 """A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, record, replace
+from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 

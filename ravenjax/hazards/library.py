@@ -8,7 +8,7 @@ terms are explained in `data/terms.toml`.
 import tomllib
 from functools import cache
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,8 +17,6 @@ from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 DATA = resources.files("ravenjax.hazards") / "data"
-
-ALL_CHANNELS = "*"
 
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
@@ -60,10 +58,9 @@ class Struck(LibraryTable):
         if self.along is not None:
             return tuple(self.along)
         if self.effect in NETWORK_EFFECTS:
-            return (NETWORK_EFFECTS[self.effect][0],)
-        every = tuple(channel.name for channel in SITES[self.site].channels)
-        if self.channel is None or self.channel == ALL_CHANNELS:
-            return every
+            return (NETWORK_EFFECTS[self.effect].channel,)
+        if self.channel is None or self.channel == "*":
+            return tuple(channel.name for channel in SITES[self.site].channels)
         return (self.channel,) if isinstance(self.channel, str) else self.channel
 
 
@@ -134,27 +131,26 @@ def library_terms() -> dict[str, dict[str, str]]:
 
 
 @cache
+def _layer_tables() -> list[dict[str, Any]]:
+    """Return the tables of the layers' files, L1 first."""
+    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
+    names.sort(key=lambda name: int(name[1:].partition("_")[0]))
+    return [tomllib.loads(_data(name)) for name in names]
+
+
 def library_layers() -> dict[str, str]:
     """Return the layers of the loop, L1 to L10 in order, with their descriptions."""
-    tables = (tomllib.loads(_data(name)) for name in layer_files())
-    return {table["layer"]: table["title"] for table in tables}
+    return {table["layer"]: table["title"] for table in _layer_tables()}
 
 
 @cache
 def all_hazards() -> tuple[Hazard, ...]:
     """Return all hazards, by layer."""
-    tables = (tomllib.loads(_data(name)) for name in layer_files())
     return tuple(
         Hazard.model_validate({**row, "layer": table["layer"]})
-        for table in tables
+        for table in _layer_tables()
         for row in table["hazard"]
     )
-
-
-def layer_files() -> list[str]:
-    """Return the names of the layers' files, L1 first."""
-    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
-    return sorted(names, key=lambda name: int(name[1:].partition("_")[0]))
 
 
 def find_hazard(name: str) -> Hazard:

@@ -15,7 +15,7 @@ import numpy as np
 from ravenjax.ir import polynomials, semantics
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
-from ravenjax.numbers.lazy import lax
+from ravenjax.numbers import lax
 
 if TYPE_CHECKING:
     from jax.extend import core

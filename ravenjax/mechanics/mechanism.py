@@ -30,9 +30,8 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.ir.program import Program
 from ravenjax.mechanics import rigid_program, rigid_tree
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import add, dot, matvec, minus, mul, plus, scale, solve_spd, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 
 SWEEPS = 10
 """Sweeps over the constraints of a step."""

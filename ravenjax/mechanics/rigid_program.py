@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, replay_program, sin
+from ravenjax.numbers import Vec, jnp
 from ravenjax.numbers.algebra import cross, matrix
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Vec
 
 if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link  # imports MuJoCo

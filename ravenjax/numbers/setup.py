@@ -85,6 +85,11 @@ def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 
+def for_each_arm(setup: Setup, item: Any) -> tuple[Any, ...]:
+    """Return a tuple with the same item for every arm."""
+    return (item,) * len(setup.arms)
+
+
 def narrow_numbers(setup: Setup, tree: Any) -> Any:
     """Round numbers to the width in which the original stores them (`float`)."""
     return cast(tree, setup.precision.narrow)

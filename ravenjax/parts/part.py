@@ -25,10 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import UserError, format_value, suggest_name
-from ravenjax.numbers import quantity, tree
-from ravenjax.numbers.lazy import lax
+from ravenjax.numbers import Scalar, lax, quantity, tree
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar
 from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 

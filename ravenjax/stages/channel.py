@@ -19,9 +19,8 @@ rule. The emulator's loss of the whole connection is fault effect `drop`.
 
 from collections.abc import Sequence
 
+from ravenjax.numbers import Scalar, as_int, jnp, lax, record, where
 from ravenjax.numbers.counter_random import random_uniform
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 TRANSITIONS = (
     (0.95, 0.02, 0.02, 0.01),

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, record
+from ravenjax.numbers import Scalar, Setup, as_int, earliest_tick, jnp, record
 
 
 @record

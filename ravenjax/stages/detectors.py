@@ -31,9 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
+from ravenjax.numbers import Setup, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
@@ -164,11 +162,11 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         for use in setup.detectors
     )
     own = tuple(
-        (part.load_part(source).init(values, setup.precision.real),) * len(setup.arms)
+        for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
     return DetectorsState(
-        per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)),
+        for_each_arm(setup, DetectorArmState(still, still, still, still, zero)),
         own,
         detectors,
     )

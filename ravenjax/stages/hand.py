@@ -23,11 +23,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, describe_fields, jnp, largest, record
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
 

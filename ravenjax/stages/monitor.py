@@ -19,11 +19,8 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 import dataclasses
 from typing import Any, NamedTuple
 
-from ravenjax.numbers import finite
+from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, jnp, per_arm
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import (
     Scalar,
     Vec,

@@ -1,8 +1,6 @@
 """Records the tensions of cables as shares of their strength, and the first overload."""
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, jnp, record
 
 
 @record

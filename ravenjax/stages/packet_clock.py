@@ -15,9 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ravenjax.numbers import Scalar, as_int, jnp, record, where
 from ravenjax.numbers.counter_random import random_uniform
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 _LENGTH = 0
 """Index of the draw in the random stream of a packet."""

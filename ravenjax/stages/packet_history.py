@@ -9,8 +9,7 @@ halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in par
 position of a bit with a given count).
 """
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax
 
 WORD = 32
 """Number of ticks that one word remembers."""
@@ -19,31 +18,28 @@ NEVER = 2**30
 """Age in ticks of a packet that is not in the history; longer than any run."""
 
 
-@record
-class PacketHistory:
-    """Bit b of word w is set if a packet was sent 32 w + b ticks ago."""
+def init(ticks: int) -> Vec:
+    """Return an empty history that will remember at least the last `ticks` ticks.
 
-    words: Vec  # uint32, the newest first
-
-
-def init(ticks: int) -> PacketHistory:
-    """Return an empty history that will remember at least the last `ticks` ticks."""
-    return PacketHistory(Vec.full(-(-ticks // WORD), jnp.uint32(0)))
+    A history consists of words (uint32), the newest first. Bit b of word w is set if a packet was
+    sent 32 w + b ticks ago.
+    """
+    return Vec.full(-(-ticks // WORD), jnp.uint32(0))
 
 
-def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
+def step(history: Vec, fresh: Scalar) -> Vec:
     """Return the history after one more tick, in which a packet is sent if `fresh` (bool)."""
     words, entering = [], lax.convert_element_type(fresh, jnp.uint32)
-    for word in history.words:
+    for word in history:
         words.append((word << _u32(1)) | entering)
         entering = word >> _u32(WORD - 1)
-    return PacketHistory(Vec(words))
+    return Vec(words)
 
 
-def packet_age(history: PacketHistory, newer: Scalar) -> Scalar:
+def packet_age(history: Vec, newer: Scalar) -> Scalar:
     """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
-    for place, candidate in enumerate(history.words):
+    for place, candidate in enumerate(history):
         count = _sums(candidate)[0]
         here = (newer >= total) & (newer < total + count)
         word = jnp.where(here, candidate, word)
@@ -53,10 +49,10 @@ def packet_age(history: PacketHistory, newer: Scalar) -> Scalar:
     return jnp.where(first == NEVER, first, first + _position(word, newer - counted))
 
 
-def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
+def sent_within(history: Vec, ticks: Scalar) -> Scalar:
     """Return the number of packets (int32) sent in the last `ticks` (int32), this one included."""
     total = jnp.int32(0)
-    for place, word in enumerate(history.words):
+    for place, word in enumerate(history):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
         lowest = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
         total = total + _sums(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), lowest))[0]

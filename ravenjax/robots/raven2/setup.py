@@ -4,8 +4,10 @@ import dataclasses
 from typing import ClassVar, Literal
 
 from ravenjax.numbers import setup
-from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName
+from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName, PerArm
 from ravenjax.vocabulary.parts import OwnSource
+
+__all__ = ["ArmName", "PerArm", "RavenSetup"]
 
 
 @dataclasses.dataclass(frozen=True)

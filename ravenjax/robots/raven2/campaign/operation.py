@@ -8,8 +8,7 @@ fault are not included.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec, at_once
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import hands, pedal
 from ravenjax.robots.raven2.campaign.config import RavenConfig

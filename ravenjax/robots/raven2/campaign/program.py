@@ -9,9 +9,8 @@ import numpy as np
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
 from ravenjax.hazards import ranges
-from ravenjax.numbers import paths
+from ravenjax.numbers import paths, replace
 from ravenjax.numbers.setup import Injection, Precision
-from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion

@@ -13,12 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import at_once, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
@@ -28,7 +25,7 @@ from ravenjax.robots.raven2.geometry.mapping import (
     quat_from_matrix,
     quat_mul,
 )
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 
 
 @describe_fields
@@ -121,7 +118,7 @@ PLAN = Deviation()
 
 def at_plan(setup: RavenSetup) -> HandOffsets:
     """Return hands without an offset from the plan."""
-    still = per_arm(setup, lambda *_: Vec.full(3, cast_to_real(setup, 0.0)))
+    still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
     return HandOffsets(still, still)
 
 

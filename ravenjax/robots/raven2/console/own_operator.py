@@ -11,16 +11,14 @@ costs nothing.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, jnp, lax, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import haptics
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 

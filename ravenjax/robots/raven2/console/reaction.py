@@ -23,14 +23,11 @@ from operator import or_
 
 import numpy as np
 
+from ravenjax.numbers import describe_fields, jnp, lax, per_arm
 from ravenjax.numbers.algebra import dot
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.operator import Deviation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
@@ -73,7 +70,7 @@ class OperatorSenses:
     tick: Scalar  # int32
 
 
-def init(setup: RavenSetup) -> ReactionState:
+def init() -> ReactionState:
     """Return the state before any pull."""
     return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile

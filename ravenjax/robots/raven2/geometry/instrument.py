@@ -8,9 +8,8 @@ numbers.
 
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import add, cross, dot, mul, scale
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LW, jaw_yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes

@@ -9,9 +9,8 @@ the jaw axis.
 import math
 from typing import NamedTuple
 
-from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers import Scalar, Vec, jnp, record
 from ravenjax.numbers.trigonometry import cos, sin
-from ravenjax.numbers.vec import Scalar, Vec, record
 
 PI = math.pi
 LINK12 = math.radians(75.0)  # rad, La12: shoulder axis to elbow axis

@@ -20,9 +20,8 @@ bend.
 
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, where
 from ravenjax.numbers.algebra import cross, dot
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, as_int, if_rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
     GEOMETRY,

@@ -7,7 +7,7 @@ original stores every joint limit as float32: round the limits if that matters.
 import math
 from typing import NamedTuple
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 _DEG = math.pi / 180.0

@@ -5,9 +5,8 @@ ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversi
 those use.
 """
 
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 
 ITP_AXES = {
     "gold": matrix((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),

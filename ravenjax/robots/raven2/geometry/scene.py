@@ -11,9 +11,8 @@ import itertools
 from functools import cache
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matvec, minus, plus, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 

@@ -10,8 +10,8 @@ and follow no particular rounding order. Sources: raven2 `include/raven/defines.
 
 import math
 
+from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, mul, sub
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 GP42 = 49 / 4  # gearbox of shoulder, elbow, insertion

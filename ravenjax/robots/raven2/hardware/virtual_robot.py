@@ -22,16 +22,12 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write_row
-from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, per_arm, record, tree
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
@@ -94,7 +90,7 @@ def begin_robot(
 ) -> tuple[RobotState, RobotSignals]:
     """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
-    state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
+    state = RobotState(plc.init(setup, level, BOARDS), arms)
     responses = per_arm(
         setup, lambda i, arm: plant.observe_robot(setup, arm, params.arms[i], arms[i])
     )
@@ -149,8 +145,8 @@ def _signals(
 def robot_code(setup: RavenSetup) -> TransitionCode:
     """Return the code of a setup: transition "robot" is one millisecond."""
     fixed, zero = plain_numbers(params(setup)), np.int32(0)
-    still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
-    home = per_arm(setup, lambda *_: plain_numbers(HOME_JPOS))
+    still = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
+    home = for_each_arm(setup, plain_numbers(HOME_JPOS))
     with at_once():
         state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}

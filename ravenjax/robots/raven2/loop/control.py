@@ -5,18 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow_numbers, per_arm
+from ravenjax.numbers import for_each_arm, jnp, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.parts import part
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.loop import user_files
 from ravenjax.robots.raven2.loop.user_files import UserFiles
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
     dac,
@@ -61,7 +59,7 @@ class ControlState:
     motor_control: PerArm[motor_control.MotorControlState]
     held_cmd: PerArm[Vec]  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
-    watchdog: watchdog.WatchdogState
+    watchdog: Scalar  # int32, cycles of the watchdog's wave; also counts while the wave is off
 
 
 @record
@@ -120,7 +118,7 @@ def params(setup: RavenSetup) -> ControlParams:
     return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
-        per_arm(setup, lambda _, arm: estimator.params(setup, arm)),
+        for_each_arm(setup, estimator.params()),
         cartesian_control.params(setup),
         per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
         overdrive.params(setup),
@@ -137,7 +135,7 @@ def init(
     raven2 starts in E-stop (0) and waits for the PLC. The 2015 fork starts in pedal-down (3),
     because its simulator builds have no PLC.
     """
-    rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
+    rest = jpos or for_each_arm(setup, HOME_JPOS)
     if runlevel is None:
         runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
@@ -148,14 +146,14 @@ def init(
         teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
         usb=read,
         state_machine=state_machine.init(setup, runlevel),
-        estimator=per_arm(setup, lambda *_: estimator.init(setup)),
+        estimator=for_each_arm(setup, estimator.init(setup)),
         cartesian=cartesian,
         motor_control=per_arm(
             setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
         ),
         held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
-        watchdog=watchdog.init(setup),
+        watchdog=np.int32(0),
     )
 
 
@@ -400,6 +398,6 @@ def _resting_commands(
 ) -> PerArm[Vec]:
     """Return the DAC commands before conversion: cleared, except in the fork's simulators."""
     if not held_cmd:
-        return per_arm(setup, lambda *_: Vec.full(7, 0))
+        return for_each_arm(setup, Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)
     return tuple(commands.map(lambda command: jnp.where(keep, command, 0)) for commands in held_cmd)

@@ -16,9 +16,7 @@ from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import read_channel
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, widen_numbers
-from ravenjax.numbers.vec import Scalar, first_tick, record
+from ravenjax.numbers import Scalar, cast_to_real, first_tick, jnp, lax, record, widen_numbers
 from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run

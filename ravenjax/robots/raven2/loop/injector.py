@@ -8,10 +8,7 @@ from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
-from ravenjax.numbers import paths
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
-from ravenjax.numbers.vec import Scalar, Vec, where
+from ravenjax.numbers import Scalar, Vec, jnp, narrow_numbers, paths, where, widen_numbers
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup

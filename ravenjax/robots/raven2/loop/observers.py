@@ -7,17 +7,14 @@ known.
 
 from typing import Any, NamedTuple, TypeVar
 
-from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, per_arm, tree
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
 from ravenjax.robots.raven2.plant import nominal
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import haptics, monitor
 
 
@@ -65,7 +62,7 @@ def init(
         nominal=per_arm(
             setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
         ),
-        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
         monitor=monitor.init(setup, tips, _um(tips)),
     )
 

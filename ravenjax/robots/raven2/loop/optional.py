@@ -10,10 +10,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers import for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
@@ -21,7 +19,7 @@ from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.run_levels import E_STOP
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
 
@@ -137,9 +135,7 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
     return clock
 
 
-def _remember_packet(
-    history: packet_history.PacketHistory, console: Console
-) -> packet_history.PacketHistory:
+def _remember_packet(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
@@ -306,7 +302,7 @@ STAGES: dict[str, Stage] = {
     ),
     "reaction": Stage(
         present=lambda setup: setup.reacts,
-        init=lambda start: reaction.init(start.setup),
+        init=lambda start: reaction.init(),
         act=_react,
         watch=_feel,
         outcomes=lambda setup, state: {"reaction_ms": state.acted},
@@ -314,7 +310,7 @@ STAGES: dict[str, Stage] = {
     ),
     "hand": Stage(
         present=lambda setup: setup.hand_yields,
-        init=lambda start: per_arm(start.setup, lambda *_: hand.init(start.setup)),
+        init=lambda start: for_each_arm(start.setup, hand.init(start.setup)),
         watch=_yield,
         outcomes=hand.outcomes,
         moves_hands=True,

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, describe_fields, record
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files

@@ -8,11 +8,8 @@ from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.setup import cast_to_real, per_arm
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, per_arm
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.optional import Start, find_stages
@@ -24,10 +21,10 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, for_each_arm, motor_angles
+from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, motor_angles
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.stages.check import CheckHistory
@@ -84,7 +81,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         control=software,
         boards=usb.UsbOut(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero)),
         commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
+        plc=plc.init(setup, ready, boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=motor_angles(setup, robots),

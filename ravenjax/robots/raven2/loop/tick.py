@@ -14,12 +14,9 @@ import numpy as np
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import finite
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, finite, for_each_arm, jnp, lax, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control, observers, user_files
@@ -28,17 +25,10 @@ from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage,
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
 from ravenjax.vocabulary.sites import PARAMETER
-
-
-@record
-class ConsoleSeam:
-    """The console's numbers that a fault may change."""
-
-    scale: Scalar
 
 
 @record
@@ -195,7 +185,7 @@ def _send_packet(
         )
 
     clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
-    seam = inject("console", ConsoleSeam(params.operator.scale))
+    scale = inject("console", params.operator.scale)
     network = inject(
         "network",
         Network(
@@ -215,7 +205,7 @@ def _send_packet(
     # A packet from an external console cannot be sent again
     packet, again = clean, signal.packet is None
     if again and inject.strikes("console", "network"):
-        packet = make(replace(params.operator, scale=seam.scale), console.older(network))
+        packet = make(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
     if again and inject.strikes("network"):
         index = packet.sequence - 1
@@ -294,11 +284,6 @@ def boards_apart(setup: RavenSetup) -> int:
         if injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
         else 1
     )
-
-
-def for_each_arm(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
-    """Return a tuple with the same item for every arm."""
-    return tuple(item for _ in setup.arms)
 
 
 def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:

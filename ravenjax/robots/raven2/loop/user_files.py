@@ -38,17 +38,15 @@ from functools import reduce
 from operator import or_
 from typing import Any
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
 from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
 from ravenjax.stages import check
@@ -102,18 +100,18 @@ def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
     """Return the state before the first tick, in which no board refuses."""
-    arms, width = len(setup.arms), setup.precision.real
     remembered = []
-    for use, own in zip(setup.checks, () if checks is None else checks.own, strict=True):
+    for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
-        remembered.append((CheckState(part.load_part(use.part).init(own, width), recent),) * arms)
+        begun = part.load_part(use.part).init(params, setup.precision.real)
+        remembered.append(for_each_arm(setup, CheckState(begun, recent)))
     return UserFilesState(
         tuple(remembered),
-        tuple(check.init(setup) for _ in setup.checks),
-        (jnp.bool_(False),) * arms if boards_may_refuse(setup) else (),
+        (check.init(setup),) * len(setup.checks),
+        for_each_arm(setup, jnp.bool_(False)) if boards_may_refuse(setup) else (),
         tuple(
-            (part.load_part(source).init(own, setup.precision.narrow),) * arms
-            for (_, source), own in zip(setup.controller, stages or (), strict=True)
+            for_each_arm(setup, part.load_part(source).init(params, setup.precision.narrow))
+            for (_, source), params in zip(setup.controller, stages or (), strict=True)
         ),
     )
 
@@ -274,7 +272,7 @@ class UserFiles:
     ) -> PerArm[MotorControlState]:
         """Return the same as `motor_control.motor_torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
-        still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
+        still = for_each_arm(setup, Vec.full(3, 0.0))
         if feels_gravity:
             still = per_arm(
                 setup, lambda i, arm: motor_control.gravity_torques(setup, arm, jpos[i])

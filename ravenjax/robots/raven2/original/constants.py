@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
 from ravenjax.robots.raven2.setup import RavenSetup

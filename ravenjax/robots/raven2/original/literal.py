@@ -18,6 +18,7 @@ from collections.abc import Callable
 from functools import partial, reduce
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, as_int, jnp, where
 from ravenjax.numbers.algebra import (
     add,
     dot,
@@ -31,8 +32,6 @@ from ravenjax.numbers.algebra import (
     sub,
     transpose,
 )
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, as_int, where
 from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
 from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
 from ravenjax.robots.raven2.geometry.joints import (

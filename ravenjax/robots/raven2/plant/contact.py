@@ -22,10 +22,8 @@ This is stable for any stiffness, with an error of second order.
 
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 

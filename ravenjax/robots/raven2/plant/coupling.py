@@ -10,8 +10,8 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cache
 
+from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, dot, mul, sub
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 

@@ -42,10 +42,8 @@ the soft limit plus the margin that the published end of elbow and insertion has
 
 import math
 
+from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, jnp, record
 from ravenjax.numbers.algebra import add, mul
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import find_tool
 

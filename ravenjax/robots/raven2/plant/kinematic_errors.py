@@ -27,11 +27,8 @@ import math
 
 import numpy as np
 
-from ravenjax.numbers import tree
+from ravenjax.numbers import Scalar, Vec, at_once, describe_fields, jnp, record, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 

@@ -30,17 +30,14 @@ import math
 
 import numpy as np
 
+from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.algebra import mul, solve_spd
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 TICK_S = 1e-3
 LAGRANGE = 5  # joints of the Euler-Lagrange equation; the two jaws are double integrators

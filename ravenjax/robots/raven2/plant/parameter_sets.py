@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.plant.drives import ActuatorParams
 
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]

@@ -22,18 +22,14 @@ import functools
 
 import numpy as np
 
-from ravenjax.numbers import counter_random, tree
+from ravenjax.numbers import cast_to_real, counter_random, describe_fields, jnp, per_arm, tree
 from ravenjax.numbers.algebra import add, mul, solve_spd, sub
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, arm_coupling
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 
 TICK_S = 1e-3
 N = 7

@@ -30,15 +30,14 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind
 from ravenjax.errors import UserError, format_value
+from ravenjax.numbers import Vec, replace
 from ravenjax.numbers.setup import ORIGINAL, Precision
-from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, software_code
 from ravenjax.robots.raven2.software.rows import InputRows

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError, format_value, suggest_name
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, empty_packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool

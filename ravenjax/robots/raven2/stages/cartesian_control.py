@@ -11,17 +11,15 @@ from operator import or_
 
 import numpy as np
 
+from ravenjax.numbers import cast_to_real, describe_fields, narrow_numbers, per_arm, widen_numbers
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, if_rarely, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 

@@ -3,12 +3,10 @@
 raven2: t_to_DAC_val.cpp, utils.cpp.
 """
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, to_int32
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.numbers import Scalar, Vec, jnp, to_int32
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 HIGHEST, LOWEST = 32767, -32768
 

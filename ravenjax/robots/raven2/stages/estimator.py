@@ -7,13 +7,11 @@ fork first filters them by a third-order Butterworth low-pass of 120 Hz.
 
 import numpy as np
 
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
+from ravenjax.numbers import describe_fields, narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 
@@ -40,7 +38,7 @@ class EstimatorState:
     outputs: tuple[Vec, ...]
 
 
-def params(setup: RavenSetup, arm: ArmName) -> EstimatorParams:
+def params() -> EstimatorParams:
     """Return the parameters of encoders that read 0 at motor angle 0."""
     return EstimatorParams(Vec.full(7, np.int32(0)))
 

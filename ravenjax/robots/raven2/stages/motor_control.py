@@ -6,15 +6,12 @@ In the 2015 fork the gravity torque never reaches tau_d.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
+from ravenjax.numbers import describe_fields, jnp, narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 
 @describe_fields

@@ -8,9 +8,7 @@ accepted; a shorter one is dropped.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real
-from ravenjax.numbers.vec import INT32_MIN, Scalar, record
+from ravenjax.numbers import INT32_MIN, Scalar, cast_to_real, jnp, record
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check

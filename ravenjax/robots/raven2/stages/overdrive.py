@@ -14,12 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
+from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.arms import PerArm
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 

@@ -23,10 +23,7 @@ update_atmel_io.cpp), or it is assumed here.
 import operator
 from functools import reduce
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
-from ravenjax.numbers.vec import Scalar, as_int, record
+from ravenjax.numbers import Scalar, as_int, cast_to_real, describe_fields, jnp, record
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
@@ -74,9 +71,7 @@ class PlcOutput:
     brakes: Scalar  # 1: brakes commanded on, int32
 
 
-def init(
-    setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1
-) -> PlcState:
+def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
     """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP for one just
     switched on.
 

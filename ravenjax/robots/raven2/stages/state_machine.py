@@ -10,9 +10,7 @@ from functools import reduce
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, as_int, record, replace
+from ravenjax.numbers import Scalar, as_int, describe_fields, jnp, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check

@@ -11,16 +11,14 @@ import math
 
 import numpy as np
 
+from ravenjax.numbers import INT32_MIN, Scalar, Vec, as_int, describe_fields, record, replace, where
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
-from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
