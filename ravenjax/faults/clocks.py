@@ -1,5 +1,4 @@
-"""Computes before a run when fault windows are open, on whole columns of faults at once. Uses NumPy
-only.
+"""Computes before a run when fault windows are open, for whole columns of faults, with NumPy.
 
 A clock counts up by at most one per tick. The time starts at 0 in tick 0, and the packets at 1 in
 tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window
@@ -50,8 +49,7 @@ class Arrivals(Protocol):
     """Times at which packets arrive."""
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
-        """Return the ticks in which the packets of these numbers, from 1, arrive in these runs;
-        int64.
+        """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
 
         For a packet that arrives after the run's end, the tick is any one after that end.
         """
@@ -114,8 +112,7 @@ class Clocks:
         )
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after which no window on the pedal clock is open, or 0 if none ever
-        is.
+        """Return the first tick after the last window on the pedal clock; 0: none ever opens.
 
         For runs in which no fault moves the pedal.
         """

@@ -89,7 +89,7 @@ class TriggerClocks:
     pedal: Scalar  # ticks since pedal-down was entered; negative: not in pedal-down
 
 
-def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
+def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]
@@ -99,11 +99,6 @@ def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
     if "pedal" in used:
         shut = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
         since = jnp.where(shut, -1, since)
-    return since
-
-
-def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    since = _elapsed(setup, fault, clock)
     repeats = fault.every > 0
     cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
     active = (fault.code > 0) & (since >= 0) & (cycle < fault.duration)
@@ -114,8 +109,7 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Update which slots act in this tick, and for how long they have. Call once per tick, before
-    any site.
+    """Update which slots act in this tick, and since when. Call once per tick, before any site.
 
     A window is counted on its trigger's clock, so a window in packets stays open while its packet
     lasts.

@@ -1,5 +1,4 @@
-"""Expands a campaign's group that names hazards into plain groups, one for each case of each
-hazard.
+"""Expands a campaign's group that names hazards into plain groups, one for each case.
 
     [[group]]
     name = "library"
@@ -68,8 +67,7 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """Return a campaign's tables with plain groups only, and for each the index of its original
-    group.
+    """Return a campaign's tables with plain groups only, and the index of the group of each.
 
     Values that are not a list of tables are passed on, for later checks to refuse. Raises
     WrongGroup.
@@ -120,9 +118,7 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
 
 
 def select_hazards(words: Any) -> list[Hazard]:
-    """Return the hazards that ids, layers and "all" name, in the library's order. Raises
-    WrongGroup.
-    """
+    """Return the hazards that ids, layers and "all" name, in order. Raises WrongGroup."""
     listed = _listed(words)
     if not listed or not all(isinstance(word, str) for word in listed):
         raise WrongGroup(
@@ -134,9 +130,7 @@ def select_hazards(words: Any) -> list[Hazard]:
 
 
 def hazard_words() -> list[str]:
-    """Return the words that `hazards` may have: "all", the layers, and the ids that can be
-    simulated.
-    """
+    """Return the words that `hazards` may have: "all", layers, and ids that can be simulated."""
     rows = [row for row in library.all_hazards() if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 

@@ -124,9 +124,7 @@ class Hazard(LibraryTable):
 
 @cache
 def library_terms() -> dict[str, dict[str, str]]:
-    """Return word -> meaning for accidents, hazards, unsafe control actions, outcome classes and
-    sources.
-    """
+    """Return word -> meaning of accidents, hazards, control actions, classes and sources."""
     return tomllib.loads(_data("terms.toml"))
 
 

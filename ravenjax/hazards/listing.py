@@ -15,8 +15,7 @@ LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
 
 
 def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
-    """Return one row per hazard: id, layer, title, expected outcome class, and whether it can be
-    simulated.
+    """Return one row per hazard: id, layer, title, expected class, whether it can be simulated.
 
     hazards: None for all.
     """
@@ -47,9 +46,7 @@ def of_site(site: str) -> list[Hazard]:
 
 
 def layer_table() -> list[tuple[str, ...]]:
-    """Return one row per layer of the loop: description, sites, and number of hazards in the
-    library.
-    """
+    """Return one row per layer of the loop: description, sites, and number of hazards."""
     return [
         (
             layer,

@@ -210,8 +210,7 @@ def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
 
 
 def contract_to_fma(program: Program) -> Program:
-    """Combine each sum with a product into one `fma`, and drop what no result needs: fewer
-    operations and roundings, equally on every engine.
+    """Combine each sum with a product into one `fma`, and drop operations that nothing needs.
 
     The decision depends on nothing else in the program, so leaving other parts out changes no bit.
     """

@@ -229,8 +229,8 @@ class _Walk:
                 return b.emit("convert", dtype, x[0])
             case "bitcast_convert_type":
                 return b.emit("bitcast", dtype, x[0])
-            case _ if (own := _RENAMED.get(name, name)) in semantics.MEANING:
-                return b.emit(own, dtype, *x)
+            case _ if (operation := _RENAMED.get(name, name)) in semantics.MEANING:
+                return b.emit(operation, dtype, *x)
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(

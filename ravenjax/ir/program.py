@@ -1,5 +1,4 @@
-"""The intermediate representation: a straight-line program of numbered operations on single
-numbers.
+"""The intermediate representation: a straight-line program of operations on single numbers.
 
 Operations have the names of `semantics`. There are three more. `input` is a number from outside
 (`detail`: its index). `constant` is a known number (`detail`: its bits). `lookup` reads a 1-D table

@@ -42,8 +42,7 @@ def arrange_regions(
     results: Sequence[int],
     least: int = LEAST,
 ) -> list[int | Region]:
-    """Return `order`, a valid order of operations, with each region in one piece before it is first
-    read.
+    """Return `order`, a valid order, with each region in one piece before it is first read.
 
     results: operations that are read by others than those in `order`.
     """

@@ -54,12 +54,13 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
 def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
-    float64: computed in long double, see `_fma64`. float32: computed in float64, with the sum
+    float64: computed in long double, whose 64 bits of mantissa keep the result within (1/2 + 2^-11)
+    ulp. float32: computed in float64, with the sum
     rounded to odd. This means: of the two neighbours of an inexact sum, the one whose last bit is 1
     is taken, so that the conversion to float32 rounds as the exact sum would.
     """
     if np.asarray(a).dtype == np.float64:
-        return _fma64(a, b, c)
+        return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
     error = _sum_error(product, np.float64(c), total)
@@ -74,12 +75,6 @@ def _sum_error(a: Array, b: Array, total: Array) -> Array:
     """Return a + b - total, exactly (Knuth)."""
     rest = total - a
     return (a - (total - rest)) + (b - rest)
-
-
-def _fma64(a: Array, b: Array, c: Array) -> Array:
-    # 64 bits of mantissa: the result is within (1/2 + 2^-11) ulp.
-    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)
-    return np.float64(wide)
 
 
 def _quotient(a: Array, b: Array) -> Array:

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import Program, from_bits
-from ravenjax.numbers import trigonometry
+from ravenjax.numbers import jnp, trigonometry
 
 _REAL = "float64"
 
@@ -117,13 +117,8 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     return builder.program([written(x) for x in outputs])
 
 
-def replay_program(
-    program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
-) -> list[Any]:
+def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of such a program on numbers of any kind, including tracers."""
-    apply = {name: getattr(operator, name) for name in ("add", "sub", "mul", "neg")} | dict(
-        functions
-    )
     values: dict[int, Any] = {}
     for i in program.needed():
         name, dtype, operands, detail = program.operations[i]
@@ -132,5 +127,6 @@ def replay_program(
         elif name == "constant":
             values[i] = float(from_bits(dtype, detail))
         else:
-            values[i] = apply[name](*(values[o] for o in operands))
+            function = getattr(jnp if name in ("sin", "cos") else operator, name)
+            values[i] = function(*(values[o] for o in operands))
     return [values[i] for i in program.outputs]

@@ -26,8 +26,7 @@ _FREE = ("neg", "bitcast")
 
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
-    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` computes
-    results from it.
+    """`begin` makes the state, `step` advances it by a tick, `finish` computes results from it.
 
     Inputs of `step`: the lane's inputs, the state, the inputs of this tick. Its outputs: the new
     state, then the outputs of this tick. Inputs of `finish`: the lane's inputs, the state.
@@ -83,8 +82,8 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     """
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)
-    own = {k: i for i, k in step.reads.items()}
-    frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
+    reads_of = {k: i for i, k in step.reads.items()}
+    frozen = {k for k in live if step.outputs[k] == reads_of.get(first + k)}
     lanes = {i: 0 if grouped and i < shared else LANE for i in range(first)}
     begins = _dependencies(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}

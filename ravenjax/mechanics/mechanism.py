@@ -1,5 +1,4 @@
-"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with the integrator
-implicitfast makes it.
+"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with implicitfast.
 
     arm = read_mechanism(mujoco.MjModel.from_xml_path("arm.xml"), "tip_site")
     qpos, qvel = step(arm, qpos, qvel, torque)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, replay_program, sin
-from ravenjax.numbers import Vec, jnp
+from ravenjax.numbers import Vec
 from ravenjax.numbers.algebra import cross, matrix
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ Matrix: TypeAlias = list[list[Number]]
 Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
 
 ZERO = Vec.full(3, 0.0)
-FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
-"""Functions that programs of links call."""
 
 
 @dataclasses.dataclass
@@ -74,7 +72,7 @@ def evaluate_program(
     program_for(known) returns the program; Python numbers among the inputs are known.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay_program(program_for(known), inputs, FUNCTIONS)
+    out = replay_program(program_for(known), inputs)
     n = (len(inputs) - 3) // 2
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
@@ -87,7 +85,7 @@ def carried_point(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) ->
     while index >= 0:
         turns, position = _pose(links[index], symbols[index])
         moved, index = position + _rotate(turns, moved), links[index].parent
-    return Vec(replay_program(build_program(symbols, list(moved)), qpos, FUNCTIONS))
+    return Vec(replay_program(build_program(symbols, list(moved)), qpos))
 
 
 def point_in_link(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
@@ -193,9 +191,7 @@ def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
-    """Return the rotation by offset + angle; an offset of right angles only exchanges sine and
-    cosine.
-    """
+    """Return the rotation by offset + angle; right angles only exchange sine and cosine."""
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
         return axis, cos(angle + offset), sin(angle + offset)

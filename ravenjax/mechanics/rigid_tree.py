@@ -1,5 +1,4 @@
-"""Reads a tree of hinge and slide joints from a compiled MuJoCo model for unrolled rigid-body
-recursions.
+"""Reads a tree of hinges and slides from a compiled MuJoCo model, for unrolled recursions.
 
 Any subtree of any model works; this module does not depend on the Raven. Three choices keep the
 later operation count low; none of them changes the dynamics:
@@ -51,8 +50,7 @@ class Link:
 
 
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
-    """Return the joints below body `base`, parents first, in the order of the model's degrees of
-    freedom.
+    """Return the joints below body `base`, in the order of the model's degrees of freedom.
 
     `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
     All joints are hinges and slides.
@@ -122,9 +120,7 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
 
 
 def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndarray:
-    """Return the 4x4 pseudo-inertia of mass (kg), centre of mass (m), central inertia tensor (3x3,
-    kg m^2).
-    """
+    """Return a pseudo-inertia [4, 4] of mass (kg), centre (m) and central inertia (kg m^2)."""
     moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
     first = mass * np.asarray(com)[:, None]
     return np.block([[moments, first], [first.T, np.array([[mass]])]])
@@ -169,8 +165,7 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Return the unit vector along the common normal from the joint's axis to the line (point,
-    axis).
+    """Return the unit vector from the joint's axis to the line (point, axis), normal to both.
 
     Returns None if they coincide.
     """
@@ -184,9 +179,7 @@ def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarra
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """Return x of a link without children: through its centre of mass, so that one first moment is
-    zero.
-    """
+    """Return x of a link without children: through its centre of mass, if that is possible."""
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
         across = candidate - joint.axis * (joint.axis @ candidate)
@@ -244,9 +237,7 @@ def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> n
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Return (beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are
-    exact.
-    """
+    """Return the angles of rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are exact."""
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     alpha = math.atan2(sine, rotation[2, 2])
     if sine <= _PARALLEL:

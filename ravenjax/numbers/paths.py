@@ -1,5 +1,4 @@
-"""Names the numbers of a parameter record by paths: `plant.friction_scale`,
-`motor_control.green.kp.shoulder`.
+"""Names the numbers of a parameter record by paths, as in `motor_control.green.kp.shoulder`.
 
 Each part of a path is a field of a record or named tuple. Where a field holds one entry per arm,
 the next part may be the name of an arm; without it the path means all arms. Where a field holds one
@@ -48,9 +47,7 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield the steps to each number of a record, and the number, in the order of
-    `tree.tree_leaves`.
-    """
+    """Yield the steps to each number of a record, and the number, as `tree.tree_leaves`."""
     found = _entries(node, setup)
     if found is None:
         yield above, node

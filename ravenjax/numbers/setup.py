@@ -1,5 +1,4 @@
-"""Static choices that select the code of a tick: number widths, and which faults, cues and
-detectors it has.
+"""Static choices that select the code of a tick: number widths, faults, cues, detectors.
 
 Everything that a campaign may vary is a traced number in the robot's `TickParams`. The choices of
 this module are hashable, and each different `Setup` is compiled separately. A robot adds its own

@@ -1,5 +1,4 @@
-"""Takes records, tuples, lists and dicts of numbers apart and rebuilds them, without JAX but in
-JAX's order.
+"""Takes records, tuples, lists and dicts apart and rebuilds them, in JAX's order, without JAX.
 
 `None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """

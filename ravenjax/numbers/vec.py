@@ -1,5 +1,4 @@
-"""Number types of a tick: single numbers, `Vec`s of them, and records whose leaves are single
-numbers.
+"""Number types of a tick: single numbers, `Vec`s of them, and records of single numbers.
 
 Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
 with elementwise arithmetic. A `record` is a frozen dataclass that is registered as a JAX pytree and

@@ -37,28 +37,24 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Return SQL for the time of an event that came first; -1 if it never came or the golden run
-    had it by then.
+    """Return SQL for the time of an event; -1 if it never came, or in the golden run by then.
 
     It matches `verdict.beyond_golden`.
     """
-    own, golden = f'"{column}"', f'"golden_{column}"'
-    return (
-        f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
-    )
+    ms, golden = f'"{column}"', f'"golden_{column}"'
+    return f"CASE WHEN {ms} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {ms}) THEN {ms} ELSE -1 END"
 
 
 def check_ms_sql(name: str) -> str:
-    """Return SQL for the time at which a check first acted differently from the golden run, -1 if
-    never.
+    """Return SQL for the first time at which a check acted otherwise than in the golden run; -1.
 
     It matches `verdict.classify_responses`.
     """
-    own = f'"check_{name}_first_ms"'
+    ms = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner = beyond_golden_sql(f"check_{name}_first_ms")
     return (
-        f"CASE WHEN ({sooner}) >= 0 THEN {own} WHEN {more} THEN greatest({own}, first_active_ms)"
+        f"CASE WHEN ({sooner}) >= 0 THEN {ms} WHEN {more} THEN greatest({ms}, first_active_ms)"
         " ELSE -1 END"
     )
 

@@ -1,5 +1,4 @@
-"""Computes response, hazard and verdict of each run from the engines' counts, column by column with
-NumPy.
+"""Computes response, hazard and verdict of each run from the engines' counts, with NumPy.
 
 The package's docstring defines these words.
 """
@@ -27,9 +26,7 @@ for tens of ms in total.
 """
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What the checks did, strongest first. This covers the built-in checks, and added checks that do
-more than watch.
-"""
+"""What the built-in checks, and added checks that do more than watch, did, strongest first."""
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
 """What became of the motion, gravest first."""

@@ -1,5 +1,4 @@
-"""Models a network channel that loses packets in bursts and delivers them late, depending on its
-quality.
+"""Models a network channel that loses packets in bursts and delivers them late.
 
 The seed selects the random draws; without a seed the channel is ideal. The model is the emulator of
 UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by packet:
@@ -54,8 +53,7 @@ def init() -> ChannelState:
 
 
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
-    """Return the channel after the packet of this cycle, with index `packet` (int32), if it is
-    `fresh` (bool).
+    """Return the channel after a cycle in which packet `packet` (int32) came if `fresh` (bool).
 
     seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which resets
     its state.

@@ -1,5 +1,4 @@
-"""Detectors: observers that score the robot every millisecond and alarm when the score exceeds a
-threshold.
+"""Detectors: observers that score every millisecond, and alarm above a threshold.
 
 Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
 E-stop a millisecond later. There are five kinds; each takes the worse of the arms:
@@ -50,8 +49,7 @@ LEARNED = {
     "elbow": (0.0856, 0.570, 6.98e-4),
     "insertion": (0.0838, 0.528, 3.90e-5),
 }
-"""Learned steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion
-m].
+"""Learned steps of motor position [rad] and velocity [rad/s], and joint position [rad; m].
 
 They are the 99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1, from
 analysis/detector_thresholds/learn.py.

@@ -1,5 +1,4 @@
-"""Remembers when the newest packets were sent, one bit per tick, so that an older packet can be
-sent again.
+"""Remembers when packets were sent, one bit per tick, so that an older one can be sent again.
 
 If the intervals between packets vary, the number of packets sent since does not give the tick in
 which an older packet was sent. A network that delivers older packets must therefore remember these

@@ -87,8 +87,7 @@ def find_illegal_value(
 
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
-    """Return an error message if single precision, in which values travel, would change a whole
-    number.
+    """Return an error message if single precision would change a whole number; else None.
 
     Returns None if the number is kept.
     """

@@ -1,5 +1,4 @@
-"""What a fault site is: a seam of a robot's tick with its channels, number types and units; for any
-robot.
+"""What a fault site is: a seam of a robot's tick with its channels; for any robot.
 
 A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
 declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in

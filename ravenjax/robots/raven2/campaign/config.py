@@ -42,13 +42,9 @@ from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
 HEALTHY_MM = 0.1
-"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm in the generated
-motions.
-"""
+"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
 REACH_MM = 429.0
-"""Longest distance between two places of the tip within the hard stops of shoulder, elbow and
-insertion.
-"""
+"""Longest distance of two places of the tip within the hard stops of joints 1 to 3."""
 _FELT: dict[str, float | None] = {"delay_ms": None, "felt_force": None}
 READ_BY: dict[str, dict[str, float | None]] = {
     "none": {},
@@ -159,40 +155,26 @@ class RavenConfig(CampaignConfig):
         """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
         operator = self.operator
-        what = (
-            f"{operator.file}, recorded"
-            if operator.file is not None
-            else f"{operator.label}, generated"
-        )
-        own = "" if operator.hands is None else f"; {operator.hands} has the hands"
+        what = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
+        hands = "" if operator.hands is None else f"; {operator.hands} has the hands"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
             yield "contact", "jaw tips with tissue and vessel, instruments with each other"
         if self.controller is not None:
-            yield (
-                "controller",
-                ", ".join(f"{stage}: {file}" for stage, file in self.controller.files()),
-            )
-        timing = (
-            f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
-            if self.random_packets
-            else ""
-        )
-        yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{self._reaction()}{yields}"
+            files = (f"{stage}: {file}" for stage, file in self.controller.files())
+            yield "controller", ", ".join(files)
+        timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
+        timing *= self.random_packets
+        scale = f"; scale {operator.scale:g}"
+        yield "operator", f"{what}{hands}{scale}{timing}{self._reaction()}{yields}"
 
     def _reaction(self) -> str:
         if self.reaction is None:
             return ""
-        axes = [
-            self.parameters,
-            self.cross,
-            *(axes for group in self.group for axes in (group.parameters, group.cross)),
-        ]
-        if any("reaction.action" in paths for paths in axes):
-            return (
-                f"; at the cue: reaction.action varies, elsewhere {MEANINGS[self.reaction.action]}"
-            )
-        return f"; at the cue: {MEANINGS[self.reaction.action]}"
+        axes = [self.parameters, self.cross]
+        axes += [axes for group in self.group for axes in (group.parameters, group.cross)]
+        varies = "reaction.action varies, elsewhere " * any("reaction.action" in a for a in axes)
+        return f"; at the cue: {varies}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
         """Return the same as `lines` in the form of JSON."""
@@ -314,14 +296,14 @@ class RavenConfig(CampaignConfig):
     @property
     def random_packets(self) -> bool:
         """Whether the length of packets is drawn in some run."""
-        axes = [table.get("network.packets") for _, table in self.parameter_tables()]
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
-            axis is not None and any(axis.values) for axis in axes
+            any(axis.values) for axis in self._packet_axes
         )
 
     @property
-    def _packets_varied(self) -> bool:
-        return any("network.packets" in table for _, table in self.parameter_tables())
+    def _packet_axes(self) -> list[Axis]:
+        name = "network.packets"
+        return [table[name] for _, table in self.parameter_tables() if name in table]
 
     @property
     def packet_history(self) -> int:
@@ -334,12 +316,12 @@ class RavenConfig(CampaignConfig):
     def longest_packet(self) -> int:
         """Return the largest number of cycles that a packet may last, if lengths are drawn."""
         shares = self.campaign.packet_shares
-        return max(map(len, (shares, *packets.SHARES) if self._packets_varied else (shares,)))
+        return max(map(len, (shares, *packets.SHARES) if self._packet_axes else (shares,)))
 
     @property
     def cycles_a_packet(self) -> float:
         """Mean number of cycles per packet if it is the same in all runs, else 1, the least."""
-        return 1.0 if self._packets_varied else packets.mean_cycles(self.campaign.packet_shares)
+        return 1.0 if self._packet_axes else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
         """Return why the parameter at `path` has no effect in this campaign; "" if it has."""
@@ -402,10 +384,8 @@ def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, st
 
     setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
     params = run.params(setup, (tuple(HOME_JPOS),) * len(arms))
-    known, rows = (
-        [path for path, _ in path_leaves(params, setup)],
-        bounds.allowed_values(ROBOT, name),
-    )
+    known = [path for path, _ in path_leaves(params, setup)]
+    rows = bounds.allowed_values(ROBOT, name)
     why = ""
     if name not in known:
         why = f"got {name!r}, expected the path of one number, with arm and joint"

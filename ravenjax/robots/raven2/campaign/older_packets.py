@@ -1,5 +1,4 @@
-"""Bounds the age of the packets that network faults send again, if the lengths of packets are
-drawn.
+"""Bounds the age of the packets that network faults send again, if packet lengths are drawn.
 
 Without draws, the place of an older packet in the motion follows from its number. With draws, the
 tick remembers when packets were sent, and must know beforehand for how long.
@@ -26,8 +25,7 @@ _ALONE = ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle")
 
 
 def age_ms(groups: Iterable[Group], longest: int) -> float:
-    """Return the age of the oldest packet of all runs, ms; 0: none is sent again; infinite:
-    unbounded.
+    """Return the age of the oldest packet of all runs, ms; 0: none is sent again; may be infinite.
 
     longest: largest number of cycles that a packet lasts.
     """

@@ -1,5 +1,4 @@
-"""Computes which milliseconds of a campaign belong to which phase, from the operator's planned
-motion.
+"""Computes which milliseconds of a campaign belong to which phase of the planned motion.
 
 Scale and packets are those of the file if it has one number for all runs, else the documented ones.
 Phases are those of the plan, and the same for all runs: changes by noise, drawn packets, a cue or a
@@ -21,8 +20,7 @@ WINDOW = 20
 
 
 def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Return the intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick
-    after it.
+    """Return the intervals of each phase, int64 [intervals, 2]: first tick, first tick after.
 
     Raises UserError if the operator's file cannot be used.
     """

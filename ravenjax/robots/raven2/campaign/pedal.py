@@ -199,8 +199,7 @@ def _phases(
 
 
 def _turns(changes: Sequence[int], level: int, plc: int, ticks: int) -> Iterator[int]:
-    """Yield the ticks before `ticks` in which the pedal's clock starts to count and stops,
-    alternately.
+    """Yield the ticks before `ticks` in which the pedal's clock starts and stops, alternately.
 
     changes: ticks in which a packet with another position of the foot comes, the first one down.
     level: run level in which the robot begins. The rules are those of `state_machine.adopt_level`

@@ -60,7 +60,7 @@ def prepare_campaign(
         tools=config.tools,
         build=config.campaign.build,
         console=config.campaign.console,
-        dac_words=config.campaign.stored_words,
+        dac_words=config.campaign.dac_words or "wrap",
         precision=precision,
         substeps=config.campaign.substeps,
         injection=injection,
@@ -95,12 +95,9 @@ def _distributions(
 ) -> tuple[tuple[float, ...], ...]:
     """Return the distributions that packets may have; () if every cycle has a packet."""
     shares = config.campaign.packet_shares
-    varied = choices is not None and bool(np.nan_to_num(choices).any())
-    return (
-        ()
-        if shares == packets.SHARES[packets.EVERY_CYCLE] and not varied
-        else (*packets.SHARES, shares)
-    )
+    varied = choices is not None and np.nan_to_num(choices).any()
+    drawn = varied or shares != packets.SHARES[packets.EVERY_CYCLE]
+    return (*packets.SHARES, shares) if drawn else ()
 
 
 def _longest(delays: np.ndarray | None) -> int:

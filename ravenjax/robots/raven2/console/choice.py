@@ -118,8 +118,7 @@ class ProfileChoice:
 def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
-    """Return the name of the first profile that nine in ten packets (their fields) fit; "" if none
-    does.
+    """Return the name of the first profile that nine in ten packets (their fields) fit, or "".
 
     Each packet is judged alone.
     """

@@ -1,5 +1,4 @@
-"""Generates operator motions: smooth, surgical in speed and size, and reproducible by seed. NumPy
-only, untraced.
+"""Generates operator motions: smooth, surgical in speed and size, reproducible. NumPy only.
 
 Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
 orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
@@ -90,12 +89,9 @@ class _Path:
         None leaves a value unchanged.
         """
         end = self.pose.copy()
-        if tip is not None:
-            end[_TIP] = tip
-        if turn is not None:
-            end[_TURN] = turn
-        if grasp is not None:
-            end[_GRASP] = grasp
+        for place, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
+            if value is not None:
+                end[place] = value
         way, turned = (
             float(np.linalg.norm((end - self.pose)[part], axis=0)) for part in (_TIP, _TURN)
         )
@@ -282,12 +278,8 @@ def _follow(
 ):
     """Return poses [rows, 10] and pedal [rows] along a chain, per tick, after a rest."""
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
-    poses, pedals, filled = (
-        [np.repeat(_REST[None], up + down, axis=0)],
-        [np.zeros(up), np.ones(down)],
-        up + down,
-    )
-    segments = chain(_Path(), rng)
+    poses, pedals = [np.repeat(_REST[None], up + down, axis=0)], [np.zeros(up), np.ones(down)]
+    segments, filled = chain(_Path(), rng), up + down
     while filled < rows:
         segment = next(segments)
         poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))

@@ -194,46 +194,42 @@ def make_packet(
         row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
     row, row_before, params = cast_to_real(setup, (row, row_before, replace(params, own=None)))
-    form = _absolute if setup.console == "absolute" else _increment
-    motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
+
+    def increment(i: int) -> tuple[Vec, Vec, Scalar]:
+        """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
+        delta = (row.position[i] * params.scale).map(to_int32) - (
+            row_before.position[i] * params.scale
+        ).map(to_int32)
+        x, y, z, w = row_before.quat[i]
+        turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
+        length = jnp.sqrt(sum(c * c for c in turn))
+        still = (0.0, 0.0, 0.0, 1.0)
+        return (
+            delta.map(lambda d: jnp.where(pedal, d, 0)),
+            turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
+            jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(row_before.grasp[i]), 0),
+        )
+
+    def absolute(i: int, arm: str) -> tuple[Vec, Vec, Scalar]:
+        """Return pose and jaw opening in frame 0 (raven2_sim `Real_Packet_Generator.py`)."""
+        position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
+        x, y, z, w = row.quat[i]
+        turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
+        return (
+            position.map(to_int32),
+            quat_mul(turn, params.start_quat[i]),
+            to_int32(params.start_grasp[i] - row.grasp[i]),
+        )
+
+    is_absolute = setup.console == "absolute"
+    moves = per_arm(setup, lambda i, arm: absolute(i, arm) if is_absolute else increment(i))
+    delta, quat, grasp = zip(*moves, strict=True)
     return Packet(
         received=jnp.int32(1),
         size=jnp.int32(SIZE_BYTES[setup.console]),
         sequence=as_int(sequence),
-        delta=tuple(delta for delta, _, _ in motion),
-        quat=tuple(quat for _, quat, _ in motion),
-        grasp=tuple(grasp for _, _, grasp in motion),
+        delta=delta,
+        quat=quat,
+        grasp=grasp,
         surgeon_mode=as_int(pedal),
-    )
-
-
-def _increment(
-    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
-) -> tuple[Vec, Vec, Scalar]:
-    """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
-    delta = (row.position[i] * params.scale).map(to_int32) - (
-        before.position[i] * params.scale
-    ).map(to_int32)
-    x, y, z, w = before.quat[i]
-    turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
-    length = jnp.sqrt(sum(c * c for c in turn))
-    still = (0.0, 0.0, 0.0, 1.0)
-    return (
-        delta.map(lambda d: jnp.where(pedal, d, 0)),
-        turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
-        jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(before.grasp[i]), 0),
-    )
-
-
-def _absolute(
-    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
-) -> tuple[Vec, Vec, Scalar]:
-    """Return desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
-    position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
-    x, y, z, w = row.quat[i]
-    turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
-    return (
-        position.map(to_int32),
-        quat_mul(turn, params.start_quat[i]),
-        to_int32(params.start_grasp[i] - row.grasp[i]),
     )

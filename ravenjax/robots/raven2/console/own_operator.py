@@ -11,7 +11,7 @@ costs nothing.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.numbers import cast_to_real, jnp, lax, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
@@ -91,18 +91,20 @@ def init(
         cast_to_real(setup, Vec.full(3, 0.0)),
         jnp.int32(0),
     )
-    screen = _screen(setup, tips, models, [(still, none)] * len(tips))
-    own = part.load_part(setup.hands).init(params.own.hands, setup.precision.real)
-    plan = tuple((still, none, still) for _ in screen)
-    _, keys = _stepped(
-        setup, params, own, zero, jnp.int32(runlevel), jnp.bool_(False), plan, screen
-    )
-    return OwnOperatorState(
-        own=own,
-        screen=screen,
+    state = OwnOperatorState(
+        own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
+        screen=_screen(setup, tips, models, [(still, none)] * len(tips)),
         runlevel=jnp.int32(runlevel),
+        pace=None,
+        grasp=None,
+        lifted=None,
+    )
+    plan = for_each_arm(setup, (still, none, still))
+    _, keys = _stepped(setup, params, state, zero, jnp.bool_(False), plan)
+    return replace(
+        state,
         pace=OwnPace(none, zero, zero, zero) if "pace" in keys else None,
-        grasp=OwnGrasp((none,) * len(tips), (none,) * len(tips)) if "grasp" in keys else None,
+        grasp=OwnGrasp(*(for_each_arm(setup, none),) * 2) if "grasp" in keys else None,
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
 
@@ -133,10 +135,8 @@ def act_as_file(
         return delta, grasp, hands.offset[i]
 
     plan = per_arm(setup, planned)
-    own, will = _stepped(
-        setup, params, state.own, tick, state.runlevel, now.surgeon_mode > 0, plan, state.screen
-    )
-    state, how = replace(state, own=own), operator.PLAN
+    after, will = _stepped(setup, params, state, tick, now.surgeon_mode > 0, plan)
+    state, how = replace(state, own=after), operator.PLAN
     if "delta" in will:
         hands = operator.with_stray_motion(
             hands,
@@ -190,31 +190,19 @@ def _screen(
 def _stepped(
     setup: RavenSetup,
     params: operator.OperatorParams,
-    own: Any,
+    state: OwnOperatorState,
     tick: Scalar,
-    runlevel: Scalar,
     pedal: Scalar,
     plan: PerArm[tuple[Vec, Scalar, Vec]],
-    screen: PerArm[ScreenView],
 ) -> tuple[Any, ...]:
-    """Return the file's new state, and the other values that it returns. plan: motion (um), closing
-    (mrad) and offset (um) of each hand.
-    """
+    """Return the file's new state and its other values. plan: um, mrad and um of each hand."""
     assert setup.hands is not None
     arms = tuple(
         View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(shown)})
-        for (delta, grasp, offset), shown in zip(plan, screen, strict=True)
+        for (delta, grasp, offset), shown in zip(plan, state.screen, strict=True)
     )
-    view = View(
-        "the operator",
-        {
-            "tick": tick,
-            "runlevel": runlevel,
-            "pedal": pedal,
-            "scale": cast_to_real(setup, params.scale),
-            "arms": arms,
-        },
-    )
+    scale = cast_to_real(setup, params.scale)
+    seen = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
     each = f"a tuple of {len(arms)}, one for each arm"
     like = {
         "delta": InPlace(tuple(arm.delta for arm in arms), f"{each}: a Vec of 3 numbers, um"),
@@ -223,7 +211,11 @@ def _stepped(
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
     return part.load_part(setup.hands).step(
-        params.own.hands, own, view, setup.precision.real, hands=like
+        params.own.hands,
+        state.own,
+        View("the operator", seen),
+        setup.precision.real,
+        hands=like,
     )
 
 

@@ -1,5 +1,4 @@
-"""Models an operator who reacts to the haptic cue after a delay: releases the pedal, slows down, or
-corrects.
+"""Models an operator who releases the pedal, slows down or corrects, some time after the cue.
 
 The operator feels the first haptic set. The resulting motion of the hands goes into the console's
 packets, and so to the robot and to the nominal model alike. Action `none` ignores the cue, for

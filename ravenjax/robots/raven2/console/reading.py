@@ -1,5 +1,4 @@
-"""Reads packets under a profile: the fields of a datagram become increments of the tips, or a
-broken rule.
+"""Reads packets under a profile: fields become increments of the tips, or a broken rule.
 
 Positions, of jaws or of a hand's orientation, are differenced from one packet to the next. Motion
 before a console's stream began, or while packets were lost, therefore moves nothing. Neither do

@@ -181,16 +181,12 @@ class _Reach:
     valid: Scalar  # truth value
 
 
-def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
-    """Return position and rotation's columns in frame 0 without its turn alpha0."""
-    (x, y, z), columns = pose.position, tuple(zip(*pose.rotation, strict=True))
-    if GEOMETRY[arm].flip > 0:
-        return Vec((x, y, z)), Vec(Vec(column) for column in columns)
-    return Vec((x, -y, -z)), Vec(Vec((a, -b, -c)) for a, b, c in columns)
-
-
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
-    position, (x6, y6, z6) = _normalised(arm, pose)
+    columns = pose.position, *zip(*pose.rotation, strict=True)
+    if GEOMETRY[arm].flip > 0:
+        position, x6, y6, z6 = map(Vec, columns)
+    else:  # without the turn alpha0 of frame 0
+        position, x6, y6, z6 = (Vec((a, -b, -c)) for a, b, c in columns)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
     # from the jaw axis toward the remote centre, in frame 6
@@ -344,8 +340,7 @@ def _nearest_of_all(
 def _likely(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """Return the likely nearest solution, and a lower bound of the cost of other sides and depths,
-    rad^2.
+    """Return the likely nearest solution, and a lower bound of the cost of the others, rad^2.
 
     The bound may be NaN. The function looks at the depth of each side that is nearer to the
     measured d3, and takes the side whose wrist and yaw are nearer.
@@ -357,14 +352,13 @@ def _likely(
         )
         return _reach(geometry, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
 
-    (zero, farther_zero), (one, farther_one) = (nearer_depth(wrist) for wrist in wrists)
-    cost_zero, cost_one = (
-        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST)
-        for reach in (zero, one)
+    reaches, farther = zip(*map(nearer_depth, wrists), strict=True)
+    cost0, cost1 = (
+        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST) for reach in reaches
     )
-    other = jnp.maximum(cost_zero, cost_one)
-    likely = _nearer_bend(geometry, measured, where(cost_one < cost_zero, one, zero))
-    return likely, jnp.minimum(other, jnp.minimum(farther_zero, farther_one))
+    other = jnp.maximum(cost0, cost1)
+    likely = _nearer_bend(geometry, measured, where(cost1 < cost0, reaches[1], reaches[0]))
+    return likely, jnp.minimum(other, jnp.minimum(*farther))
 
 
 def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:

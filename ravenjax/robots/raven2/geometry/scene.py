@@ -1,5 +1,4 @@
-"""The operating scene: where the arms are, and how near the tips are to the tissue and to each
-other.
+"""The operating scene: where the arms are, and how near tips are to tissue and to each other.
 
 The world's z axis points up. The arms' frames are read from the model. The tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
@@ -75,8 +74,7 @@ def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
 
 
 def tissue_surface(arm: ArmName, point: Vec) -> Surface:
-    """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on
-    it.
+    """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge.
 
     Beside the tissue the surface is 1 m deep. The ridge is height (1 - (d/r)^2)^2 at the distance d
     from the vessel's axis. It is as wide and high as the drawn vessel, without a vertical flank.

@@ -1,5 +1,4 @@
-"""A pose as the control software stores it: whole micrometres, float32 rotation, whole
-milliradians.
+"""A pose as the control software stores it: whole micrometres, float32, whole milliradians.
 
 raven2 `include/DS0.h`: struct position has three int; struct orientation has a float R[3][3] and an
 int grasp.

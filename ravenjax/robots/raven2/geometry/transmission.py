@@ -1,5 +1,4 @@
-"""Transmission between motors and joints: ratios, cable coupling, signs, and the torque of a DAC
-count.
+"""Transmission between motors and joints: ratios, coupling, signs, and torque of a DAC count.
 
 Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
 and GB_RATIO as double: round them if that matters. The functions compute in the type of their input

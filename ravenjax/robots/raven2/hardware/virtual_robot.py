@@ -32,9 +32,6 @@ from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
 
-BOARDS = 1
-"""Number of boards whose output pins may differ: the control software writes the same to all."""
-
 
 @record
 class RobotParams:
@@ -90,7 +87,7 @@ def begin_robot(
 ) -> tuple[RobotState, RobotSignals]:
     """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
-    state = RobotState(plc.init(setup, level, BOARDS), arms)
+    state = RobotState(plc.init(setup, level), arms)
     responses = per_arm(
         setup, lambda i, arm: plant.observe_robot(setup, arm, params.arms[i], arms[i])
     )
@@ -105,7 +102,7 @@ def step(
     """Compute one millisecond, as in the tick after the USB boards."""
     buttons = inputs.estop_button != 0, inputs.start_button != 0
     controller, relays = plc.step(
-        setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons)
+        setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,), *buttons)
     )
     moved = per_arm(
         setup,

@@ -129,8 +129,7 @@ def params(setup: RavenSetup) -> ControlParams:
 def init(
     setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
-    """Return a homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and
-    `runlevel`.
+    """Return a homed robot at rest at `jpos` (rad and m, per arm; default: home) and `runlevel`.
 
     raven2 starts in E-stop (0) and waits for the PLC. The 2015 fork starts in pedal-down (3),
     because its simulator builds have no PLC.

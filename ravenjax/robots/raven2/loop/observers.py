@@ -1,5 +1,4 @@
-"""The part of the tick that observes the robot: nominal model on the clean packet, haptic cue,
-monitor.
+"""The part of the tick that observes the robot: nominal model, haptic cue, monitor.
 
 It is part of every tick. It also runs alone if the robot is elsewhere and only its reports are
 known.
@@ -169,7 +168,7 @@ def golden_reference(
     if signal.apart is None:
         return signal.reference
     return tree.map_leaves(
-        lambda golden, own: jnp.where(signal.apart, golden, cast_to_real(setup, own)),
+        lambda golden, robot: jnp.where(signal.apart, golden, cast_to_real(setup, robot)),
         signal.reference,
         monitor.Reference(tips, pos),
     )

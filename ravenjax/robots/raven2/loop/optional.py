@@ -1,5 +1,4 @@
-"""Optional stages of the tick: each is a value in STAGES, and is part of the tick if it is
-`present`.
+"""Optional stages of the tick: each is a value in STAGES, in the tick if it is `present`.
 
 To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and its outcomes are in
 the result table. A run fails if one of the stage's `numbers` is not finite.

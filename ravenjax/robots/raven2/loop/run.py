@@ -1,5 +1,4 @@
-"""A run of ticks: its start, its steps, the series for faulty runs with the same golden run, and
-outcomes.
+"""A run of ticks: its start, its steps, the series for its faulty runs, and outcomes.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """

@@ -1,5 +1,4 @@
-"""One millisecond of the whole system: console, network, control software, PLC, robot, nominal
-model, cue.
+"""One millisecond of the whole system: console, network, software, PLC, robot, model, cue.
 
 The order is the robot's: sense, decide, check, write. The plant moves last, and its encoders are
 read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,

@@ -1,5 +1,4 @@
-"""Constants as the control software stores them: those that it declares `float` are rounded to
-float32.
+"""Constants as the control software stores them: its `float`s are rounded to float32.
 
 Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
 `inv_cable_coupling.cpp`, `DS0.h`. They are Python numbers, so that they take part in wide
@@ -31,6 +30,11 @@ TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
     lambda torque, gear: as_float32(torque * gear), transmission.GEARBOX
 )
 """N m at the capstan per A, unsigned."""
+
+
+KP = (0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)
+KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
+"""Gains of raven2's gold arm, N m after gearbox per motor rad and rad/s; params/r2params.yaml."""
 
 
 def wrist_coupling(tool: str) -> float:

@@ -1,5 +1,4 @@
-"""Kinematics, gravity and quaternions by the operations of the original, in their order and in
-double precision.
+"""Kinematics, gravity and quaternions by the operations of the original, in double precision.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
@@ -135,8 +134,8 @@ def quat_from_matrix(rotation: Vec) -> Vec:
         choose(0.0, dx, dy, dz),
     )
     return Vec(
-        jnp.where(own, half, other * factor)
-        for own, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
+        jnp.where(greatest, half, other * factor)
+        for greatest, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
     )
 
 

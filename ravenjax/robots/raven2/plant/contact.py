@@ -20,6 +20,8 @@ step. It is solved with the step's other implicit forces: Newton's first step of
 This is stable for any stiffness, with an error of second order.
 """
 
+import functools
+import itertools
 from typing import NamedTuple
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
@@ -182,12 +184,8 @@ def instruments_meeting(
         instrument.instrument_line(arm, joints) for arm, joints in zip(arms, jpos, strict=True)
     )
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
-    best: _Pair | None = None
-    for one in pieces[0]:
-        for other in pieces[1]:
-            pair = _nearest(one, other)
-            best = pair if best is None else where(pair.depth > best.depth, pair, best)
-    assert best is not None
+    pairs = itertools.starmap(_nearest, itertools.product(*pieces))
+    best = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
     ways, frames = [], []
     for i, sense in enumerate((1.0, -1.0)):
@@ -234,19 +232,19 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
     )
 
 
-def _nearest(one: _Piece, other: _Piece) -> _Pair:
+def _nearest(first: _Piece, second: _Piece) -> _Pair:
     """Return the nearest points (C. Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
-    between = one.begin - other.begin
-    a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
-    c, f = dot(one.way, between), dot(other.way, between)
+    between = first.begin - second.begin
+    a, b, e = dot(first.way, first.way), dot(first.way, second.way), dot(second.way, second.way)
+    c, f = dot(first.way, between), dot(second.way, between)
     s = _share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
     t = _share((b * s + f) / e)
     s = _share((b * t - c) / a)
-    points = one.begin + one.way * s, other.begin + other.way * t
+    points = first.begin + first.way * s, second.begin + second.way * t
     away = points[0] - points[1]
     distance = norm(away)
-    beyond = s if one.jaws else s * 0.0, t if other.jaws else t * 0.0
-    return _Pair(one.radius + other.radius - distance, distance, away, points, beyond)
+    beyond = s if first.jaws else s * 0.0, t if second.jaws else t * 0.0
+    return _Pair(first.radius + second.radius - distance, distance, away, points, beyond)
 
 
 def _share(x: Scalar) -> Scalar:

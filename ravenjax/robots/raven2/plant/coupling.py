@@ -92,13 +92,13 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
     return a if type(b) in (int, float) and b == 1 else a / b
 
 
-def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return where inner[i][j] enters the lower half of own^T inner own: row, column, factor."""
+def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
+    """Return where inner[i][j] enters the lower half of rows^T inner rows: row, column, factor."""
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):
             for column in range(row + 1):
-                factor = own[a][row] * own[b][column]
+                factor = rows[a][row] * rows[b][column]
                 factors[row, column] = factors.get((row, column), 0.0) + factor
     return [(row, column, factor) for (row, column), factor in factors.items() if factor != 0.0]
 

@@ -44,7 +44,7 @@ import math
 
 from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, jnp, record
 from ravenjax.numbers.algebra import add, mul
-from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
@@ -61,8 +61,7 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
 
-COUNTS_PER_RAD = 4000.0 / (2.0 * math.pi)
-RAD_PER_COUNT = (2.0 * math.pi) / 4000.0
+COUNTS_PER_RAD = transmission.ENCODER_COUNTS / (2.0 * math.pi)
 
 
 @record
@@ -89,7 +88,7 @@ def advance_angle(angle: Angle, turned: Scalar) -> Angle:
 
 def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
     """Return the angle in rad; it is rounded to `dtype` once, so no error accumulates."""
-    return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
+    return (angle.count.astype(dtype) + angle.fraction) * transmission.ENCODER_RAD
 
 
 @record
@@ -172,8 +171,7 @@ class Eliminated:
 def limit_torque(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """Return the part of a commanded `torque` (N m) that amplifier and supply allow at `speed`
-    (rad/s).
+    """Return the part of a commanded `torque` (N m) that the motor gives at `speed` (rad/s).
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
     limit. The current limit also holds for a motor that is driven faster than the supply could turn

@@ -1,5 +1,4 @@
-"""Kinematic errors: joints, cable drums and links off their drawings, which make a healthy robot's
-report wrong.
+"""Kinematic errors: joints, drums and links off their drawings, which falsify reports.
 
 - The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
   which they were built.

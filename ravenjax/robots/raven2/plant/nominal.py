@@ -1,5 +1,4 @@
-"""The nominal model: the instrument's motion if nothing went wrong. Euler-Lagrange at joint torque
-level.
+"""The nominal model: the instrument's motion if nothing went wrong, at joint torque level.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
     tau = kp (q_d - q) - kd q' + G(q)             insertion: + ki times the integral of (q_d - q)
@@ -35,6 +34,7 @@ from ravenjax.numbers.algebra import mul, solve_spd
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
+from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import ArmName, RavenSetup
@@ -45,9 +45,6 @@ INSERTION = 2
 
 # Diagonal of M at the home pose (kg m2; insertion kg), both arms; unit inertia for the jaws.
 INERTIA = (0.21635879, 0.10039008, 0.407, 6.5508e-7, 1.13110e-6, 1.0, 1.0)
-# raven2: params/r2params.yaml, gold, N m after gearbox per motor rad and per motor rad/s.
-KP = (0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)
-KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
@@ -129,8 +126,8 @@ def params(
     kp, kd, kv, kc = [], [], [], []
     for i, ratio in enumerate(transmission.TR):
         similar = INERTIA[i] / (inertia[i] + share[i] * link_inertia[i] / ratio**2)
-        kp.append(similar * KP[i] * gain[i])
-        kd.append(similar * KD[i] * gain[i])
+        kp.append(similar * stored.KP[i] * gain[i])
+        kd.append(similar * stored.KD[i] * gain[i])
         kv.append(similar * (viscous[i] + share[i] * link_viscous[i] / ratio**2))
         kc.append(similar * (dry[i] + share[i] * link_dry[i] / ratio) / ratio)
     for jaw in range(LAGRANGE, 7):
@@ -163,8 +160,7 @@ def step(
     clean: Clean,
     measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
-    """Compute one tick (1 ms) under the operator's clean command; the model holds while the pedal
-    is up.
+    """Compute one tick (1 ms) under the clean command; the model holds while the pedal is up.
 
     measured: the robot's joints as its control software has them (rad, m). The measured pose is a
     little below the desired one. At each lift of the pedal the robot takes the measured pose as the

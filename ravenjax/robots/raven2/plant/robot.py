@@ -52,14 +52,15 @@ class PlantParams:
     link_viscous: Vec  # N m s/rad; insertion N s/m
     stops: drives.StopParams
     kinematic_errors: kinematic_errors.KinematicErrors
-    friction_scale: Scalar
-    cable_stiffness_scale: Scalar
-    motor_constant_scale: Scalar
-    mass_scale: Scalar
-    gravity: Vec  # m/s2; 3
-    encoder_noise: Scalar  # counts rms
-    torque_noise: Scalar  # N m rms
-    noise_key: Scalar  # uint32; a run and its golden run share it
+    friction_scale: Scalar = 1.0
+    cable_stiffness_scale: Scalar = 1.0
+    motor_constant_scale: Scalar = 1.0
+    mass_scale: Scalar = 1.0
+    # m/s2; 3; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
+    gravity: Vec = Vec((-9.81, 0.0, 0.0))
+    encoder_noise: Scalar = 0.0  # counts rms
+    torque_noise: Scalar = 0.0  # N m rms
+    noise_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
 @record
@@ -116,22 +117,15 @@ def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
     """Return the documented values; `parameter_set` is one of `parameter_sets.Name`."""
-    # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
     return PlantParams(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.no_errors(),
-        friction_scale=1.0,
-        cable_stiffness_scale=1.0,
-        motor_constant_scale=1.0,
-        mass_scale=1.0,
-        gravity=Vec((-9.81, 0.0, 0.0)),
         # Assumed if noise is drawn: an edge's jitter as large as a count's rounding, and one count
         # of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
-        noise_key=np.uint32(0),
     )
 
 
@@ -160,7 +154,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     motors = tuple(
         drives.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
     )
-    fractions = Vec(motor.fraction * drives.RAD_PER_COUNT for motor in motors)
+    fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
         motors=tuple(
@@ -422,7 +416,7 @@ def observe_robot(
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
         mpos=Vec(
-            turn + reference.astype(dtype) * drives.RAD_PER_COUNT
+            turn + reference.astype(dtype) * transmission.ENCODER_RAD
             for turn, reference in zip(turned, state.count_ref, strict=True)
         ),
         mvel=state.mvel,

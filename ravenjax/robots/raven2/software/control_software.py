@@ -1,5 +1,4 @@
-"""The control software driven alone: encoders, packets and PLC pins in, DAC commands and output
-pins out.
+"""The control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
 
     software = ControlSoftware(tools=("r_grasper", "r_grasper"))
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
@@ -260,8 +259,8 @@ class ControlSoftware:
             self._receive()
 
     def _packets(self, given: Any) -> list[Datagram | Packet | None]:
-        many: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
-        return [self._packet(one) for one in many] or [None]
+        packets = given if isinstance(given, list | tuple) else [given]
+        return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
         if given is None:
@@ -280,20 +279,20 @@ class ControlSoftware:
         return given
 
 
-def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
+def _changed(params: control.ControlParams, change: Any) -> control.ControlParams:
     """Return the parameters that `change` returns, each number in its own type."""
     if not callable(change):
         raise UserError(
             f"params is {format_value(change)}, expected a function that takes the ControlParams"
             " and returns changed ones"
         )
-    new = change(own)
+    new = change(params)
     if not isinstance(new, control.ControlParams):
         raise UserError(
             f"params returned {format_value(new)}, expected the ControlParams it was given, with"
             " numbers replaced"
         )
-    return checked.record_like("params", new, own, finite=True)
+    return checked.record_like("params", new, params, finite=True)
 
 
 # --- start state at given encoder counts ---

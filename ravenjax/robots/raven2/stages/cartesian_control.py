@@ -1,5 +1,4 @@
-"""Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits ->
-jpos_d.
+"""Cartesian control: measured and desired tip pose, inverse kinematics with limits -> jpos_d.
 
 raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order. If an arm has no
 acceptable solution, it and the arms after it keep their last jpos_d, and nothing stops. A target

@@ -1,5 +1,4 @@
-"""Estimates motor positions and velocities from encoder counts, and joints by forward cable
-coupling.
+"""Estimates motor positions and velocities from encoder counts, and joints from motors.
 
 raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The 2015
 fork first filters them by a third-order Butterworth low-pass of 120 Hz.

@@ -44,8 +44,8 @@ def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
         return Vec(number(value) for value in values)
 
     return MotorControlParams(
-        kp=gains(0.3, 0.3, 0.15, 0.09, 0.05, jaw_kp, jaw_kp),
-        kd=gains(0.008, 0.008, damping, 0.001, 0.0, 0.0, 0.0),
+        kp=gains(*stored.KP[:5], jaw_kp, jaw_kp),
+        kd=gains(*stored.KD[:2], damping, *stored.KD[3:]),
         ki=gains(0.0, 0.0, 0.0, 0.05, 0.05, jaw_ki, jaw_ki),
         mvel_d=gains(*(0.0,) * 7),
     )

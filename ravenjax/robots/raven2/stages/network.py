@@ -1,5 +1,4 @@
-"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
-network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and number (raven2: network_layer.cpp).
 
 The sequence number is unsigned on the wire. Here it is an int32 whose bits are compared as
 unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and

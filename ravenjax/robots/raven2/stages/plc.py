@@ -1,5 +1,4 @@
-"""The programmable logic controller between control computer and motor power. A documented
-assumption.
+"""The programmable logic controller between computer and motor power. An assumption.
 
 No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
 watchdog time-out. The control software implies the following (raven2: defines.h, state_machine.cpp,
@@ -72,8 +71,7 @@ class PlcOutput:
 
 
 def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
-    """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP for one just
-    switched on.
+    """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
 
     boards: number of boards whose pins may differ; 1 if all are written alike.
     """

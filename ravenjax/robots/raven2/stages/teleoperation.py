@@ -1,5 +1,4 @@
-"""Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp,
-mapping.cpp).
+"""Teleoperation: the sum of packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
 
 Increments add up at every run level. In pedal-down the device takes over the sum whenever the
 update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
@@ -89,8 +88,34 @@ def accumulate_increments(
     packet: Packet,
 ) -> TeleoperationState:
     """Add the increments of an accepted packet, or take over its absolute poses."""
-    take = _taken_absolute if setup.console == "absolute" else _added
-    after = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
+
+    def take(i: int, arm: ArmName) -> Accumulator:
+        old, quaternion = state.arms[i], widen_numbers(setup, packet.quat[i])
+        if setup.console == "absolute":
+            rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
+            pose = StoredPose(packet.delta[i], rotation, packet.grasp[i])
+            return Accumulator(pose, old.quaternion)
+        increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(quaternion))
+        # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN,
+        # which is cast to INT32_MIN.
+        moves = mapping.position_from_itp(arm, packet.delta[i])
+        moves = moves.map(
+            lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN),
+            increment,
+        )
+        quaternion = mapping.quat_mul(
+            select_evaluation(setup).quat_from_matrix(increment), old.quaternion
+        )
+        opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
+        opening = jnp.where(
+            opening > params.grasp_max_mrad,
+            params.grasp_max_mrad,
+            jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
+        )
+        rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
+        return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
+
+    after = per_arm(setup, take)
     return replace(
         state,
         arms=where(accepted, after, state.arms),
@@ -98,48 +123,6 @@ def accumulate_increments(
         surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
         last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
     )
-
-
-def _added(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TeleoperationParams,
-    old: Accumulator,
-    packet: Packet,
-    i: int,
-) -> Accumulator:
-    increment = mapping.rotation_from_itp(
-        arm, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i]))
-    )
-    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, which
-    # is cast to INT32_MIN.
-    moves = mapping.position_from_itp(arm, packet.delta[i])
-    moves = moves.map(
-        lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment
-    )
-    quaternion = mapping.quat_mul(
-        select_evaluation(setup).quat_from_matrix(increment), old.quaternion
-    )
-    opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
-    opening = jnp.where(
-        opening > params.grasp_max_mrad,
-        params.grasp_max_mrad,
-        jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
-    )
-    rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
-    return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
-
-
-def _taken_absolute(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TeleoperationParams,
-    old: Accumulator,
-    packet: Packet,
-    i: int,
-) -> Accumulator:
-    rotation = narrow_numbers(setup, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i])))
-    return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
 
 
 def hand_over(
