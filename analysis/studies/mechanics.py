@@ -299,7 +299,7 @@ def _run(
             int(s) * jnp.trunc(c).astype(jnp.int32) for s, c in zip(drive, spring, strict=True)
         ]
         command[0] = command[0] + counts
-        signal = replace(robot.nominal_signal(Vec(command), jnp.int32(0)), external_torque=push)
+        signal = replace(robot.PlantSignal(Vec(command), jnp.int32(0)), external_torque=push)
         state, out = robot.step(STATICS_SETUP, "gold", params, state, signal)
         return state, (out.tension[0], out.mvel[0], out.jpos[0])
 

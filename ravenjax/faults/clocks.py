@@ -64,12 +64,9 @@ class Arrivals(Protocol):
 class PedalPhases:
     """Times at which the pedal is down in a run, until a stop."""
 
-    # int64 [phases], ticks in which the pedal clock reads 0, ascending
-    begins: np.ndarray
-    # int64 [phases], first tick after each phase in which the pedal is up, or the run's end
-    ends: np.ndarray
-    # Ticks by which each of these times may be delayed; None: unknown
-    later: int | None = 0
+    begins: np.ndarray  # int64 [phases], ticks in which the pedal clock reads 0, ascending
+    ends: np.ndarray  # int64 [phases], first tick after each phase, or the run's end
+    later: int | None = 0  # Ticks by which each of these times may be delayed; None: unknown
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after which no window is open, or 0 if none ever is."""

@@ -11,15 +11,13 @@ class FaultSlot:
     Codes are those of `ravenjax.vocabulary`.
     """
 
-    # int32, 1-based index of the channel in the campaign's list of channels; 0: no fault
-    code: Scalar
+    code: Scalar  # int32, index from 1 in the campaign's list of channels; 0: no fault
     effect: Scalar  # int32, EFFECT_CODES
     value: Scalar  # float, in the channel's unit
     trigger: Scalar  # int32, TRIGGER_CODES
     start: Scalar  # int32, ticks or packets on the trigger's clock
     duration: Scalar  # int32, ticks or packets that the window stays open
-    # int32, ticks or packets from one opening to the next; 0: the window opens once
-    every: Scalar
+    every: Scalar  # int32, ticks or packets from one opening to the next; 0: the window opens once
     period: Scalar  # int32, ticks, period of effect periodic
     key: Scalar  # uint32, random key of effect random
 
@@ -38,11 +36,9 @@ class SlotState:
     active: Scalar  # bool, the window is open in this tick
     age: Scalar  # int32, ticks since the window opened; 0 in its first tick
     latched: Scalar  # float, the value that effect latch_offset latched
-    # float, the channel's value in the last tick before the window; NaN: never seen
-    before: Scalar
+    before: Scalar  # float, the channel's value in the last tick before the window; NaN: never seen
     first_tick: Scalar  # int32, tick in which the fault first changed its channel; -1: never
-    # int32, ticks in which the fault changed at least one bit of its channel
-    changed_ticks: Scalar
+    changed_ticks: Scalar  # int32, ticks in which the fault changed at least one bit of its channel
     last_tick: Scalar  # int32, tick in which it last changed its channel; -1: never
 
 

@@ -20,8 +20,7 @@ class Region(NamedTuple):
 
     condition: int
     operations: tuple[int, ...]
-    # Results that are read outside: by choices, and by a later region of the condition.
-    results: tuple[int, ...]
+    results: tuple[int, ...]  # read outside: by choices, and by a later region of the condition
 
     def reads(self, operations: Sequence[Operation]) -> list[int]:
         """Return the operations outside that the region reads."""

@@ -62,18 +62,14 @@ class Split:
     """Decides which part computes which operation of `loop.step`, given by their numbers."""
 
     loop: TimeLoop
-    # Numbers of the state that each lane stores.
-    lane_state: tuple[int, ...]
-    # Numbers of the state that never change, but differ between lanes.
-    held_state: tuple[int, ...]
-    # Numbers of the state that a group stores once.
-    shared_state: tuple[int, ...]
+    lane_state: tuple[int, ...]  # Numbers of the state that each lane stores.
+    held_state: tuple[int, ...]  # Numbers of the state that never change, but differ between lanes.
+    shared_state: tuple[int, ...]  # Numbers of the state that a group stores once.
     shared: tuple[int, ...]  # operations of the shared part
     prologue: tuple[int, ...]  # operations done once per lane
     lane: tuple[int, ...]  # operations done each tick in each lane
     row: tuple[int, ...]  # shared operations whose results lanes read
-    # Operations of the prologue whose results the loop reads.
-    prologue_results: tuple[int, ...]
+    prologue_results: tuple[int, ...]  # Operations of the prologue whose results the loop reads.
 
 
 def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:

@@ -42,10 +42,8 @@ class Link:
     alpha: float  # Rz(beta) Rx(alpha) Rz(offset) for a slide
     offset: float
     reference: float  # qpos0: a slide has moved by q - reference along z
-    # position of this frame's origin in the parent frame (slide: at q = reference)
-    position: tuple[float, float, float]
-    # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
-    pseudo_inertia: np.ndarray
+    position: tuple[float, float, float]  # m, origin in the parent frame (slide: at q = reference)
+    pseudo_inertia: np.ndarray  # [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
     armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
 
 

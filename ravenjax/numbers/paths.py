@@ -36,7 +36,13 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
         return None
     names = tuple(map(str, range(len(node))))
     if isinstance(node, Vec):
-        names = component_names(len(node), setup.joints, setup.leading_joints)
+        joints = setup.joints
+        if len(node) == len(joints):
+            names = joints
+        elif len(node) == len(_AXES):
+            names = _AXES
+        elif len(node) in setup.leading_joints:
+            names = joints[: len(node)]
     elif len(node) == len(setup.arms) and all(
         dataclasses.is_dataclass(item) or isinstance(item, Vec) for item in node
     ):
@@ -72,24 +78,6 @@ def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
 
 def _full(steps: tuple[_Step, ...]) -> str:
     return ".".join(step.name for step in steps)
-
-
-def component_names(
-    length: int, joints: tuple[str, ...], leading: tuple[int, ...]
-) -> tuple[str, ...]:
-    """Return names for the numbers of a vector with this length.
-
-    They are the names of all joints, of the axes or of the first joints, or else the indices.
-
-    leading: lengths of vectors that hold the first joints only.
-    """
-    if length == len(joints):
-        return joints
-    if length == len(_AXES):
-        return _AXES
-    if length in leading:
-        return joints[:length]
-    return tuple(str(i) for i in range(length))
 
 
 def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:

@@ -63,15 +63,13 @@ class Setup:
     """Everything that selects the code of a tick. Static and hashable; compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
-    # lengths of vectors that hold the first joints only
-    leading_joints: ClassVar[tuple[int, ...]] = ()
+    leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors of the first joints only
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
     # how engine mjx computes link dynamics; "mjx": by mujoco.mjx, if the robot supports it
     link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     injection: Injection = Injection()
-    # sets of haptic threshold and gains that are evaluated side by side
-    cues: int = 1
+    cues: int = 1  # sets of haptic threshold and gains that are evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
     reacts: bool = False  # the operator may react to the haptic cue

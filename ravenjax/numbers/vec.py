@@ -45,8 +45,7 @@ class Vec(tuple):
     def __add__(self, other: Any) -> Vec:  # type: ignore[override]
         return self.map(operator.add, other)
 
-    def __radd__(self, other: Any) -> Vec:
-        return self.map(lambda a, b: b + a, other)
+    __radd__ = __add__
 
     def __sub__(self, other: Any) -> Vec:
         return self.map(operator.sub, other)
@@ -57,8 +56,7 @@ class Vec(tuple):
     def __mul__(self, other: Any) -> Vec:  # type: ignore[override]
         return self.map(operator.mul, other)
 
-    def __rmul__(self, other: Any) -> Vec:  # type: ignore[override]
-        return self.map(lambda a, b: b * a, other)
+    __rmul__ = __mul__  # type: ignore[assignment]
 
     def __truediv__(self, other: Any) -> Vec:
         return self.map(operator.truediv, other)

@@ -43,8 +43,7 @@ class ChannelState:
     """The channel's state from packet to packet."""
 
     quality: Scalar  # int32, row of TRANSITIONS
-    # int32, packets in a row lost to the present burst; 0: no burst
-    burst: Scalar
+    burst: Scalar  # int32, packets in a row lost to the present burst; 0: no burst
 
 
 def init() -> ChannelState:

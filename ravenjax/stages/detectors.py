@@ -75,8 +75,7 @@ class DetectorParams:
     elbow: StepScale
     insertion: StepScale
     armed_after: Scalar  # int32
-    # for each detector, by name: the parameter record of its file, or None
-    own: tuple[Any, ...]
+    own: tuple[Any, ...]  # for each detector, by name: the parameter record of its file, or None
     thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
 
 
@@ -126,8 +125,7 @@ class DetectorSignal:
     jvel: tuple[Vec, ...]  # 7, rad/s and m/s
     tip_error: tuple[Scalar, ...]  # m
     command: tuple[Vec, ...]  # 7 int32 DAC counts, before the overdrive check
-    # 7 int32 DAC counts, limits at which the overdrive check clips
-    command_limit: Vec
+    command_limit: Vec  # 7 int32 DAC counts, limits at which the overdrive check clips
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
     views: tuple[Any, ...]  # input of users' files, as the robot defines it; (): no files

@@ -67,8 +67,7 @@ class Site:
     channels: tuple[Channel, ...]
     where: str  # when the fault acts, relative to the checks
     unread: bool = False  # nothing in the tick reads its numbers
-    # What a file writes to allow values that do not fit the words; "": the fault's key `wraps`
-    beyond: str = ""
+    beyond: str = ""  # what a file writes to allow values beyond the words; "": the key `wraps`
 
     def channel(self, name: str) -> Channel:
         """Return the channel of that name. Raises KeyError, which lists the channels."""

@@ -37,8 +37,7 @@ class OperatorParams:
     start_position: PerArm[Vec]
     start_quat: PerArm[Vec]  # x, y, z, w
     start_grasp: PerArm[Scalar]
-    # parameters of a user's file in place of the operator, under `hands`
-    own: Any = None
+    own: Any = None  # parameters of a user's file in place of the operator, under `hands`
 
 
 def params(
@@ -153,10 +152,8 @@ class PacketTiming:
     """A packet, and the rows of the motion from which it is made."""
 
     index: Scalar  # int32
-    # int32, row of the motion with the state of the hands when it is made
-    row: Scalar
-    # int32, row of the packet before it, from which increments count
-    before: Scalar
+    row: Scalar  # int32, row of the motion with the state of the hands when it is made
+    before: Scalar  # int32, row of the packet before it, from which increments count
 
 
 def row_by_row(index: Scalar) -> PacketTiming:

@@ -29,8 +29,7 @@ class ScreenView:
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, tip of the nominal model
     pull: Vec  # 3 device units, force of the first haptic set
-    # device units, magnitude of that force; above 0 the cue is shown
-    force: Scalar
+    force: Scalar  # device units, magnitude of that force; above 0 the cue is shown
 
 
 @record
@@ -60,8 +59,7 @@ class OwnOperatorState:
     runlevel: Scalar  # int32
     pace: OwnPace | None
     grasp: OwnGrasp | None
-    # bool, the file had the foot off the pedal in the newest packet
-    lifted: Scalar | None
+    lifted: Scalar | None  # bool, the file had the foot off the pedal in the newest packet
 
 
 class PlanMoment(NamedTuple):

@@ -63,8 +63,7 @@ class OperatorSenses:
     force: PerArm[Scalar]  # device units, of the first haptic set
     tip: PerArm[Vec]  # m, true tip
     model_tip: PerArm[Vec]  # m, tip of the nominal model
-    # m, frame 0, tip motion beyond the plan that the hands asked for, the same for robot and model
-    off_plan: PerArm[Vec]
+    off_plan: PerArm[Vec]  # m, frame 0, tip motion that the hands asked for beyond the plan
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 

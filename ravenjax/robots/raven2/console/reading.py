@@ -52,8 +52,7 @@ class _Hand(NamedTuple):
 
     jaw: int | None  # value of the jaw
     quat: Quat | None  # orientation, a unit quaternion
-    # um (3) and mrad that rounding to whole numbers left over
-    left: tuple[float, ...]
+    left: tuple[float, ...]  # um (3) and mrad that rounding to whole numbers left over
 
 
 _NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))

@@ -26,8 +26,7 @@ class InstrumentPoint(NamedTuple):
     """A point of an instrument, and its velocity per joint."""
 
     at: Vec  # 3, m
-    # 7 of 3: velocity of the point (m/s) per unit speed of each joint
-    columns: tuple[Vec, ...]
+    columns: tuple[Vec, ...]  # 7 of 3: velocity of the point (m/s) per unit speed of each joint
 
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""

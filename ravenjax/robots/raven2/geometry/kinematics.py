@@ -149,12 +149,9 @@ class IK:
     """The result of the inverse kinematics of one arm."""
 
     jpos: Vec  # 7, rad and m, without joint limits; meaningless if rejected
-    # rad, theta6 of the solution, from which the jaws in jpos follow
-    yaw: Scalar
+    yaw: Scalar  # rad, theta6 of the solution, from which the jaws in jpos follow
     cost: Scalar  # rad^2, squared distance of the solution from the measured joints
-    # int32: 0 taken, -1 rejected (hold the last jpos_d), -2 taken with the wrist at the remote
-    # centre
-    status: Scalar
+    status: Scalar  # int32: 0 taken, -1 rejected, -2 taken with the wrist at the remote centre
 
 
 @record
@@ -173,8 +170,7 @@ class _Reach:
 
     axis: Vec  # 2, x and y of the insertion axis, toward the wrist
     bend: Vec  # 2, cos and sin of theta2 of bend 0; theta2 is negated for bend 1
-    # 2, parts along e and m of the direction to which theta4 turns
-    roll: Vec
+    roll: Vec  # 2, parts along e and m of the direction to which theta4 turns
     d3: Scalar  # m
     theta5: Scalar  # rad
     theta6: Scalar  # rad

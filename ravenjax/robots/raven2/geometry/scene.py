@@ -36,8 +36,7 @@ VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
-    # m, depth of the point below the surface, along the world's z; negative above it
-    depth: Scalar
+    depth: Scalar  # m, depth of the point below the surface, along the world's z; negative above it
     # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0. It points along the normal, with 1
     # along the world's z
     rise: Vec

@@ -54,8 +54,7 @@ class RobotInputs:
     """Inputs of the robot in one millisecond."""
 
     dac: PerArm[Vec]  # 7 int32 counts, as written to USB
-    # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    output_pins: Scalar
+    output_pins: Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), wave (4)
     estop_button: Scalar  # int32, 1: pressed
     start_button: Scalar  # int32, 1: pressed
 
@@ -111,7 +110,7 @@ def step(
             arm,
             params.arms[i],
             state.arms[i],
-            plant.nominal_signal(inputs.dac[i], relays.brakes),
+            plant.PlantSignal(inputs.dac[i], relays.brakes),
         ),
     )
     after = RobotState(controller, tuple(new for new, _ in moved))
@@ -148,10 +147,11 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
         state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
-    shapes = (kinds[name].shapes() for name in ("params", "state", "inputs"))
+    given = [kinds[name] for name in ("params", "state", "inputs")]
+    shapes = (kind.shapes() for kind in given)
     program, _ = traced.trace_function(functools.partial(step, setup), *shapes, functions="library")
-    layouts = (kinds[name].layout for name in ("params", "state", "inputs"))
-    return TransitionCode({"robot": StateTransition(program, *layouts)}, kinds)
+    transition = StateTransition(program, *(kind.layout for kind in given))
+    return TransitionCode({"robot": transition}, kinds)
 
 
 def plain_numbers(record: Any) -> Any:

@@ -69,8 +69,7 @@ class Inputs:
     packet: Packet
     usb: usb.UsbIn
     read_ok: PerArm[Scalar]  # int32, 0: the read from the board failed
-    # In a dynamics-simulator build: motors 1-3 of the model, rad, rad/s
-    simulated: PerArm[tuple[Vec, Vec]] = ()
+    simulated: PerArm[tuple[Vec, Vec]] = ()  # motors 1-3 in a dynamics-simulator build, rad, rad/s
 
 
 @record
@@ -108,8 +107,7 @@ class ControlSignals:
     overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
     clamped: Scalar  # int32 flag: a joint limit clamped a target
     pins_out: Scalar  # int32 output byte to the PLC
-    # the packet after faults and before the checks; only with Setup.explained
-    packet: Packet | None = None
+    packet: Packet | None = None  # after faults, before the checks; only with Setup.explained
 
 
 def params(setup: RavenSetup) -> ControlParams:

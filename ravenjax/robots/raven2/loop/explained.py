@@ -41,8 +41,7 @@ HARM = "harm_ms"
 class NumberHistory:
     """History of one number that crosses a seam."""
 
-    # int32, first tick in which it differs from the golden run's; -1: never
-    differs: Scalar
+    differs: Scalar  # int32, first tick in which it differs from the golden run's; -1: never
     # int32, first tick outside its normal range while the golden run's is inside; None: no range
     leaves: Scalar | None
 
@@ -53,8 +52,7 @@ class MarginHistory:
 
     margin: Scalar  # smallest distance to the limit, as in `stages.check`
     golden: Scalar  # smallest distance of the golden run until the same tick
-    # int32, tick of the smallest distance; -1: nothing was measured
-    tick: Scalar
+    tick: Scalar  # int32, tick of the smallest distance; -1: nothing was measured
 
 
 @record

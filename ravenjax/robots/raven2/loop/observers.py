@@ -46,8 +46,7 @@ class Seen(NamedTuple):
 
     models: PerArm[nominal.NominalOutput]
     cues: PerArm[haptics.HapticOutput]
-    # m, true tip in frame 0; the reported tip if the true one is unknown
-    tips: PerArm[Vec]
+    tips: PerArm[Vec]  # m, true tip in frame 0; the reported tip if the true one is unknown
     depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool

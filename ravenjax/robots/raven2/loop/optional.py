@@ -26,8 +26,7 @@ from ravenjax.stages import channel, detectors, hand, overload, packet_clock, pa
 class Network:
     """What a fault may do to the newest packet on its way to the robot."""
 
-    # int32, packets; how much older the packet is that is sent instead
-    lag: Scalar
+    lag: Scalar  # int32, packets; how much older the packet is that is sent instead
     delay: Scalar  # int32, packets; delay of a channel that delivers in order
     lost: Scalar  # bool
     bursts: Scalar  # float, seed of the channel's losses; 0: none
@@ -93,19 +92,16 @@ class Stage(NamedTuple):
 
     present: Callable[[RavenSetup], bool]
     init: Callable[[Start], Any]
-    # Before the console makes its packet
-    act: Callable[[Any, Console], Any] = _keep
+    act: Callable[[Any, Console], Any] = _keep  # Before the console makes its packet
     # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
         lambda state, console, network: (state, network)
     )
-    # After the robot has moved
-    watch: Callable[[Any, Sight], Any] = _keep
+    watch: Callable[[Any, Sight], Any] = _keep  # After the robot has moved
     outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
     numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
     moves_hands: bool = False
-    # Before the monitor: a CPU can execute its many independent operations while a long chain waits
-    early: bool = False
+    early: bool = False  # before the monitor: a CPU overlaps its operations with a long chain
 
 
 def find_stages(setup: RavenSetup) -> dict[str, Stage]:

@@ -46,8 +46,7 @@ class NetworkParams:
     """Parameters of the channel from console to robot."""
 
     cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
-    # int32, number of a distribution of vocabulary.packets
-    packets: Scalar = np.int32(packets.EVERY_CYCLE)
+    packets: Scalar = np.int32(packets.EVERY_CYCLE)  # int32, distribution of vocabulary.packets
     packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
@@ -71,16 +70,14 @@ class TickState:
     plc: plc.PlcState
     plant: PerArm[plant.PlantState]
     enc_val: PerArm[Vec]  # int32 counts that the encoders show
-    # rad, rad/s of motors 1-3, only for dynamics-simulator builds
-    motors: PerArm[tuple[Vec, Vec]]
+    motors: PerArm[tuple[Vec, Vec]]  # rad, rad/s of motors 1-3, only for dynamics-simulator builds
     nominal: PerArm[nominal.NominalState]
     haptics: PerArm[haptics.HapticState]
     hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
     stages: dict[str, Any]  # state of each of `optional.STAGES` that is in the tick
-    # int32, ticks since pedal-down was entered; negative: not in pedal-down
-    pedal_ticks: Scalar
+    pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in pedal-down
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
     delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
@@ -91,13 +88,10 @@ class Input:
     """Inputs of a tick."""
 
     tick: Scalar  # int32, ticks since the run began
-    # columns of the operator's motion, each a 1-D array: the only arrays of the tick
-    motion: tuple[Any, ...]
+    motion: tuple[Any, ...]  # columns of the operator's motion, 1-D: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
-    # packet.Packet of an external console, in place of the packets from the motion
-    packet: Any = None
-    # bool, False: no fault has acted so far, and the robot is its own golden run
-    apart: Any = None
+    packet: Any = None  # packet.Packet of an external console, in place of those of the motion
+    apart: Any = None  # bool, False: no fault has acted so far, and the robot is its own golden run
 
 
 @record
@@ -107,8 +101,7 @@ class TickSignals:
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: PerArm[plant.PlantOutput]
-    # 7 int32 DAC counts that the USB boards hold, after the checks at the boards
-    boards: PerArm[Vec]
+    boards: PerArm[Vec]  # 7 int32 DAC counts that the USB boards hold after their checks
     plc: plc.PlcOutput
     nominal: PerArm[nominal.NominalOutput]
     haptics: PerArm[haptics.HapticOutput]

@@ -253,9 +253,8 @@ def _move_robot(
         driven = where(params.usb.command_delay == ticks, then, driven)
     loads = per_arm(
         setup,
-        lambda i, _: replace(
-            plant.nominal_signal(driven[i], brakes),
-            **{site: arms[i] for site, arms in multipliers.items()},
+        lambda i, _: plant.PlantSignal(
+            driven[i], brakes, **{site: arms[i] for site, arms in multipliers.items()}
         ),
     )
     moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)

@@ -86,8 +86,7 @@ class UserFilesState:
 
     checks: tuple[PerArm[CheckState], ...]  # for each check
     histories: tuple[CheckHistory, ...]
-    # bool, the arm's board refuses; (): no check can stop it at the boards
-    refusing: PerArm[Scalar]
+    refusing: PerArm[Scalar]  # bool, the arm's board refuses; (): no check stops at the boards
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 

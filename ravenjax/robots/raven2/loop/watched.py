@@ -20,8 +20,7 @@ class WatchedSignals:
     """The detectors' state after a millisecond."""
 
     detectors: DetectorsState
-    # bool, whether the detectors were armed, ignoring `armed_after`
-    live: Scalar
+    live: Scalar  # bool, whether the detectors were armed, ignoring `armed_after`
 
 
 def advance(

@@ -154,11 +154,9 @@ def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
 class Meeting(NamedTuple):
     """Two instruments at the points where they are nearest, over the coming step."""
 
-    # 7 each: speed at which each joint at unit speed moves them apart
-    ways: tuple[Vec, Vec]
+    ways: tuple[Vec, Vec]  # 7 each: speed at which each joint at unit speed moves them apart
     normal: Law
-    # 3 each, direction of the force in frame 0 of each arm, a unit vector
-    apart: tuple[Vec, Vec]
+    apart: tuple[Vec, Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
 
     def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
         """Return the force in the step in N, never below 0.
@@ -219,8 +217,7 @@ class _Pair(NamedTuple):
     distance: Scalar  # m, distance between their axes
     away: Vec  # m, vector from the second's axis to the first's
     at: tuple[Vec, Vec]  # m, the point on each axis, world
-    # for each, 0 on a shaft; on jaws the fraction from wrist to end
-    beyond: tuple[Scalar, Scalar]
+    beyond: tuple[Scalar, Scalar]  # for each, 0 on a shaft; on jaws the fraction from wrist to end
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:

@@ -29,8 +29,7 @@ class Coupling:
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    # Motion of each joint per motion by its drum's drawing: T diag(1 / gain); a literal 1 drops out
-    gain: Vec = AS_DRAWN
+    gain: Vec = AS_DRAWN  # motion of each joint per motion by its drum's drawing; 1 drops out
 
     def motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint angles (or speeds)."""

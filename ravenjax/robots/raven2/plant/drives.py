@@ -218,8 +218,7 @@ def eliminate_motor(
 @describe_fields
 @record
 class BrakeParams:
-    # N m; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-    holding_torque: Scalar = 0.4 * 12.25
+    holding_torque: Scalar = 0.4 * 12.25  # N m; assumed: maxon AB 28, 0.4 N m at the shaft
     engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
     release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 
@@ -227,8 +226,7 @@ class BrakeParams:
 @record
 class BrakeState:
     engaged: Scalar  # 1: engaged, int32
-    # ms for which the command has differed from the brake's state, int32
-    pending_ticks: Scalar
+    pending_ticks: Scalar  # ms for which the command has differed from the brake's state, int32
 
 
 def step_brakes(

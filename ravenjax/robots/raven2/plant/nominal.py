@@ -64,8 +64,7 @@ class TargetParams:
 class Clean:
     """The operator's command to one arm in this tick, as the console makes it, before any fault."""
 
-    # 3, um, int32: ITP-frame increment, or position in frame 0 with Setup.console "absolute"
-    delta_um: Vec
+    delta_um: Vec  # 3, um, int32: ITP-frame increment, or position in frame 0 (absolute)
     quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
     grasp_mrad: Scalar  # mrad, int32: increment (positive closes), or opening
     engaged: Scalar  # 1: pedal down, int32 or bool
@@ -88,8 +87,7 @@ class NominalParams:
     kv: Vec  # N m s/rad; insertion N s/m; 5, without the jaws
     kc: Vec  # N m; insertion N; 5, without the jaws
     mass_scale: Scalar
-    # int32; 1: the model follows the robot's measured pose while the pedal is up
-    resync: Scalar
+    resync: Scalar  # int32; 1: the model follows the robot's measured pose while the pedal is up
     target: TargetParams
 
 

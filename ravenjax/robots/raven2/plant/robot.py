@@ -19,6 +19,7 @@ large numbers is ever formed, so float32 loses nothing that an encoder can resol
 
 import dataclasses
 import functools
+import itertools
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 
 TICK_S = 1e-3
 N = 7
+_ONES = Vec.full(N, 1.0)
 POSITIONING = 3
 TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
@@ -56,8 +58,7 @@ class PlantParams:
     cable_stiffness_scale: Scalar = 1.0
     motor_constant_scale: Scalar = 1.0
     mass_scale: Scalar = 1.0
-    # m/s2; 3; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
-    gravity: Vec = Vec((-9.81, 0.0, 0.0))
+    gravity: Vec = Vec((-9.81, 0.0, 0.0))  # m/s2; 3; size of Li_DYN, direction of grav_comp.cpp too
     encoder_noise: Scalar = 0.0  # counts rms
     torque_noise: Scalar = 0.0  # N m rms
     noise_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
@@ -70,11 +71,9 @@ class PlantState:
     mvel: Vec  # rad/s
     jvel: Vec  # rad/s; insertion m/s
     brakes: drives.BrakeState
-    # 1: whole, 0: the cable is broken; only if Setup.cables is "break"
-    intact: Vec | None
+    intact: Vec | None  # 1: whole, 0: the cable is broken; only if Setup.cables is "break"
     tick: Scalar  # ms, int32: counter of the noise
-    # Joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
-    jpos_ref: Vec
+    jpos_ref: Vec  # rad; insertion m; joints at the reference counts, cables unstretched; constant
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
     # Registration of the true arm; constant in a run; None: frame 0 is where the software assumes
     # it
@@ -85,11 +84,11 @@ class PlantState:
 class PlantSignal:
     current_cmd: Vec  # DAC counts as written to USB, int32
     brakes: Scalar  # 1: brakes commanded on, int32 or bool
-    torque_scale: Vec  # 1, nominally 1.0: factor on each motor's torque constant
-    # 1, nominally 1.0: factor on stiffness and damping of each cable
-    cable_scale: Vec
-    friction_scale: Vec  # 1, nominally 1.0: factor on friction of each motor and link
-    external_torque: Vec  # N m; insertion N, nominally 0.0: load on each joint
+    # The literal ones and zeros of a robot without a fault drop out of the traced code
+    torque_scale: Vec = _ONES  # 1, factor on each motor's torque constant
+    cable_scale: Vec = _ONES  # 1, factor on stiffness and damping of each cable
+    friction_scale: Vec = _ONES  # 1, factor on friction of each motor and link
+    external_torque: Vec = Vec.full(N, 0.0)  # N m; insertion N, load on each joint
 
 
 @record
@@ -101,16 +100,9 @@ class PlantOutput:
     mvel: Vec  # rad/s
     stretch: Vec  # rad of motor angle
     tension: Vec  # N, static tension difference of each cable at this stretch
-    # N, largest magnitude of each cable's tension difference in this tick, with damping
-    carried: Vec
+    carried: Vec  # N, largest magnitude of each cable's tension difference in this tick
     brakes: Scalar  # 1: brakes are engaged, int32
     touch: contact.Touch | None = None  # forces in this tick; only with contact
-
-
-def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
-    """Return a signal without any fault; the literal ones and zeros drop out of the traced code."""
-    one = Vec.full(N, 1.0)
-    return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
 
 def params(
@@ -210,18 +202,18 @@ def step_all(
             for i, arm in enumerate(arms)
         )
     both = [_ArmTick(setup, arms[i], params[i], states[i], signals[i], touched) for i in (0, 1)]
-    one, other = both
+    left, right = both
     for _ in range(setup.substeps):
-        jpos, jvel = (one.jpos(), other.jpos()), (one.state.jvel, other.state.jvel)
-        pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
+        jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
+        pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, left.dt)
         ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
         yielding = [solve_spd(ready[i][0], pair.ways[i]) for i in (0, 1)]
-        gained = [solve_spd(system, right) for system, right in ready]
+        gained = list(itertools.starmap(solve_spd, ready))
         force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
         for i, arm in enumerate(both):
             speeds = gained[i] + yielding[i] * (force - pair.normal.force)
             arm.move(speeds, (pair.apart[i], force))
-    return one.end(), other.end()
+    return left.end(), right.end()
 
 
 @dataclasses.dataclass
@@ -294,9 +286,9 @@ class _ArmTick:
         self._tips = ()
         if self.touched is not None:
             self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
-            for one in self._tips:
-                one.stiffen(system)
-                loads = loads + one.tip.along(one.force())
+            for contact_point in self._tips:
+                contact_point.stiffen(system)
+                loads = loads + contact_point.tip.along(contact_point.force())
         if pushed is not None:
             loads = loads + pushed
         right: list[Scalar] = []
@@ -381,10 +373,10 @@ def observe_robot(
     arm: ArmName,
     params: PlantParams,
     state: PlantState,
-    cable_scale: Vec | None = None,
+    cable_scale: Vec = _ONES,
 ) -> PlantOutput:
-    """Return the outputs of a state. cable_scale: as in `PlantSignal`; None: whole cables."""
-    scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
+    """Return the outputs of a state. cable_scale: as in `PlantSignal`."""
+    scale = _whole(state, cable_scale)
     tension = Vec(
         drives.cable_tension(
             _stiffness(params, i, scale[i]),

@@ -42,8 +42,7 @@ class Outputs:
 
     dac: np.ndarray  # [cycles, arms, 7] int32, signed counts, as written to USB
     output_pins: np.ndarray  # [cycles] int32, bytes to the PLC
-    # All signals at the seams of the control software, each number an array [cycles]
-    signals: control.ControlSignals
+    signals: control.ControlSignals  # at the seams of the software, each number an array [cycles]
 
 
 @dataclasses.dataclass(frozen=True)

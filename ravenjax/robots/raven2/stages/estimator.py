@@ -31,10 +31,8 @@ class EstimatorParams:
 @record
 class EstimatorState:
     started: Scalar  # int32 flag; the first sample fills the history
-    # unfiltered motor angles, rad, latest first; one of them in raven2, three in the fork
-    inputs: tuple[Vec, ...]
-    # filtered motor angles, rad, latest first; none in raven2, three in the fork
-    outputs: tuple[Vec, ...]
+    inputs: tuple[Vec, ...]  # unfiltered motor angles, rad, newest first; raven2: 1, fork: 3
+    outputs: tuple[Vec, ...]  # filtered motor angles, rad, newest first; raven2: 0, fork: 3
 
 
 def params() -> EstimatorParams:

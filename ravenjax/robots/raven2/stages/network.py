@@ -24,8 +24,7 @@ class NetworkState:
     zero: CheckHistory  # trips on sequence number 0, which is reserved
     skip: CheckHistory  # trips on a gap: this packet is lost as well
     duplicate: CheckHistory
-    # far behind: the stream is considered restarted; this packet is lost
-    reset: CheckHistory
+    reset: CheckHistory  # far behind: the stream is considered restarted; this packet is lost
     out_of_sequence: CheckHistory  # behind, but not far
 
 

@@ -50,8 +50,7 @@ class OverdriveParams:
 class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
     instant: CheckHistory  # margin: counts below the instant limit
-    # Trips in a tick in which some command was clipped; margin: counts below the joint limit
-    clip: CheckHistory
+    clip: CheckHistory  # trips in a tick that clips a command; margin: counts below the joint limit
     hard: CheckHistory  # the shared counter tripped; margin: samples left
 
 

@@ -51,10 +51,8 @@ class PlcState:
     watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
     quiet_ticks: tuple[Scalar, ...]  # ms since the last edge of each watchdog pin, int32
     alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
-    # CAUSE_* of the first trip since start was pressed, latched; int32
-    trip_cause: Scalar
-    # trips by the watchdog; margin: ms left before one, negative: tripped
-    watchdog_lost: CheckHistory
+    trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
+    watchdog_lost: CheckHistory  # trips by the watchdog; margin: ms left, negative: tripped
 
 
 @record

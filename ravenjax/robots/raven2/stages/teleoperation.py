@@ -42,15 +42,13 @@ class Accumulator:
     """Commands of the console to one arm, accumulated."""
 
     pose: StoredPose
-    # (x, y, z, w), orientation in the wide type, never re-normalised
-    quaternion: Vec
+    quaternion: Vec  # (x, y, z, w), orientation in the wide type, never re-normalised
 
 
 @record
 class TeleoperationState:
     arms: PerArm[Accumulator]
-    # int32 flag: the accumulator has changed since the device last read it
-    updated: Scalar
+    updated: Scalar  # int32 flag: the accumulator has changed since the device last read it
     age_ticks: Scalar  # int32 cycles since the last update
     surgeon_mode: Scalar  # int32, 1 engaged
     last_seq: Scalar  # int32, sequence number of the last accepted packet
