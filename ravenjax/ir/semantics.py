@@ -28,7 +28,8 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
     if name in ("convert", "bitcast"):
-        return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
+        x = np.asarray(operands[0])
+        return _convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype)[()]
     if name == "div" and np.dtype(dtype).kind in "iu":
         return _quotient(*operands)
     return np.asarray(_FUNCTIONS[name](*operands)).astype(dtype)[()]
@@ -63,18 +64,13 @@ def fma(a: Array, b: Array, c: Array) -> Array:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
-    error = _sum_error(product, np.float64(c), total)
+    rest = total - product
+    error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
     bits = np.asarray(total).view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
     odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
     to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
     return to_odd.view(np.float64).astype(np.float32)[()]
-
-
-def _sum_error(a: Array, b: Array, total: Array) -> Array:
-    """Return a + b - total, exactly (Knuth)."""
-    rest = total - a
-    return (a - (total - rest)) + (b - rest)
 
 
 def _quotient(a: Array, b: Array) -> Array:
@@ -90,7 +86,6 @@ def _remainder(a: Array, b: Array) -> Array:
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
-    x = np.asarray(x)
     if dtype.kind == "b":
         return (x != 0)[()]
     if x.dtype.kind == "f" and dtype.kind in "iu":
@@ -100,10 +95,6 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
         inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
         return np.where(number < limit, inside.astype(dtype), ends.max)[()]
     return x.astype(dtype)[()]
-
-
-def _bitcast(x: Array, dtype: np.dtype) -> Array:
-    return np.asarray(x).view(dtype)[()]
 
 
 def _truncate(x: Array) -> Array:

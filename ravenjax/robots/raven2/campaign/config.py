@@ -354,7 +354,13 @@ class RavenConfig(CampaignConfig):
         files = {"file", "hands", "hands_sha256"}
         operator = self.operator.model_dump(mode="json", exclude=files, exclude_defaults=True)
         if self.operator.file is not None:
-            operator["file"] = _file_hash(self.operator.file)
+            try:
+                with open(self.operator.file, "rb") as file:
+                    operator["file"] = hashlib.file_digest(file, "sha256").hexdigest()
+            except OSError as error:
+                raise UserError(
+                    f"{self.operator.file}: operator.file cannot be read ({error.strerror})"
+                ) from None
         if (hands := self.operator.own) is not None:
             operator["hands"] = part.hash_source(hands)
         sections = {
@@ -465,11 +471,3 @@ def of_raven(config: CampaignConfig) -> RavenConfig:
             f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II"
         )
     return config
-
-
-def _file_hash(path: Path) -> str:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise UserError(f"{path}: operator.file cannot be read ({error.strerror})") from None

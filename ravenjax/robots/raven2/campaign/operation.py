@@ -25,9 +25,8 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
     Raises UserError if the operator's file cannot be used.
     """
     motion, ticks = hands.operator_motion(config), config.campaign.ticks
-    cycles = (
-        1 if config.random_packets else max(1, int(_number(config, "network.cycles_per_packet", 1)))
-    )
+    written = max(1, int(_number(config, "network.cycles_per_packet", 1)))
+    cycles = 1 if config.random_packets else written
     motion = motion.first(-(-ticks // cycles))
     row = np.arange(ticks) // cycles
     obeyed = _number(
@@ -41,8 +40,13 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
     follows = np.full(len(motion), config.campaign.console == "absolute")
     follows[row[down]] = True
     follows &= (motion.surgeon_mode > 0) | (config.campaign.console == "absolute")
-    way = _way(motion, scale, follows)
-    speed = _speed(way)[row]
+    # The way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]
+    steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
+    way = np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
+    rows = np.arange(len(way))
+    before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
+    far = np.linalg.norm(way[after] - way[before], axis=2).max(axis=1)
+    speed = (far / np.maximum(after - before, 1))[row]
     fast = down & (speed > np.median(speed[down])) if down.any() else down
     deep = np.any(
         [_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0
@@ -60,20 +64,6 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
 def _number(config: RavenConfig, path: str, usual: float) -> float:
     axis = config.parameters.get(path)
     return usual if axis is None or axis.kind != "fixed" else float(axis.values[0])
-
-
-def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Return the way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]."""
-    steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
-    return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
-
-
-def _speed(way: np.ndarray) -> np.ndarray:
-    rows = np.arange(len(way))
-    before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
-    return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(
-        after - before, 1
-    )
 
 
 def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:

@@ -33,9 +33,13 @@ class RavenInjector(injection.Injector):
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
             )
             faulty = super().__call__(site, quats, present)
-            return tuple(
-                _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
-            )
+            rotations = []
+            for rotation, quat, struck in zip(signal, quats, faulty, strict=True):
+                # An unchanged one keeps every bit
+                changed = reduce(or_, quat.map(ne, struck))
+                turned = narrow_numbers(self.setup, matrix_from_quat(struck))
+                rotations.append(where(changed, turned, rotation))
+            return tuple(rotations)
         if site == PARAMETER and self.strikes(site):
             return self._strike_parameters(signal)
         return super().__call__(site, signal, present)
@@ -69,12 +73,6 @@ def may_restart(site: str, arm: str, channel: str) -> bool:
 
 ROTATIONS = ("ori", "ori_d")
 """Sites whose signal consists of rotation matrices; faults act on their quaternions."""
-
-
-def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """Return the rotation of a quaternion after faults. An unchanged one keeps every bit."""
-    changed = reduce(or_, quat.map(ne, struck))
-    return where(changed, narrow_numbers(setup, matrix_from_quat(struck)), rotation)
 
 
 @cache

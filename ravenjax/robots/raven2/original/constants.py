@@ -26,9 +26,7 @@ TR = transmission.TR.map(as_float32)  # motor rad per joint rad (insertion: per 
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
 """Insertion motor rad per rad of each tool motor: a double, in the original's order."""
 C01, C02, C12 = (as_float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
-TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
-    lambda torque, gear: as_float32(torque * gear), transmission.GEARBOX
-)
+TAU_PER_AMP = (transmission.TORQUE_PER_AMP * transmission.GEARBOX).map(as_float32)
 """N m at the capstan per A, unsigned."""
 
 

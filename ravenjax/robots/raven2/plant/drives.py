@@ -270,10 +270,8 @@ def stop_params(tool: str) -> StopParams:
     instrument = find_tool(tool)
     low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
     return StopParams(
-        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
-        upper=Vec(
-            (high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)
-        ),
+        lower=Vec((*(Vec(low) - (0.0, *_MARGIN[1:])), *instrument.hard_min)),
+        upper=Vec((*(Vec(high) + _MARGIN), *instrument.hard_max)),
         stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
     )
 

@@ -116,23 +116,17 @@ def params(
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
-    inertia, share = motor.inertia, motor.reaction_scale
-    dry, viscous = motor.coulomb, motor.viscous
-    link_dry, link_viscous = values.link_coulomb, values.link_viscous
-    link_inertia = [*INERTIA[:LAGRANGE], 0.0, 0.0]
-
-    kp, kd, kv, kc = [], [], [], []
-    for i, ratio in enumerate(transmission.TR):
-        similar = INERTIA[i] / (inertia[i] + share[i] * link_inertia[i] / ratio**2)
-        kp.append(similar * stored.KP[i] * gain[i])
-        kd.append(similar * stored.KD[i] * gain[i])
-        kv.append(similar * (viscous[i] + share[i] * link_viscous[i] / ratio**2))
-        kc.append(similar * (dry[i] + share[i] * link_dry[i] / ratio) / ratio)
-    for jaw in range(LAGRANGE, 7):
-        kd[jaw] += kv[jaw]
+    share, ratio = motor.reaction_scale, transmission.TR
+    square = ratio.map(lambda r: r**2)
+    link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
+    similar = Vec(INERTIA) / (motor.inertia + share * link_inertia / square)
+    kp = similar * stored.KP * gain
+    kd = similar * stored.KD * gain
+    kv = similar * (motor.viscous + share * values.link_viscous / square)
+    kc = similar * (motor.coulomb + share * values.link_coulomb / ratio) / ratio
     return NominalParams(
-        kp=Vec(kp),
-        kd=Vec(kd),
+        kp=kp,
+        kd=kd + (*(0.0,) * LAGRANGE, *kv[LAGRANGE:]),
         ki=INTEGRAL_RATE * kp[INSERTION],
         kv=Vec(kv[:LAGRANGE]),
         kc=Vec(kc[:LAGRANGE]),
