@@ -25,10 +25,6 @@ class Opening(NamedTuple):
     duration: np.ndarray
     every: np.ndarray  # 0: the window opens once
 
-    def picked(self, which: np.ndarray) -> Opening:
-        """Return the windows of the faults that an index or a mask selects."""
-        return Opening(*(column[which] for column in self))
-
     def first(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
         """Return the least reading from `low` to `high` at which the window is open, or NEVER."""
         reading = np.maximum(low, self.start)
@@ -116,5 +112,5 @@ class Clocks:
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):
             mine = self.kind[rows] == kind
-            after[mine] = phases.end(opening.picked(mine), ticks)
+            after[mine] = phases.end(Opening(*(column[mine] for column in opening)), ticks)
         return after

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
-from ravenjax.numbers import Scalar, Vec, jnp, lax, replace, to_int32, wrap16
+from ravenjax.numbers import Scalar, Vec, as_int, first_tick, jnp, lax, replace, to_int32, wrap16
 from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES
@@ -194,19 +194,15 @@ class Injector:
                 differs = value != number
             changed = changed | (hit & aim & differs)
             signal = write_channel(signal, path, jnp.where(hit & aim, value, number))
-        return (
-            replace(
-                slot,
-                latched=jnp.where(hit & latches, y, slot.latched),
-                before=jnp.where(
-                    here & (~slot.active | (slot.before != slot.before)), x, slot.before
-                ),
-                first_tick=jnp.where(changed & (slot.first_tick < 0), tick, slot.first_tick),
-                last_tick=jnp.where(changed, tick, slot.last_tick),
-                changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
-            ),
-            signal,
+        slot = replace(
+            slot,
+            latched=jnp.where(hit & latches, y, slot.latched),
+            before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
+            first_tick=first_tick(tick, changed, slot.first_tick),
+            last_tick=jnp.where(changed, tick, slot.last_tick),
+            changed_ticks=slot.changed_ticks + as_int(changed),
         )
+        return slot, signal
 
 
 def injects_faults(setup: Setup, *sites: str) -> bool:

@@ -110,12 +110,9 @@ def _negated(b: Builder, i: int) -> int | None:
 
 
 def _is(b: Builder, i: int, value: float) -> bool:
+    """Return whether an operation is this constant, with the same sign of zero."""
     constant = b.constants.get(i)
-    return (
-        constant is not None
-        and constant == value
-        and bool(np.signbit(constant)) == (math.copysign(1.0, value) < 0)
-    )
+    return constant == value and np.signbit(constant) == np.signbit(value)
 
 
 def _sum(b: Builder, dtype: str, x: int, y: int) -> int | None:

@@ -39,9 +39,9 @@ class Term:
         a, b = (self, other) if self.number <= other.number else (other, self)
         if a.number == b.number:
             return 0.0 if a.sign != b.sign else a * 2.0
-        (x, one), (y, two) = a._factor(), b._factor()
-        if one is not None and one == two:  # c x + c y = c (x + y)
-            return (x + y) * one
+        (x, c), (y, d) = a._factor(), b._factor()
+        if c is not None and c == d:  # c x + c y = c (x + y)
+            return (x + y) * c
         return a._operation("add" if a.sign == b.sign else "sub", b.number, a.sign)
 
     __radd__ = __add__

@@ -218,11 +218,8 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
         turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
     else:
         shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
-        turned[x][x], turned[y][y], across = (
-            J[x][x] + s * shear,
-            J[y][y] - s * shear,
-            -(c * shear + J[x][y]),
-        )
+        turned[x][x], turned[y][y] = J[x][x] + s * shear, J[y][y] - s * shear
+        across = -(c * shear + J[x][y])
     turned[x][y] = turned[y][x] = across
     side = c * J[axis][x] - s * J[axis][y], s * J[axis][x] + c * J[axis][y]
     turned[axis][x], turned[axis][y] = side

@@ -73,8 +73,6 @@ def _joined(tree: Any, branches: list[Any]) -> Any:
         return None
     if isinstance(tree, dict):
         return dict(zip(sorted(tree), branches, strict=True))
-    if hasattr(tree, "_fields"):  # a named tuple
-        return type(tree)(*branches)
-    if isinstance(tree, tuple | list):
+    if isinstance(tree, tuple | list) and not hasattr(tree, "_fields"):  # not a named tuple
         return type(tree)(branches)
     return type(tree)(*branches)

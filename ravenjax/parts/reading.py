@@ -125,9 +125,7 @@ def load(name: str) -> Any:
     try:
         arrays = np.load(io.BytesIO(reader.content(name)), allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        reason = (
-            getattr(error, "strerror", None)
-            or f"no NumPy file of numbers: {format_value(str(error))}"
-        )
+        reason = getattr(error, "strerror", None)
+        reason = reason or f"no NumPy file of numbers: {format_value(str(error))}"
         raise UserError(f"{reader.folder / name}: cannot be loaded ({reason})") from None
     return dict(arrays) if isinstance(arrays, np.lib.npyio.NpzFile) else arrays

@@ -157,13 +157,13 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         DetectorState(Vec.full(use.consecutive - 1, zero), zero, (threshold,) * use.thresholds)
         for use in setup.detectors
     )
-    own = tuple(
+    memories = tuple(
         for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
     return DetectorsState(
         for_each_arm(setup, DetectorArmState(still, still, still, still, zero)),
-        own,
+        memories,
         detectors,
     )
 
@@ -175,26 +175,25 @@ def step(
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
-            part.load_part(source).step(own, memory, view, setup.precision.real, score=SCORE)
+            part.load_part(source).step(values, memory, view, setup.precision.real, score=SCORE)
             for memory, view in zip(before, signal.views, strict=True)
         ]
-        for source, own, before in zip(detector_files(setup), params.own, state.own, strict=True)
+        for source, values, before in zip(detector_files(setup), params.own, state.own, strict=True)
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
     for use, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True
     ):
-        arms = (
-            [_score(use, scores) for _, scores in views]
-            if use.part is None
-            else [s for _, s in files[use.part]]
-        )
+        if use.part is None:
+            arms = [_score(use, scores) for _, scores in views]
+        else:
+            arms = [score for _, score in files[use.part]]
         # The score as it counts is never infinite
         counted = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
         detectors.append(_watch(before, thresholds, counted, signal.tick))
-    own = tuple(tuple(after for after, _ in arms) for arms in files.values())
-    return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
+    memories = tuple(tuple(after for after, _ in arms) for arms in files.values())
+    return DetectorsState(tuple(arm for arm, _ in views), memories, tuple(detectors))
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:

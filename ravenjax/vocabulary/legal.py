@@ -97,15 +97,12 @@ def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
         or not abs(value) < 2**31
     ):
         return None
-    nearest_float = float(np.float32(value))
-    if nearest_float == value:
+    nearest = np.float32(value)
+    if float(nearest) == value:
         return None
-    nearest = (
-        int(nearest_float)
-        if abs(nearest_float) < 2**31
-        else int(np.nextafter(np.float32(nearest_float), np.float32(0)))
-    )
+    if abs(nearest) >= 2**31:
+        nearest = np.nextafter(nearest, np.float32(0))
     return (
         "values travel in single precision, which holds every whole number to 2^24 only: got"
-        f" {value:.10g}, write {nearest}"
+        f" {value:.10g}, write {int(nearest)}"
     )

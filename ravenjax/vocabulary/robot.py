@@ -63,12 +63,12 @@ class Robot:
         """Return a check by name; an unknown name gives a check that flags."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
-    def with_checks(self, own: tuple[Check, ...]) -> Robot:
+    def with_checks(self, added: tuple[Check, ...]) -> Robot:
         """Return the robot with users' checks before the built-in ones.
 
         If two checks trip in one tick, the first of them is the cause.
         """
-        return _extended(self, own) if own else self
+        return _extended(self, added) if added else self
 
     def with_channels(self, site: str, channels: tuple[Channel, ...]) -> Robot:
         """Return the robot with these channels at a site whose channels a campaign names."""
@@ -88,19 +88,17 @@ class Robot:
     def part(self, name: str) -> ModuleType:
         """Return module `name` of the robot's package, or the package if it is one module."""
         whole = importlib.import_module(self.package)
-        return (
-            importlib.import_module(f"{self.package}.{name}")
-            if hasattr(whole, "__path__")
-            else whole
-        )
+        if not hasattr(whole, "__path__"):
+            return whole
+        return importlib.import_module(f"{self.package}.{name}")
 
 
 @functools.lru_cache(maxsize=64)
 def _extended(
-    robot: Robot, own: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
+    robot: Robot, added: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
 ) -> Robot:
     sites = dict(robot.sites)
     if site:
         sites[site] = dataclasses.replace(sites[site], channels=channels)
-    checks = {**{check.name: check for check in own}, **robot.checks}
+    checks = {**{check.name: check for check in added}, **robot.checks}
     return dataclasses.replace(robot, checks=checks, sites=sites)

@@ -68,10 +68,8 @@ class ProfileChoice:
         """Accept the packet that was read last as part of the stream and as evidence."""
         for reader in self.readers:
             reader.follow()
-        if len(self.readers) > 1:
-            self._weigh()
-
-    def _weigh(self) -> None:
+        if len(self.readers) == 1:
+            return
         self._packets += 1
         self._telling += any(result != self._results[0] for result in self._results)
         for reader, result in zip(self.readers, self._results, strict=True):

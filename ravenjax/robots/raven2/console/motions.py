@@ -133,12 +133,8 @@ def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 
 def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     direction = rng.normal(size=3)
-    tip = (
-        direction
-        / np.linalg.norm(direction, axis=0)
-        * rng.uniform(0.5, 1.0)
-        * np.array([0.012, 0.012, 0.008])
-    )
+    far = direction / np.linalg.norm(direction, axis=0) * rng.uniform(0.5, 1.0)
+    tip = far * np.array([0.012, 0.012, 0.008])
     return tip, rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
 

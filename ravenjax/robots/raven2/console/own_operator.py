@@ -84,11 +84,8 @@ def init(
     """
     assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
-    none, still, zero = (
-        cast_to_real(setup, 0.0),
-        cast_to_real(setup, Vec.full(3, 0.0)),
-        jnp.int32(0),
-    )
+    none, still = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
+    zero = jnp.int32(0)
     state = OwnOperatorState(
         own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
         screen=_screen(setup, tips, models, [(still, none)] * len(tips)),
@@ -151,7 +148,17 @@ def act_as_file(
         how, state = how._replace(lifted=lifted), replace(state, lifted=lifted)
     if pace is not None:
         how = how._replace(lag=jnp.where(fresh, pace.lag, pace.sent), lag_before=pace.sent)
-        state = replace(state, pace=_slowed(pace, will["pace"], moment.goes_on, fresh))
+        share = will["pace"]
+        share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
+        behind = pace.part + jnp.where(moment.goes_on, 1.0 - share, 0.0)
+        rows = as_int(behind)
+        new_pace = OwnPace(
+            part=behind - lax.convert_element_type(rows, behind.dtype),
+            lag=pace.lag + rows,
+            before=jnp.where(moment.goes_on, pace.lag, pace.before),
+            sent=jnp.where(fresh, pace.lag, pace.sent),
+        )
+        state = replace(state, pace=new_pace)
     return state, hands, how
 
 
@@ -214,16 +221,4 @@ def _stepped(
         View("the operator", seen),
         setup.precision.real,
         hands=like,
-    )
-
-
-def _slowed(pace: OwnPace, share: Scalar, goes_on: Scalar, fresh: Scalar) -> OwnPace:
-    share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
-    behind = pace.part + jnp.where(goes_on, 1.0 - share, 0.0)
-    rows = as_int(behind)
-    return OwnPace(
-        part=behind - lax.convert_element_type(rows, behind.dtype),
-        lag=pace.lag + rows,
-        before=jnp.where(goes_on, pace.lag, pace.before),
-        sent=jnp.where(fresh, pace.lag, pace.sent),
     )

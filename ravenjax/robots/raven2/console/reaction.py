@@ -11,10 +11,10 @@ pairs of runs: the same fault, with the cue and without.
   beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
   most.
 
-No source measured the following on this robot, so it is *assumed* (docs/explanation/hand.md has
-sources of reaction times): the action follows the first pull after 0.25 s, and a correction by eye
-has a time constant of 0.2 s. A packet that the network delays carries the hands' motion at the time
-when it was made, except a correction, which is the present one.
+No source measured reactions on this robot. It is *assumed* that the action follows the first pull
+after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md
+has sources of reaction times). A packet that the network delays carries the hands' motion at the
+time when it was made, except a correction, which is the present one.
 """
 
 from functools import reduce

@@ -202,11 +202,8 @@ class VirtualRobot:
         checked.parse_word("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
-        rest = (
-            [list(HOME_JPOS)] * len(names)
-            if jpos is None
-            else checked.parse_joints("jpos", jpos, len(names))
-        )
+        given = [HOME_JPOS] * len(names) if jpos is None else jpos
+        rest = checked.parse_joints("jpos", given, len(names))
         self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)
@@ -231,11 +228,10 @@ class VirtualRobot:
         """
         counts = checked.parse_counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.parse_whole_number("output_pins", output_pins, 0, 255)
-        buttons = (
-            checked.parse_flag("estop_button", estop_button),
-            checked.parse_flag("start_button", start_button),
-        )
-        write_row(self.code.kinds["inputs"].layout, self._inputs[0], [*counts.flat, pins, *buttons])
+        estop = checked.parse_flag("estop_button", estop_button)
+        start = checked.parse_flag("start_button", start_button)
+        numbers = [*counts.flat, pins, estop, start]
+        write_row(self.code.kinds["inputs"].layout, self._inputs[0], numbers)
         self._step()
         self.reading = self._reading(self.code.kinds["signals"].read(self._out[0]))
         return self.reading

@@ -212,14 +212,18 @@ def control_cycle(
     machine, following = state_machine.advance_sublevel(setup, machine)
     cartesian = cartesian_control.follow_measured(cartesian, following)
 
-    estimates = each(
-        lambda i, arm, tool: estimator.step(
-            setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
-        )
+    estimates, mpos, mvel = zip(
+        *each(
+            lambda i, arm, tool: estimator.step(
+                setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
+            )
+        ),
+        strict=True,
     )
-    measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
-    mpos = inject("mpos", tuple(positions for positions, _ in measured))
-    mvel = inject("mvel", tuple(velocities for _, velocities in measured))
+    if inputs.simulated:
+        mpos, mvel = _simulated(setup, inputs, state, mpos, mvel)
+    mpos = inject("mpos", mpos)
+    mvel = inject("mvel", mvel)
     files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
     mpos = files.check("mpos", mpos)
     jpos = inject(
@@ -276,7 +280,12 @@ def control_cycle(
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
     motors = _changed(motors, tau_d=tau_d)
-    resting = _resting_commands(setup, params, state.held_cmd, active)
+    # Cleared before the conversion, except in the fork's simulators
+    resting = for_each_arm(setup, Vec.full(7, 0))
+    if state.held_cmd:
+        keep = ~active & (params.state_machine.plc_obeyed == 0)
+        held = state.held_cmd
+        resting = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.commands(live, resting)
@@ -336,7 +345,7 @@ def control_cycle(
         teleoperation=teleop,
         usb=read,
         state_machine=machine,
-        estimator=tuple(estimate[0] for estimate in estimates),
+        estimator=estimates,
         cartesian=cartesian,
         motor_control=motors,
         held_cmd=written if setup.software == "fork2015" else (),
@@ -366,35 +375,24 @@ def _struck(
     )
 
 
-def _measured(
-    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: PerArm[tuple[Vec, Vec]]
-) -> PerArm[tuple[Vec, Vec]]:
-    """Return motor positions and velocities of each arm.
+def _simulated(
+    setup: RavenSetup,
+    inputs: Inputs,
+    state: ControlState,
+    mpos: PerArm[Vec],
+    mvel: PerArm[Vec],
+) -> tuple[PerArm[Vec], PerArm[Vec]]:
+    """Return motor positions and velocities in a dynamics-simulator build.
 
-    They are the estimator's. In a dynamics-simulator build joints 1-3 come unchanged from its
-    model, and the published build assumes the tool joints to be at their targets.
+    Joints 1-3 come unchanged from its model, and the published build assumes the tool joints to be
+    at their targets.
     """
-    if not inputs.simulated:
-        return estimates
-    tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
     if setup.build == "dyn_sim":
-        tools = [
-            (motors.mpos_d[3:], (narrow_numbers(setup, 0.0),) * 4) for motors in state.motor_control
-        ]
-    return tuple(
-        (
-            Vec((*narrow_numbers(setup, mpos), *tool_mpos)),
-            Vec((*narrow_numbers(setup, mvel), *tool_mvel)),
-        )
-        for (mpos, mvel), (tool_mpos, tool_mvel) in zip(inputs.simulated, tools, strict=True)
-    )
-
-
-def _resting_commands(
-    setup: RavenSetup, params: ControlParams, held_cmd: PerArm[Vec], active: Scalar
-) -> PerArm[Vec]:
-    """Return the DAC commands before conversion: cleared, except in the fork's simulators."""
-    if not held_cmd:
-        return for_each_arm(setup, Vec.full(7, 0))
-    keep = ~active & (params.state_machine.plc_obeyed == 0)
-    return tuple(commands.map(lambda command: jnp.where(keep, command, 0)) for commands in held_cmd)
+        mpos = tuple(motors.mpos_d for motors in state.motor_control)
+        mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
+    rows = [
+        Vec((*narrow_numbers(setup, model), *arm[3:]))
+        for models, arms in zip(inputs.simulated, zip(mpos, mvel, strict=True), strict=True)
+        for model, arm in zip(models, arms, strict=True)
+    ]
+    return tuple(rows[0::2]), tuple(rows[1::2])

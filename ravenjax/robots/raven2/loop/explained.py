@@ -25,13 +25,8 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 from ravenjax.vocabulary.sites import ARM
 
-DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
-    "differs:",
-    "leaves:",
-    "near:",
-    "golden_near:",
-    "near_ms:",
-)
+DIFFERS, LEAVES = "differs:", "leaves:"
+NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
 """Prefixes of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
 """Outcome: first tick in which any hazard of the motion was beyond its limit; -1: never."""
@@ -107,11 +102,8 @@ def advance(
     ):
         number = jnp.asarray(number)
         floats = number.dtype == jnp.float32
-        bits = (
-            lax.bitcast_convert_type(number, jnp.int32)
-            if floats
-            else lax.convert_element_type(number, jnp.int32)
-        )
+        to_bits = lax.bitcast_convert_type if floats else lax.convert_element_type
+        bits = to_bits(number, jnp.int32)
         there = lax.bitcast_convert_type(other, jnp.int32)
         differs = first_tick(now, (bits != there) & present, history.differs)
         leaves = history.leaves

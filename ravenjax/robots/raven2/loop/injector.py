@@ -65,10 +65,8 @@ def seeds_network(setup: RavenSetup, what: str) -> bool:
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
     """Return whether a fault on that channel may start a robot that has stopped."""
-    return (
-        site in ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
-        or channel == "pins"
-    )
+    starters = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
+    return site in starters or channel == "pins"
 
 
 ROTATIONS = ("ori", "ori_d")

@@ -99,11 +99,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
     """Return the outcomes of the run so far: columns of the result table before the verdict."""
-    out = (
-        fault.outcomes(state.faults)
-        | check.outcomes(check_histories(setup, state))
-        | haptics.outcomes(setup, state.haptics)
-    )
+    out = fault.outcomes(state.faults) | check.outcomes(check_histories(setup, state))
+    out |= haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     # A fault may write a number there that is not a run level

@@ -277,11 +277,8 @@ def boards_apart(setup: RavenSetup) -> int:
 
     All boards are written alike, unless a write can fail or a board can refuse.
     """
-    return (
-        len(setup.arms)
-        if injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
-        else 1
-    )
+    apart = injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
+    return len(setup.arms) if apart else 1
 
 
 def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:

@@ -93,8 +93,8 @@ class UserFilesState:
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     """Return the parameters of the checks' files, with these thresholds in the same order."""
     names = tuple(use.name for use in setup.checks)
-    own = part.part_parameters(tuple(use.part for use in setup.checks))
-    return CheckParams(own, part.named_parameters(names, thresholds))
+    records = part.part_parameters(tuple(use.part for use in setup.checks))
+    return CheckParams(records, part.named_parameters(names, thresholds))
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
@@ -234,14 +234,14 @@ class UserFiles:
         """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
-        code, own = part.load_part(use.part), self._checks.own[place]
+        code, params = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self.state.checks[place]):
             gives: dict[str, Any] = {"score": SCORE}
             if use.acts == "limit" and crossing[i]:
                 gives["values"] = crossing[i]
-            after, score, *limited = code.step(own, before.own, views[i], width, **gives)
+            after, score, *limited = code.step(params, before.own, views[i], width, **gives)
             values[i : i + 1] = limited or [crossing[i]]
             score = jnp.where(score == score, score, 0.0)  # NaN is above no threshold
             lowest = reduce(jnp.minimum, [score, *before.recent])

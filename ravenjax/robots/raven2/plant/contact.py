@@ -116,25 +116,23 @@ def jaw_tips(
     arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
 ) -> tuple[TipContact, ...]:
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
-    return tuple(_tip(arm, params, tip, jvel, dt) for tip in instrument.jaw_tips(arm, jpos))
 
+    def touch(tip: instrument.InstrumentPoint) -> TipContact:
+        surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
+        rise = surface.rise
+        closing = -dot(rise, velocity)
+        depth = jnp.maximum(surface.depth + closing * dt, 0.0)
+        root = jnp.sqrt(depth)
+        k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
+        normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
+        steep = dot(rise, rise)
+        inverse = 1.0 / steep
+        sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
+        level = params.friction * normal.force
+        drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
+        return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
 
-def _tip(
-    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float
-) -> TipContact:
-    surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
-    rise = surface.rise
-    closing = -dot(rise, velocity)
-    depth = jnp.maximum(surface.depth + closing * dt, 0.0)
-    root = jnp.sqrt(depth)
-    k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
-    normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
-    steep = dot(rise, rise)
-    inverse = 1.0 / steep
-    sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
-    level = params.friction * normal.force
-    drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
-    return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
+    return tuple(map(touch, instrument.jaw_tips(arm, jpos)))
 
 
 def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:

@@ -34,10 +34,10 @@ releases some time after the PLC's command, adds dry friction of its holding tor
 that. No source gives their data.
 
 **Hard stops** are one-sided stiff springs at the positions against which the control software homes
-(raven2: defines.h, homing.cpp, tools.cpp): shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, and
-the tool's own angles. The other ends of the first three joints are not published. They are taken as
-the soft limit plus the margin that the published end of elbow and insertion has. The stiffness is
-*assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
+(raven2: defines.h, homing.cpp, tools.cpp). They are shoulder 0 deg, elbow 137.5 deg, insertion
+0.562 m, and the tool's own angles. The other ends of the first three joints are not published. They
+are taken as the soft limit plus the margin that the published end of elbow and insertion has. The
+stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
 
 import math

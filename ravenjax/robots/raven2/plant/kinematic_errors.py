@@ -15,7 +15,7 @@ Cable stretch is added. Every error that is 0 drops out of the traced code.
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
 `registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
-at POSES by least squares (Gauss-Newton; each step solves for a small rotation and a displacement).
+at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a displacement.
 """
 
 from __future__ import annotations

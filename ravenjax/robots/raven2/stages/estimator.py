@@ -66,21 +66,15 @@ def step(
     filled = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
         (previous,) = filled
-        return (
-            EstimatorState(state.started | 1, (angle,), ()),
-            angle,
-            (angle - previous) / stored.PERIOD,
-        )
+        state = EstimatorState(state.started | 1, (angle,), ())
+        return state, angle, (angle - previous) / stored.PERIOD
     inputs, outputs = filled[:3], filled[3:]
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
         position = position + history * gain
     velocity = (position - outputs[0]) / stored.PERIOD
-    return (
-        EstimatorState(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])),
-        position,
-        velocity,
-    )
+    inputs, outputs = (angle, *inputs[:2]), (position, *outputs[:2])
+    return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
 
 def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:

@@ -58,15 +58,13 @@ def step(
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, cast_to_real(setup, spare), np.inf)
-    return (
-        NetworkState(
-            new_last,
-            check.update_check(state.size, tick, short, margin),
-            check.update_check(state.zero, tick, zero),
-            check.update_check(state.skip, tick, skip),
-            check.update_check(state.duplicate, tick, duplicate),
-            check.update_check(state.reset, tick, reset),
-            check.update_check(state.out_of_sequence, tick, behind & ~far),
-        ),
-        accepted,
+    state = NetworkState(
+        new_last,
+        check.update_check(state.size, tick, short, margin),
+        check.update_check(state.zero, tick, zero),
+        check.update_check(state.skip, tick, skip),
+        check.update_check(state.duplicate, tick, duplicate),
+        check.update_check(state.reset, tick, reset),
+        check.update_check(state.out_of_sequence, tick, behind & ~far),
     )
+    return state, accepted

@@ -102,10 +102,8 @@ def advance_sublevel(
     after = jnp.where(start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sub)))
     ready = jnp.where(in_init & (sub == 3), 1, jnp.where(level == E_STOP, 0, state.initialized))
     follow = settle | (prepare & (state.initialized == 0))
-    return (
-        replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)),
-        follow,
-    )
+    settling = jnp.where(settled, 0, settling)
+    return replace(state, sublevel=after, initialized=ready, settling=settling), follow
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
