@@ -33,7 +33,6 @@ import numpy as np
 from ravenjax.numbers import Setup, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
-from ravenjax.parts.part import SCORE
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -175,7 +174,9 @@ def step(
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
-            part.load_part(source).step(values, memory, view, setup.precision.real, score=SCORE)
+            part.load_part(source).step(
+                values, memory, view, setup.precision.real, score=part.SCORE
+            )
             for memory, view in zip(before, signal.views, strict=True)
         ]
         for source, values, before in zip(detector_files(setup), params.own, state.own, strict=True)

@@ -48,15 +48,15 @@ class Reference:
 @describe_fields
 @record
 class MonitorParams:
-    """Limits of the observer."""
+    """Limits of the observer; the defaults are the published ones."""
 
-    jump_step: Scalar  # m per packet, two in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-    large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
-    diverged: Scalar  # m from the golden run; 1 um, the resolution of `pos`
+    jump_step: Scalar = 1e-4  # m per packet, twice; CSLDepend/raven2_sim analyze_faulty.py
+    large_jump: Scalar = 1e-3  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+    diverged: Scalar = 1e-6  # m from the golden run; 1 um, the resolution of `pos`
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
-    idle_share: Scalar
-    idle_step: Scalar  # m per tick, golden steps that count; 1 um, the resolution of `pos`
-    limit: Scalar  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
+    idle_share: Scalar = 0.25
+    idle_step: Scalar = 1e-6  # m per tick, golden steps that count; 1 um, the resolution of `pos`
+    limit: Scalar = LIMIT_MM / 1e3  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
 
 
 @record
@@ -123,14 +123,7 @@ class MonitorSignal:
 
 def params(setup: Setup) -> MonitorParams:
     """Return the published limits."""
-    return MonitorParams(
-        jump_step=1e-4,
-        large_jump=1e-3,
-        diverged=1e-6,
-        limit=LIMIT_MM / 1e3,
-        idle_share=0.25,
-        idle_step=1e-6,
-    )
+    return MonitorParams()
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:

@@ -16,7 +16,6 @@ import numpy as np
 
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import stored_size
-from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.errors import UserError
 from ravenjax.numbers import quantity, tree
 from ravenjax.robots.raven2.arms import ARMS
@@ -142,7 +141,7 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
 
 
 def members_of(
-    kind: RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
+    kind: transition.RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
 ) -> list[Member]:
     """Return the members of a record's struct, in order.
 

@@ -11,11 +11,12 @@ from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.store.motion import replay as recorded
 from ravenjax.store.motion.reach import Bounds
-from ravenjax.store.motion.replay import OperatorReplay
 from ravenjax.store.motion.summary import MotionSummary
 
 
-def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorReplay | None:
+def operator_replay(
+    config: RavenConfig, ticks: int | None = None
+) -> recorded.OperatorReplay | None:
     """Return the replay of a recorded operator over `ticks` ms, by default the length of a run.
 
     Returns None for a generated motion. Raises UserError for a file that the campaign cannot use.
@@ -38,7 +39,7 @@ def operator_bounds(config: RavenConfig) -> Bounds:
     return Bounds(lower, upper)
 
 
-def scale_hands(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+def scale_hands(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
     """Return the summary of a replay under the teleoperation scales that a campaign varies.
 
     Raises UserError if a scale takes the replay beyond the limits.

@@ -13,7 +13,6 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.loop import user_files
-from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
@@ -171,7 +170,7 @@ def control_cycle(
     state: ControlState,
     inputs: Inputs,
     inject: Inject = lambda site, signal, present=True: signal,
-    files: UserFiles | None = None,
+    files: user_files.UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
@@ -181,7 +180,7 @@ def control_cycle(
     def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
         return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
 
-    files = files or UserFiles(setup)
+    files = files or user_files.UserFiles(setup)
     received = inputs.packet.received != 0
     packet = inject("packet_header", inject("packet", inputs.packet, received), received)
     files.note(runlevel=state.state_machine.runlevel)

@@ -26,7 +26,6 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
-from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary.checks import OWN
 
 
@@ -149,7 +148,7 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
-def check_histories(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
+def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive

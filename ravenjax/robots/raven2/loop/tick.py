@@ -22,7 +22,6 @@ from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeds_network
 from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
-from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
@@ -60,7 +59,7 @@ def advance_tick(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
     params = inject(PARAMETER, params)
-    files = UserFiles(setup, params.checks, params.control.own, state.files, now)
+    files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.detector_stops(setup, stages.get("detectors"))
@@ -218,7 +217,7 @@ def _move_robot(
     inject: RavenInjector,
     state: TickState,
     packet: Packet,
-    files: UserFiles,
+    files: user_files.UserFiles,
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""

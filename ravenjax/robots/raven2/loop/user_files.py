@@ -41,16 +41,13 @@ from typing import Any
 from ravenjax.numbers import cast_to_real, for_each_arm, jnp, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
-from ravenjax.parts.part import SCORE
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
-from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
@@ -85,7 +82,7 @@ class UserFilesState:
     """State of checks and stages; empty without them."""
 
     checks: tuple[PerArm[CheckState], ...]  # for each check
-    histories: tuple[CheckHistory, ...]
+    histories: tuple[check.CheckHistory, ...]
     refusing: PerArm[Scalar]  # bool, the arm's board refuses; (): no check stops at the boards
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
@@ -238,7 +235,7 @@ class UserFiles:
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self.state.checks[place]):
-            gives: dict[str, Any] = {"score": SCORE}
+            gives: dict[str, Any] = {"score": part.SCORE}
             if use.acts == "limit" and crossing[i]:
                 gives["values"] = crossing[i]
             after, score, *limited = code.step(params, before.own, views[i], width, **gives)
@@ -262,13 +259,13 @@ class UserFiles:
 
     def torques(
         self,
-        params: PerArm[MotorControlParams],
-        states: PerArm[MotorControlState],
+        params: PerArm[motor_control.MotorControlParams],
+        states: PerArm[motor_control.MotorControlState],
         active: Scalar,
         pedal_down: Scalar,
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
-    ) -> PerArm[MotorControlState]:
+    ) -> PerArm[motor_control.MotorControlState]:
         """Return the same as `motor_control.motor_torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = for_each_arm(setup, Vec.full(3, 0.0))

@@ -32,7 +32,6 @@ from ravenjax.numbers.algebra import (
     transpose,
 )
 from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
-from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
     GM1,
@@ -46,18 +45,6 @@ from ravenjax.robots.raven2.geometry.joints import (
     Pose,
     jaw_angles,
     jaw_yaw,
-)
-from ravenjax.robots.raven2.geometry.kinematics import (
-    AT_REMOTE_CENTRE,
-    CLAMP,
-    COST_LIMIT,
-    IK,
-    INSERTION_WEIGHT,
-    NO_SOLUTION_COST,
-    OK,
-    REJECTED,
-    ROLLOVER,
-    SINGULAR,
 )
 from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
@@ -242,26 +229,30 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     return Pose(tip.origin, tip.rotation)
 
 
-def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
+def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> kinematics.IK:
     """Return the same as `kinematics.inverse_joints`."""
     measured = _thetas(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
-    least = NO_SOLUTION_COST
+    least = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
         turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
-        far = jnp.abs(measured[3] - theta[3]) > ROLLOVER
+        far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
-        cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
+        cost = reduce(
+            add, (gap * gap for gap in gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT))
+        )
         nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
     joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
     status = jnp.where(
-        least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK)
+        least > kinematics.COST_LIMIT,
+        kinematics.REJECTED,
+        jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK),
     )
-    return IK(
+    return kinematics.IK(
         Vec((*joints[:5], *jaw_angles(joints[5], grasp_rad))), joints[5], least, as_int(status)
     )
 
@@ -302,8 +293,8 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
     cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
-    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + CLAMP), 1.0, cosine)
-    return jnp.where((cosine < -1.0) & (cosine > -1.0 - CLAMP), -1.0, cosine)
+    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
+    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
@@ -315,14 +306,14 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     ).rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
-    bent = jnp.abs(c5) > SINGULAR
+    bent = jnp.abs(c5) > kinematics.SINGULAR
     c4 = jnp.where(bent, t36.origin[0] / (LW * c5), r02 / s5)
     s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
 
     t05 = multiply_literally(t03, _chain(_link4(theta4), _link5(theta5)))
     turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
-    crossed = jnp.abs(s5) > SINGULAR
+    crossed = jnp.abs(s5) > kinematics.SINGULAR
     c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
     return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
 
@@ -348,16 +339,16 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
     t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)
 
-    centres, (_, m2, m3) = CENTRES[arm], MASSES
+    centres, (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
     com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
     in_frame1 = (Vec(centres.link1), transform_point(t12, com2), transform_point(t12, com3))
 
-    g1 = matvec(inverse_matrix(t01.rotation), Vec((-GRAVITY_AS_STORED, 0.0, 0.0)))
+    g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
 
     shoulder = reduce(
-        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, MASSES, strict=True))
+        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, gravity.MASSES, strict=True))
     )
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
     efforts = Vec((shoulder, elbow, m3 * g3[2]))
@@ -375,7 +366,7 @@ class Evaluation(NamedTuple):
     """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
 
     forward: Callable[[str, Vec, Scalar], Pose]
-    inverse: Callable[[str, Pose, Scalar, Vec], IK]
+    inverse: Callable[[str, Pose, Scalar, Vec], kinematics.IK]
     gravity_torque: Callable[[str, Vec], Vec]
     quat_from_matrix: Callable[[Vec], Vec]
 

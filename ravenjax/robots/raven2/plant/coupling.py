@@ -70,7 +70,7 @@ class Coupling:
         """Return T^T diag(w) T with the lower triangle filled (entry [i][j] with j <= i)."""
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
-            inner[i][i] = add(inner[i][i], weights[i])
+            inner[i][i] = weights[i]
             if i > Z:
                 shared = mul(self.ratio[i], weights[i])
                 inner[i][Z] = shared

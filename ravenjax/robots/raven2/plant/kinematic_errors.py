@@ -29,7 +29,6 @@ import numpy as np
 from ravenjax.numbers import Scalar, Vec, at_once, describe_fields, jnp, record, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
-from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
 _DEG = math.pi / 180.0
 
@@ -42,7 +41,7 @@ class KinematicErrors:
     scale: Scalar
     joint_offset: Vec  # rad; m
     ratio_error: Vec
-    links: LinkErrors
+    links: built_links.LinkErrors
     registered: Scalar  # int32
 
 
@@ -78,7 +77,7 @@ axis.
 def no_errors() -> KinematicErrors:
     """Return zero errors."""
     zero = Vec.full(7, 0.0)
-    return KinematicErrors(1.0, zero, zero, LinkErrors(*(0.0,) * 7), np.int32(0))
+    return KinematicErrors(1.0, zero, zero, built_links.LinkErrors(*(0.0,) * 7), np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:

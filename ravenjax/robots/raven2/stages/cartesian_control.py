@@ -15,24 +15,22 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, if_rarely, record, replace, to_int32, where
 from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
-from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
 from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 
 @record
 class Arm:
     """One arm's poses and joint targets."""
 
-    pos: StoredPose  # pose measured in the last cycle
-    pos_d: StoredPose
+    pos: stored_pose.StoredPose  # pose measured in the last cycle
+    pos_d: stored_pose.StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
-    ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
+    ik_reject: check.CheckHistory  # margin: pi minus the cost of the best solution
     # margin: distance to the nearer limit as a fraction of the joint's range
-    joint_limit: CheckHistory
+    joint_limit: check.CheckHistory
 
 
 State = PerArm[Arm]
@@ -68,7 +66,7 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     return per_arm(setup, at_rest)
 
 
-def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
+def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> stored_pose.StoredPose:
     """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
     pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
@@ -112,7 +110,9 @@ def solve_inverse(
         within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
         limited = solved & beyond
 
-        def held(old: Arm = old, within: Vec = within, arm: ArmName = arm) -> StoredPose:
+        def held(
+            old: Arm = old, within: Vec = within, arm: ArmName = arm
+        ) -> stored_pose.StoredPose:
             return stored_pose.store_pose(
                 setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad
             )

@@ -18,7 +18,6 @@ from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
@@ -49,9 +48,11 @@ class OverdriveParams:
 @record
 class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
-    instant: CheckHistory  # margin: counts below the instant limit
-    clip: CheckHistory  # trips in a tick that clips a command; margin: counts below the joint limit
-    hard: CheckHistory  # the shared counter tripped; margin: samples left
+    instant: check.CheckHistory  # margin: counts below the instant limit
+    clip: (
+        check.CheckHistory
+    )  # trips in a tick that clips a command; margin: counts below the joint limit
+    hard: check.CheckHistory  # the shared counter tripped; margin: samples left
 
 
 def params(

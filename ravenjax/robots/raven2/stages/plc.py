@@ -26,7 +26,6 @@ from ravenjax.numbers import Scalar, as_int, cast_to_real, describe_fields, jnp,
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 # Output byte of the control computer, bit numbers (raven2: defines.h).
 PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
@@ -52,7 +51,7 @@ class PlcState:
     quiet_ticks: tuple[Scalar, ...]  # ms since the last edge of each watchdog pin, int32
     alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
     trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
-    watchdog_lost: CheckHistory  # trips by the watchdog; margin: ms left, negative: tripped
+    watchdog_lost: check.CheckHistory  # trips by the watchdog; margin: ms left, negative: tripped
 
 
 @record

@@ -14,7 +14,6 @@ from ravenjax.numbers import Scalar, as_int, describe_fields, jnp, record, repla
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
 """Cycles with another level on the pins before it is adopted; raven2: state_machine.cpp."""
@@ -37,8 +36,8 @@ class StateMachineState:
     soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
     mismatches: Scalar  # int32 cycles, never reset by matching cycles
     settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
-    estop: CheckHistory  # trips when run level 0 is entered
-    soft_estop: CheckHistory  # trips when the soft E-stop is raised
+    estop: check.CheckHistory  # trips when run level 0 is entered
+    soft_estop: check.CheckHistory  # trips when the soft E-stop is raised
 
 
 def params(setup: RavenSetup) -> StateMachineParams:

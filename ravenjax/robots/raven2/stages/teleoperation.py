@@ -19,7 +19,6 @@ from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
 """More than 45 deg (785.4 mrad) off, the opening is reset; raven2: local_io.cpp."""
@@ -52,7 +51,7 @@ class TeleoperationState:
     age_ticks: Scalar  # int32 cycles since the last update
     surgeon_mode: Scalar  # int32, 1 engaged
     last_seq: Scalar  # int32, sequence number of the last accepted packet
-    timeout: CheckHistory  # margin: cycles left
+    timeout: check.CheckHistory  # margin: cycles left
 
 
 def params(setup: RavenSetup) -> TeleoperationParams:
