@@ -107,8 +107,7 @@ def open_windows(
 ) -> FaultState:
     """Update which slots act in this tick, and since when. Call once per tick, before any site.
 
-    A window is counted on its trigger's clock, so a window in packets stays open while its packet
-    lasts.
+    Windows are counted on the trigger's clock: one in packets stays open while its packet lasts.
     """
     if not setup.injection.triggers:  # the campaign has slots, but no run has a fault
         return state

@@ -169,10 +169,7 @@ def _groups(
 def _arm_choices(
     hazard: Hazard, arm: Any, arms: Sequence[str]
 ) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return (suffix of the group's name, its `arm` values) for each group of a case.
-
-    Several values are arms with faults in the same run.
-    """
+    """Return (suffix of the name, arms with faults in the same run) for each group of a case."""
     if isinstance(arm, list | tuple) and len(arm) > 1:
         return [(f"-{name}", (name,)) for name in arm]
     if arm is not None:
@@ -209,10 +206,7 @@ def _mistakes(
 def _slots(
     struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the [[group.fault]] tables of one slot of the library.
-
-    There is one for each channel and arm that are faulty together.
-    """
+    """Yield a [[group.fault]] table for each channel and arm that are faulty together."""
     table = struck.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
     )

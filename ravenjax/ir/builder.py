@@ -2,8 +2,7 @@
 
 A simplified operation gives the same bits for all operands, except for the payload of a NaN. A rule
 is only included if the tick has more operations without it, or if it moves a sign to where
-`contract_to_fma` finds the product. All other rules that were tried would save 0.2 % of the
-operations.
+`contract_to_fma` finds the product. Other rules that were tried would save 0.2 % of operations.
 """
 
 import math

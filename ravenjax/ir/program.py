@@ -6,7 +6,7 @@ at one index (`detail`: the table's index).
 """
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +50,14 @@ class Program:
                 for operand in self.operations[i].operands:
                     wanted[operand] = 1
         return [i for i, w in enumerate(wanted) if w]
+
+    def replay(self, apply: Callable[..., Any]) -> list[Any]:
+        """Return the outputs, where `apply(operation, *operands)` gives each result."""
+        values: dict[int, Any] = {}
+        for i in self.needed():
+            operation = self.operations[i]
+            values[i] = apply(operation, *(values[o] for o in operation.operands))
+        return [values[i] for i in self.outputs]
 
 
 def to_bits(dtype: str, value: Any) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Operation, Program, from_bits
 
 Array = Any
 
@@ -37,19 +37,17 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
     """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
-    values: dict[int, Any] = {}
+
+    def apply(operation: Operation, *operands: Any) -> Any:
+        name, dtype, _, detail = operation
+        if name == "input":
+            return np.asarray(inputs[detail], dtype)[()]
+        if name == "constant":
+            return from_bits(dtype, detail)
+        return tables[detail][operands[0]] if name == "lookup" else _result(name, dtype, *operands)
+
     with np.errstate(all="ignore"):
-        for i in program.needed():
-            name, dtype, operands, detail = program.operations[i]
-            if name == "input":
-                values[i] = np.asarray(inputs[detail], dtype)[()]
-            elif name == "constant":
-                values[i] = from_bits(dtype, detail)
-            elif name == "lookup":
-                values[i] = tables[detail][values[operands[0]]]
-            else:
-                values[i] = _result(name, dtype, *(values[o] for o in operands))
-    return [values[i] for i in program.outputs]
+        return program.replay(apply)
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Operation, Program, from_bits
 from ravenjax.numbers import jnp, trigonometry
 
 _REAL = "float64"
@@ -119,14 +119,13 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
 
 def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of such a program on numbers of any kind, including tracers."""
-    values: dict[int, Any] = {}
-    for i in program.needed():
-        name, dtype, operands, detail = program.operations[i]
+
+    def apply(operation: Operation, *operands: Any) -> Any:
+        name, dtype, _, detail = operation
         if name == "input":
-            values[i] = inputs[detail]
-        elif name == "constant":
-            values[i] = float(from_bits(dtype, detail))
-        else:
-            function = getattr(jnp if name in ("sin", "cos") else operator, name)
-            values[i] = function(*(values[o] for o in operands))
-    return [values[i] for i in program.outputs]
+            return inputs[detail]
+        if name == "constant":
+            return float(from_bits(dtype, detail))
+        return getattr(jnp if name in ("sin", "cos") else operator, name)(*operands)
+
+    return program.replay(apply)

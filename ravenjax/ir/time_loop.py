@@ -9,8 +9,7 @@ held     differs between lanes, constant in time: computed once per lane, before
 lane     both: computed once per tick and lane.
 
 Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
-of the state is shared until it depends on something of a lane, and it is dropped if no result ever
-needs it.
+of the state is shared until it depends on something of a lane. It is dropped if nothing needs it.
 """
 
 import dataclasses
@@ -131,10 +130,7 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
 
 
 def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
-    """Return on what each operation depends, as a sum of bits: LANE, TICK, both, or 0 for neither.
-
-    of_input: the same for each input of the program, by index; an absent input has 0.
-    """
+    """Return on what each operation depends, a sum of bits. of_input: the same of inputs, or 0."""
     depends: list[int] = []
     for operation in program.operations:
         bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0

@@ -150,10 +150,7 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the point of the joint's axis that is nearest to the line (point, axis).
-
-    For parallel lines it is the point nearest to `point`.
-    """
+    """Return the point of the joint's axis nearest to the line (point, axis), or to its point."""
     between = point - joint.anchor
     cosine = float(joint.axis @ axis)
     if 1.0 - cosine**2 < _PARALLEL**2:
@@ -163,10 +160,7 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Return the unit vector from the joint's axis to the line (point, axis), normal to both.
-
-    Returns None if they coincide.
-    """
+    """Return the unit vector from the joint's axis to the line (point, axis), or None."""
     across = np.cross(joint.axis, axis)
     if np.linalg.norm(across) <= _PARALLEL:
         across = point - joint.origin

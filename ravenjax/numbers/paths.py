@@ -25,11 +25,8 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    fields = getattr(node, "_fields", ())
-    if dataclasses.is_dataclass(node):
-        fields = [field.name for field in dataclasses.fields(node)]
-    if fields:
-        entries = {name: getattr(node, name) for name in fields}
+    entries = node._asdict() if hasattr(node, "_asdict") else {}
+    if entries := vars(node) if dataclasses.is_dataclass(node) else entries:
         # A field that this setup does not have is None.
         return {name: item for name, item in entries.items() if item is not None}, False
     if not isinstance(node, tuple):

@@ -1,7 +1,6 @@
 """Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-Stop rules, report and search share these definitions, on Parquet files, Arrow tables and
-DataFrames.
+Stop rules, report and search share them, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations
@@ -107,8 +106,7 @@ def events_happened(
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
     `valid` first, an SQL expression.
 
-    `table`: Arrow, with `event_columns` of the result table. For a run without a valid outcome an
-    event has no meaning.
+    `table`: Arrow, with `event_columns`. Events of a run without a valid outcome mean nothing.
     """
     import duckdb
     import numpy as np

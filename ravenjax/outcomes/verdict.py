@@ -108,8 +108,7 @@ def _responses(
 ) -> Response:
     """Return what these checks did.
 
-    `until`: ms [rows]. Later trips do not count, and at the same time trips of `follows` do not
-    count either; -1: all trips count.
+    `until`: ms [rows] of the last trips that count (those of `follows` before it); -1: all.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)

@@ -310,7 +310,7 @@ def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     if node is None:
         return
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        entries = [(field.name, getattr(node, field.name)) for field in dataclasses.fields(node)]
+        entries = list(vars(node).items())
     elif isinstance(node, dict):
         entries = [(str(key), node[key]) for key in sorted(node)]
     elif isinstance(node, tuple | list):

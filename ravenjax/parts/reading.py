@@ -34,8 +34,7 @@ class Reader:
         """Prepare to run the part whose module is called `name`.
 
         known: files of a part that was read before, maybe in another process, which are used
-        unchanged. None: files are read from the folder. require: raises UserError for code that
-        must not run.
+        unchanged. None: the folder's are read. require: raises UserError for refused code.
         """
         self.folder = folder
         self.taken: dict[str, bytes] = {}

@@ -54,8 +54,7 @@ def init() -> ChannelState:
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
     """Return the channel after a cycle in which packet `packet` (int32) came if `fresh` (bool).
 
-    seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which resets
-    its state.
+    seed: float, of the channel or of this cycle; 0: an ideal channel, which resets its state.
     """
     key = _key(seed)
     quality = _next(state.quality, random_uniform(key, packet, _QUALITY))

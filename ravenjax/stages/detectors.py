@@ -217,10 +217,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """Return the largest score that is not NaN, else 0. Scores are never below 0.
-
-    A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
-    """
+    """Return the largest score that is not NaN, else 0. A comparison with NaN is false."""
     return reduce(
         lambda most, score: jnp.where(score > most, score, most), scores, cast_to_real(setup, 0.0)
     )

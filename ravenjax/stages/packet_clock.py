@@ -7,8 +7,7 @@ Datagrams that arrive in one cycle thus act as one packet, and this clock makes 
 burst is a single packet with all the motion since the packet before. A gap is a packet that lasts
 long.
 
-Simplified: lengths are independent. In the recordings short ones follow long ones, and gaps come at
-regular times.
+Simplified: lengths are independent. In recordings short ones follow long ones, and gaps recur.
 """
 
 from collections.abc import Sequence

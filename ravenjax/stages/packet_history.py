@@ -63,11 +63,7 @@ def _u32(number: int) -> Scalar:
 
 
 def _sums(word: Scalar) -> tuple[Scalar, ...]:
-    """Return the number of set bits of a word, int32, and its partial sums, uint32.
-
-    The partial sums are those of halves, eights, fours and pairs of bits, each stored at the place
-    of its bits.
-    """
+    """Return the number of set bits (int32), and of those in halves, eights, fours and pairs."""
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
     eights = (fours + (fours >> _u32(4))) & _u32(0x0F0F0F0F)

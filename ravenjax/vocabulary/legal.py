@@ -1,8 +1,7 @@
 """Which values a fault effect may have at a channel.
 
 A value must fit the channel's number type, so that the stored value is what the campaign file says.
-A DAC word has 16 bits. A value beyond 16 bits is accepted only if the campaign states that it is
-intended.
+A DAC word has 16 bits. A larger value is accepted only if the campaign says that it is meant.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Names of the signals that users' files may read from a robot, as data; for any robot.
 
-A robot declares the fields of its view that a monitor can use (`Robot.signals`). The view itself is
-code.
+A robot declares the fields of its view that a monitor can use (`Robot.signals`).
 """
 
 import dataclasses

@@ -7,7 +7,6 @@ call reads and writes only the four structs that it gets: no allocation, no glob
 The structs have the memory layout that the compiled code expects.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -160,8 +159,8 @@ def members_of(
             for name, item in zip(names, place, strict=True):
                 yield from members(item, (*path, name))
         elif place is not None:
-            for field in dataclasses.fields(place):
-                yield from members(getattr(place, field.name), (*path, field.name))
+            for name, item in vars(place).items():
+                yield from members(item, (*path, name))
 
     return list(members(tree.fill_tree(kind.record, list(range(len(kind.layout.types)))), ()))
 

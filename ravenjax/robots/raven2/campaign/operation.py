@@ -70,7 +70,7 @@ def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
     """Return the depth of a tip below the tissue's surface after `way` [rows, 3], m."""
     with at_once():
         start = kinematics.forward_pose(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
-        tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
+        tip = start + position_from_itp(arm, Vec(way.T))
         return np.asarray(scene.tissue_depth(arm, tip))
 
 

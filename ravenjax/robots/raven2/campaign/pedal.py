@@ -94,8 +94,7 @@ def planned_pedal_down(
 ) -> np.ndarray:
     """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion]. cycles: ticks that a packet lasts. plc: the software obeys the
-    PLC.
+    foot: bool [rows of the motion]. cycles: ticks of a packet. plc: the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
     phases = _phases(software, foot, cycles, 0, plc, False, ticks)
@@ -146,10 +145,7 @@ class DrawnPackets:
         return count
 
     def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Yield the arrival ticks of the next packets, up to `most` packets per run.
-
-        Each item is (indices in `rows`, number of earlier packets, ticks [indices, packets]).
-        """
+        """Yield (indices in `rows`, earlier packets, arrival ticks [indices, packets])."""
         wide = min(most, 4096)
         high = max(1, BLOCK // wide)
         for top in range(0, len(rows), high):

@@ -28,8 +28,7 @@ class ProfileChoice:
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
         """Prepare the choice among `profiles`.
 
-        profiles: one, which then is chosen, or several in order of preference, for messages that
-        must name one.
+        profiles: one, which then is chosen, or several in order of preference for messages.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)

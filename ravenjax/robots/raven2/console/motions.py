@@ -39,8 +39,7 @@ _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Slices of a pose.
 
 They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
-the hand's offset [m, as tip motion] from the tip. The hand's offset only changes while the pedal is
-up.
+the hand's offset [m, as tip motion] from the tip, which only changes while the pedal is up.
 """
 
 _REST = np.zeros(10)
@@ -249,8 +248,7 @@ def generate_motion(
 ) -> Motion:
     """Return the named motion for `duration_s` seconds.
 
-    Each arm draws from a separate random stream; green is mirrored. Raises KeyError for a name that
-    is not in MOTIONS.
+    Each arm draws from its random stream; green is mirrored. Raises KeyError for another name.
     """
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
     streams = [np.random.default_rng([seed, i]) for i in range(len(arms))]

@@ -5,8 +5,7 @@ All deviations are added up in one offset per hand, which is the only state. Rob
 follow it alike.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
-of two truncated positions. The robot's accumulator therefore never drifts from the hand by more
-than a micrometre.
+of two truncated positions. The robot's accumulator never drifts from the hand by more than 1 um.
 """
 
 from typing import Any, NamedTuple
@@ -55,7 +54,7 @@ def params(
     return OperatorParams(
         scale=scale,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
-        start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
+        start_quat=tuple(quat.map(float) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
         own=None if setup.hands is None else part.part_parameters((setup.hands,)),
     )
@@ -74,8 +73,7 @@ class MotionRow:
 def look_up_row(table: tuple[Any, ...], k: Scalar) -> MotionRow:
     """Return row `k` of a motion; `k` is clamped to the first and last row.
 
-    table: the columns of `Motion.table()`, each a 1-D array. This is the only indexing in the whole
-    tick.
+    table: the columns of `Motion.table()`, each a 1-D array. The tick has no other indexing.
     """
     k = jnp.minimum(jnp.maximum(as_int(k), 0), table[0].shape[0] - 1)
     values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
@@ -123,7 +121,11 @@ def at_plan(setup: RavenSetup) -> HandOffsets:
 
 def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
     """Return the hands after a motion beyond the plan, um before scaling, axes of an ITP packet."""
-    return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
+    return replace(hands, offset=_sums(hands.offset, motion))
+
+
+def _sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(a + b for a, b in zip(values, more, strict=True))
 
 
 def with_tip_motion(
@@ -175,18 +177,15 @@ def make_packet(
     motion, so that the surgeon can reposition the hands.
     """
 
-    def sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(a + b for a, b in zip(values, more, strict=True))
-
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
         row = look_up_row(motion, index if lag is None else index - lag)
-        return replace(row, position=sums(row.position, offset)) if offset else row
+        return replace(row, position=_sums(row.position, offset)) if offset else row
 
     row = row_at(timing.row, deviation.lag, hands.offset)
     row_before = row_at(timing.before, deviation.lag_before, hands.offset_before)
     if deviation.grasp is not None and deviation.grasp_before is not None:
-        row = replace(row, grasp=sums(row.grasp, deviation.grasp))
-        row_before = replace(row_before, grasp=sums(row_before.grasp, deviation.grasp_before))
+        row = replace(row, grasp=_sums(row.grasp, deviation.grasp))
+        row_before = replace(row_before, grasp=_sums(row_before.grasp, deviation.grasp_before))
     if deviation.lifted is not None:
         row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0

@@ -4,8 +4,7 @@ The plan is the motion that a campaign names. docs/how-to/own-operator.md lists 
 in each millisecond, and the keys delta, grasp, pedal and pace that it may return. A hand that moves
 otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
 the file reverses it. Robot and nominal model follow it alike. The hand's rotation is the plan's. A
-file returns the same keys in all milliseconds. A key that it does not return, or returns unchanged,
-costs nothing.
+file returns the same keys in all milliseconds. A key that it leaves out or unchanged costs nothing.
 """
 
 from collections.abc import Sequence
@@ -79,8 +78,7 @@ def init(
 ) -> OwnOperatorState:
     """Return the state of hands on the plan, in front of a robot at rest.
 
-    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as everything that runs the
-    file.
+    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError for mistakes in the file.
     """
     assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)

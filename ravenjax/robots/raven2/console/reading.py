@@ -82,8 +82,7 @@ class PacketReader:
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
         """Return what a packet's fields (of `FIELDS`) ask for. It changes no state until `follow`.
 
-        joined: the packet directly follows the last one of the stream; else only its own content is
-        judged.
+        joined: the packet follows the last one of the stream; else its content alone is judged.
         """
         self._next = self._hands
         profile = self.profile

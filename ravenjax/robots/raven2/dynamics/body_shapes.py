@@ -1,7 +1,6 @@
 """Extracts bodies of the MuJoCo model for drawing: which move, their shapes, their appearance.
 
-mjviser and trimesh are imported only when shapes are made: the import takes a second, and pages
-cache the shapes.
+mjviser and trimesh are imported only when shapes are made, because the import takes a second.
 """
 
 # MuJoCo's compiled module carries no types.

@@ -1,8 +1,7 @@
 """Parts of an instrument that can touch something: two jaw tips, shaft, wrist and jaws.
 
 Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so no link has a kinematic error.
-Columns of a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python
-numbers.
+Columns of a Jacobian are the seven joints of `arms.JOINTS`; structural zeros are Python numbers.
 """
 
 from typing import NamedTuple

@@ -2,8 +2,7 @@
 
 Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad).
 Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`.
-Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
-the jaw axis.
+Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on the jaw axis.
 """
 
 import math

@@ -336,10 +336,9 @@ def _nearest_of_all(
 def _likely(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """Return the likely nearest solution, and a lower bound of the cost of the others, rad^2.
+    """Return the likely nearest solution, and a lower bound (or NaN) of the cost of the others.
 
-    The bound may be NaN. The function looks at the depth of each side that is nearer to the
-    measured d3, and takes the side whose wrist and yaw are nearer.
+    Of each side it takes the depth nearer to the measured d3; then the side with nearer angles.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
@@ -377,8 +376,7 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     """Return the joints that bring the jaw axis to `pose`, nearest to the measured `jpos_ref` (7).
 
     grasp_rad: opening of the jaws, rad. A roll more than 300 deg from the measured one is shifted
-    by a turn; otherwise the distance is used unchanged. Never raises: see `IK.status`. A pose with
-    NaN is rejected.
+    by a turn; otherwise the distance is used unchanged. A pose with NaN is rejected (`IK.status`).
     """
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]

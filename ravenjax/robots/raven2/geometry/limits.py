@@ -36,8 +36,7 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     """Return the limits with `tool`. The original applies the gold arm's limits to both arms.
 
-    Jaw yaw has only a lower limit, from the range of grasp1. The 2015 fork does not limit it, and
-    fixes the roll limit.
+    Jaw yaw has a lower limit only, from grasp1's range. The fork has none, and fixes the roll's.
     """
     instrument = find_tool(tool)
     fork = software == "fork2015"

@@ -1,8 +1,7 @@
 """Maps the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
 
 Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant
-ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf that
-those use.
+ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf.
 """
 
 from ravenjax.numbers import Scalar, Vec, jnp

@@ -2,8 +2,7 @@
 
 The world's z axis points up. The arms' frames are read from the model. The tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
-vessel is the trunk that is drawn on it, a ridge of the surface. Its branch and the vein are drawn
-only.
+vessel is the trunk that is drawn on it, a ridge of the surface. Branch and vein are drawn only.
 """
 
 import itertools

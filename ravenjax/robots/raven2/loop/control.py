@@ -383,8 +383,7 @@ def _simulated(
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
     """Return motor positions and velocities in a dynamics-simulator build.
 
-    Joints 1-3 come unchanged from its model, and the published build assumes the tool joints to be
-    at their targets.
+    Joints 1-3 come unchanged from its model. The published build has tool joints at their targets.
     """
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)

@@ -1,7 +1,6 @@
 """The part of the tick that observes the robot: nominal model, haptic cue, monitor.
 
-It is part of every tick. It also runs alone if the robot is elsewhere and only its reports are
-known.
+It is part of every tick. It also runs alone beside a robot of which only reports are known.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -75,8 +74,7 @@ def update_model_and_cue(
 ) -> tuple[Observed, Seen]:
     """Compute one tick of the nominal model and of the cue; `update_monitor` follows.
 
-    clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
-    it is of this tick.
+    clean: the newest packet as the console sent it; fresh: whether it is of this tick.
     """
 
     def asked(i: int) -> nominal.Clean:
@@ -161,8 +159,7 @@ def golden_reference(
 ) -> monitor.Reference:
     """Return the golden run in this tick.
 
-    As long as the robot equals its golden run, it is the robot itself (true tips, m; measured tips,
-    um).
+    As long as the robot equals its golden run, it is the robot itself. tips: m; pos: um.
     """
     if signal.apart is None:
         return signal.reference

@@ -211,7 +211,7 @@ class UserFiles:
             if use.acts == "limit":
                 commands = _limited(trips, values, commands)
             elif use.acts == "stop":
-                refusing = tuple(a | b for a, b in zip(refusing, trips, strict=True))
+                refusing = tuple(map(or_, refusing, trips))
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)

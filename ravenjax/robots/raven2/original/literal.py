@@ -258,11 +258,10 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
-    """Return all eight solutions in the original's order: DH variables (6) and validity.
+    """Return all eight solutions in the original's order (6 DH variables, validity), and `stopped`.
 
-    Returns also whether a wrist is at the remote centre. In that case the original stops before the
-    first angle, and all angles are zero. It has marked that side invalid; the other side counts as
-    valid. The insertion of side 0 is known by then.
+    A wrist at the remote centre stops the original before the first angle: all angles are zero. It
+    has marked that side invalid; the other one counts as valid. The insertion of side 0 is known.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))

@@ -159,8 +159,7 @@ class Meeting(NamedTuple):
     def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
         """Return the force in the step in N, never below 0.
 
-        gained: speeds that the joints gain under `normal.force`; yielding: additional speeds (7)
-        per additional N.
+        gained: speeds that joints gain under `normal.force`; yielding: more speed (7) per N.
         """
         lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
         gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])

@@ -174,8 +174,7 @@ def limit_torque(
     """Return the part of a commanded `torque` (N m) that the motor gives at `speed` (rad/s).
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
-    limit. The current limit also holds for a motor that is driven faster than the supply could turn
-    it.
+    limit. The current limit also holds for a motor that turns faster than the supply could do.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -194,8 +193,7 @@ def eliminate_motor(
 ) -> Eliminated:
     """Solve one motor's step for its link's speed.
 
-    `inertia_rate` is Im/dt; `speed`, `link_speed` (rad/s, both in motor angle) are those at the
-    start of the step.
+    inertia_rate: Im/dt. speed, link_speed: rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
     push = inertia_rate * speed + drive - mul(reaction_scale, cable.force)

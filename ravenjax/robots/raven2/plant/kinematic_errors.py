@@ -69,8 +69,7 @@ Their relative sizes are *assumed*: homing against stops leaves larger errors th
 common factor is fitted to the first half of a recording,
 `analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
 cannot separate the errors; it shows the tip's error after registration. The shoulder has no offset,
-because an offset would only turn the frame. The jaws have none, because they do not move their
-axis.
+because it would only turn the frame. The jaws have none, because they do not move their axis.
 """
 
 
@@ -88,13 +87,12 @@ def is_exact(errors: KinematicErrors) -> bool:
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
-    out = []
-    for joint, home, offset, error in zip(
-        reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True
-    ):
+
+    def true(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
         moved = mul(mul(errors.scale, error), joint - home)
-        out.append(add(joint, add(moved, mul(errors.scale, offset))))
-    return Vec(out)
+        return add(joint, add(moved, mul(errors.scale, offset)))
+
+    return reported.map(true, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
 
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:

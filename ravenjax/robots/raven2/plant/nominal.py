@@ -139,9 +139,7 @@ def params(
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
     jpos, still = cast_to_real(setup, (jpos0, Vec.full(7, 0.0)))
-    return NominalState(
-        jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
-    )
+    return NominalState(jpos, still, still[0], init_target(arm, jpos))
 
 
 def step(
@@ -156,8 +154,7 @@ def step(
 
     measured: the robot's joints as its control software has them (rad, m). The measured pose is a
     little below the desired one. At each lift of the pedal the robot takes the measured pose as the
-    desired one, and sinks further. `NominalParams.resync` lets the model follow, so that clutching
-    alone adds no error.
+    desired one, and sinks further. `resync` lets the model follow: clutching adds no error.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = replace(state, jpos=where(stands, measured, state.jpos))
@@ -213,7 +210,7 @@ def track_target(
 # --- target ---
 
 
-def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
+def init_target(arm: ArmName, jpos: Vec) -> TargetState:
     """Return a target at the joints' own pose."""
     pose = kinematics.forward_pose(arm, jpos)
     return TargetState(
@@ -247,7 +244,7 @@ def step_target(
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
     fresh = TargetState(position_um, quat, grasp_mrad, jpos_d)
     restarted = replace(
-        init_target(setup, arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
+        init_target(arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
     )
     return where(~engaged | (reachable & clamped), restarted, fresh)
 

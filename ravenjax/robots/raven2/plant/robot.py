@@ -174,8 +174,7 @@ def step(
 ) -> tuple[PlantState, PlantOutput]:
     """Compute one tick (1 ms, `setup.substeps` steps) under the DAC command just written.
 
-    The next tick reads `PlantOutput`. touched: parameters of what the instrument touches; None: it
-    touches nothing.
+    The next tick reads `PlantOutput`. touched: what the instrument touches; None: nothing.
     """
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
@@ -407,9 +406,9 @@ def observe_robot(
         enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
-        mpos=Vec(
-            turn + reference.astype(dtype) * transmission.ENCODER_RAD
-            for turn, reference in zip(turned, state.count_ref, strict=True)
+        mpos=turned.map(
+            lambda turn, count: turn + count.astype(dtype) * transmission.ENCODER_RAD,
+            state.count_ref,
         ),
         mvel=state.mvel,
         stretch=state.stretch,

@@ -321,10 +321,7 @@ def _encoders_at(
 def _standing(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """Return `state` with the arms at rest where they were measured in one cycle in E-stop.
-
-    after, signals: state and signals after that cycle.
-    """
+    """Return `state` with the arms at rest where one cycle in E-stop measured them."""
     places = [arm.pos for arm in after.cartesian]
     return replace(
         state,

@@ -137,10 +137,9 @@ def solve_inverse(
 def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
-    """Clamp shoulder to wrist to their software limits, and the yaw to its lower limit.
+    """Return joints 1-5 and the yaw within their limits, whether any was at one, and its margin.
 
-    Returns the joints; whether any was at or beyond its limit; and the smallest distance to a
-    limit, as a fraction of the joint's range.
+    The margin is the smallest distance to a limit, as a share of the joint's range.
     """
     values, at_limit, spares = [], [], []
     _, lowest_yaw = joint_limits(setup)

@@ -81,8 +81,7 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
     """Return joint positions (rad, m).
 
     Products with a reciprocal ratio, and sums, are computed in the wide type. Products of a
-    coupling constant and a rounded joint are computed in the narrow type. Each joint is rounded
-    once.
+    coupling constant and a rounded joint are narrow. Each joint is rounded once.
     """
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)

@@ -124,10 +124,7 @@ def step(
 
 
 def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the shared counter after one joint, and whether it trips on this joint.
-
-    Under the other policies a joint over its limit resets the counter.
-    """
+    """Return the shared counter after one joint, and whether it trips on this joint."""
     counting = over & hard
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)

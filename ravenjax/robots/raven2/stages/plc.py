@@ -15,8 +15,7 @@ update_atmel_io.cpp), or it is assumed here.
   50 ms periods, or by the E-stop button. A trip latches: a person must press start.
 - It reads the output pins of each USB board. It trips if the watchdog of any board is missing;
   pedal and READY count if all boards report them.
-- It commands the brakes on in E-STOP and PEDAL_UP. Their relay delay is part of the virtual robot's
-  brakes.
+- It commands the brakes on in E-STOP and PEDAL_UP. The robot's brakes include the relay's delay.
 """
 
 import operator

@@ -86,8 +86,7 @@ def advance_sublevel(
 ) -> tuple[StateMachineState, Scalar]:
     """Advance the sublevels.
 
-    Returns the state, and whether the desired pose follows the last measured one in this cycle
-    (bool).
+    Returns the state, and whether (bool) the desired pose follows the measured one.
     """
     level, sub = state.runlevel, state.sublevel
     in_init = level == INIT
@@ -108,8 +107,7 @@ def advance_sublevel(
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
     """Set the soft E-stop flag.
 
-    It acts on the watchdog immediately, and on the DACs from the next cycle until run level 0 is
-    entered.
+    It acts on the watchdog at once, and on the DACs from the next cycle until run level 0.
     """
     return replace(
         state,

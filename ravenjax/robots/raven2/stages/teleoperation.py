@@ -2,8 +2,7 @@
 
 Increments add up at every run level. In pedal-down the device takes over the sum whenever the
 update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
-initialisation), the accumulator's origin is reset to that pose. The console's pose therefore slips
-instead of jumping.
+initialisation), the accumulator's origin is reset to that pose. The console's pose then slips.
 """
 
 import math
