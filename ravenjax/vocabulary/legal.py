@@ -52,7 +52,7 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 
 
 def find_illegal_value(
-    site: Site, channel: Channel, effect: str, value: float, beyond: bool = False
+    site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
     """Return the error message for a value that is not legal at this channel of `site`."""
     low, high, _, _ = legal_values(channel, effect, beyond)

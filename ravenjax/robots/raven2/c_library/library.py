@@ -109,15 +109,14 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             f"  call void @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving,"
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
-    control, plant = software.code.kinds, robot.code.kinds
-    constants = {
-        "raven_control_default": control["params"].row(software.params),
-        "raven_control_start": control["state"].row(software.state),
-        "raven_robot_default": plant["params"].row(robot.params),
-        "raven_robot_start": plant["state"].row(robot.state),
-        "raven_robot_first": plant["signals"].row(robot.reading.signals),
-    }
-    for name, row in constants.items():
+    for name, machine, what, record in (
+        ("raven_control_default", software, "params", software.params),
+        ("raven_control_start", software, "state", software.state),
+        ("raven_robot_default", robot, "params", robot.params),
+        ("raven_robot_start", robot, "state", robot.state),
+        ("raven_robot_first", robot, "signals", robot.reading.signals),
+    ):
+        row = machine.code.kinds[what].row(record)
         escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())
         text += f'@{name} = constant [{len(row)} x i8] c"{escaped}", align 8\n'
     return text

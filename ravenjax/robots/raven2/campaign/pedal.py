@@ -14,6 +14,7 @@ not earlier than planned.
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -47,24 +48,19 @@ def trigger_clocks(
     """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
 
-    def numbers(path: str, usual: int) -> np.ndarray:
-        return np.asarray(varied.get(path, np.full(runs, usual)))
+    def numbers(path: str) -> np.ndarray:
+        return np.asarray(varied.get(path, np.full(runs, operator.attrgetter(path)(params))))
 
-    network, control = params.network, params.control
-    cycles = np.maximum(
-        numbers("network.cycles_per_packet", network.cycles_per_packet).astype(np.int64), 1
-    )
-    choice = numbers("network.packets", network.packets).astype(np.int64)
-    longest = cycles
+    cycles = longest = np.maximum(numbers("network.cycles_per_packet").astype(np.int64), 1)
+    choice = numbers("network.packets").astype(np.int64)
     if setup.packets:
-        shares = setup.packets
-        cycles = np.array([1 + int(np.flatnonzero(lengths)[0]) for lengths in shares])[choice]
-        longest = np.array([1 + int(np.flatnonzero(lengths)[-1]) for lengths in shares])[choice]
-    timeout = numbers("control.teleoperation.timeout_ticks", control.teleoperation.timeout_ticks)
-    obeyed = numbers("control.state_machine.plc_obeyed", control.state_machine.plc_obeyed) != 0
+        used = [np.flatnonzero(lengths) for lengths in setup.packets]
+        cycles, longest = (1 + np.array([k[end] for k in used])[choice] for end in (0, -1))
+    timeout = numbers("control.teleoperation.timeout_ticks")
+    obeyed = numbers("control.state_machine.plc_obeyed") != 0
     slowed = np.zeros(runs, bool)
     if params.reaction is not None:
-        slowed = numbers("reaction.action", params.reaction.action) == SLOW
+        slowed = numbers("reaction.action") == SLOW
     unknown = slowed | (longest - 1 > timeout) | (setup.hands is not None)
     ways = np.stack([cycles, longest, obeyed, unknown], axis=1)
     kinds, kind = ways[:1], np.zeros(runs, np.int64)

@@ -71,7 +71,7 @@ def prepare_campaign(
         hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
-        command_delay=_longest(varied.get(DELAY)),
+        command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         detectors=tuple(use for _, use, _ in config.detectors),
         checks=tuple(check.use for check in config.check),
         reacts=config.reacts,
@@ -98,13 +98,6 @@ def _distributions(
     varied = choices is not None and np.nan_to_num(choices).any()
     drawn = varied or shares != packets.SHARES[packets.EVERY_CYCLE]
     return (*packets.SHARES, shares) if drawn else ()
-
-
-def _longest(delays: np.ndarray | None) -> int:
-    """Return the length that the delay line needs, ms."""
-    if delays is None or np.isnan(delays).all():
-        return 0
-    return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
 
 
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:
