@@ -7,8 +7,6 @@ reading minus `start`, modulo `every` if `every` is not 0. The window is open wh
 less than `duration`. This module does not depend on the robot.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple, Protocol
 

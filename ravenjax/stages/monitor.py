@@ -121,11 +121,6 @@ class MonitorSignal:
     tick: Scalar  # int32
 
 
-def params(setup: Setup) -> MonitorParams:
-    """Return the published limits."""
-    return MonitorParams()
-
-
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
     """Return the state before the first tick, at these true [m] and measured [um] tips."""
     zero = cast_to_real(setup, 0.0)

@@ -36,10 +36,8 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
         config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks
     )
     scale = _number(config, "operator.scale", config.operator.scale)
-    # absolute positions have no clutch
-    follows = np.full(len(motion), config.campaign.console == "absolute")
-    follows[row[down]] = True
-    follows &= (motion.surgeon_mode > 0) | (config.campaign.console == "absolute")
+    follows = np.isin(np.arange(len(motion)), row[down]) & (motion.surgeon_mode > 0)
+    follows |= config.campaign.console == "absolute"  # absolute positions have no clutch
     # The way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]
     steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
     way = np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)

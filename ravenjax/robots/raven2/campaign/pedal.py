@@ -11,8 +11,6 @@ operator that the user programmed may press it again. The time of this press is 
 not earlier than planned.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 from collections.abc import Iterator, Mapping, Sequence

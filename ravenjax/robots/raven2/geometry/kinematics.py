@@ -20,7 +20,7 @@ bend.
 
 from typing import NamedTuple
 
-from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, where
+from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, replace, where
 from ravenjax.numbers.algebra import cross, dot
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
@@ -200,16 +200,11 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Return both bends, with the insertion axis from the wrist (depth 0) or to it (1)."""
+    """Return both bends, with the insertion axis from the wrist (depth False) or to it."""
     x6, y6, z6 = axes
-    if isinstance(depth, int):
-        toward, distance = (
-            (wrist.direction, wrist.insertion) if depth else (-wrist.direction, -wrist.insertion)
-        )
-    else:
-        toward, distance = where(
-            depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
-        )
+    toward, distance = where(
+        depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
+    )
     cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * geometry.cos23 / (GM1 * GM3)
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
@@ -243,8 +238,8 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     )
 
 
-def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
-    """Return theta1, theta2 and theta4 (rad) of both bends."""
+def _bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
+    """Return both bends."""
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
     alpha, beta = (
@@ -253,10 +248,15 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
     )
     fa, ea, fb, eb = part_m * alpha, part_e * alpha, part_m * beta, part_e * beta
     theta2 = jnp.atan2(s2, c2)
-    return (
-        Vec((jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa))),
-        Vec((jnp.atan2(b2 * x - b1 * y, -(b1 * x + b2 * y)), -theta2, jnp.atan2(fb - ea, eb + fa))),
+    bends = (
+        (jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa)),
+        (jnp.atan2(b2 * x - b1 * y, -(b1 * x + b2 * y)), -theta2, jnp.atan2(fb - ea, eb + fa)),
     )
+    first, second = (
+        Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6)
+        for theta1, theta2, theta4 in bends
+    )
+    return first, second
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
@@ -264,11 +264,11 @@ def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     return tuple(
-        (Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6), reach.valid)
+        (theta, reach.valid)
         for wrist in wrists
-        for depth in (0, 1)
+        for depth in (False, True)
         for reach in [_reach(geometry, wrist, axes, depth)]
-        for theta1, theta2, theta4 in _bends(geometry, reach)
+        for theta in _bends(geometry, reach)
     )
 
 
@@ -301,21 +301,18 @@ def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
             gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
         )
 
-    def bend_cost(theta1: Scalar, theta2: Scalar, theta4: Scalar) -> Scalar:
+    def bend_cost(theta: Theta) -> Scalar:
         return (
-            _square(measured.theta1 - theta1)
-            + _square(measured.theta2 - theta2)
-            + _square(measured.theta4 - theta4)
+            _square(measured.theta1 - theta.theta1)
+            + _square(measured.theta2 - theta.theta2)
+            + _square(measured.theta4 - theta.theta4)
         )
 
-    bends = tuple(
-        (theta1, theta2, turned(theta4)) for theta1, theta2, theta4 in _bends(geometry, reach)
-    )
-    first, second = (bend_cost(*bend) for bend in bends)
-    theta1, theta2, theta4 = where(second < first, bends[1], bends[0])
+    bends = tuple(replace(theta, theta4=turned(theta.theta4)) for theta in _bends(geometry, reach))
+    first, second = map(bend_cost, bends)
+    theta = where(second < first, bends[1], bends[0])
     cost = jnp.minimum(first, second) + _common_cost(measured, reach)
     counts = reach.valid & (cost < NO_SOLUTION_COST)  # never true of NaN
-    theta = Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6)
     return _Choice(theta, jnp.where(counts, cost, NO_SOLUTION_COST))
 
 
@@ -327,7 +324,7 @@ def _nearest_of_all(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> _Choice:
     def of_side(wrist: _Wrist) -> _Choice:
-        reaches = (_reach(geometry, wrist, axes, depth) for depth in (0, 1))
+        reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))
 
     return _nearest(of_side(wrists[0]), of_side(wrists[1]))

@@ -53,7 +53,7 @@ def params(
         detectors=detectors.params(setup) if setup.detectors else None,
         checks=user_files.check_params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
         contact=contact.ContactParams() if setup.contact else None,
-        monitor=monitor.params(setup),
+        monitor=monitor.MonitorParams(),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
 

@@ -34,6 +34,7 @@ from ravenjax.numbers.algebra import (
 from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
+    GEOMETRY,
     GM1,
     GM2,
     GM3,
@@ -138,8 +139,6 @@ class _Arm(NamedTuple):
     zeros: Vec  # 6, rad: theta = joint + zero
     alpha0: float  # rad
     alpha2: float  # rad
-    theta3: float  # rad
-    side: float  # 1 or -1: sign of the terms in which the arms' equations differ
 
 
 _ARMS = {
@@ -147,10 +146,8 @@ _ARMS = {
         Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)),
         0.0,
         PI - LINK23,
-        PI / 2,
-        1.0,
     ),
-    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23, -PI / 2, -1.0),
+    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23),
 }
 
 _TURNS = 3
@@ -177,7 +174,7 @@ def _thetas(arm: str, joints: Vec) -> Vec:
     return joints.map(add, _ARMS[arm].zeros).map(near)
 
 
-def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Transform:
+def _row(alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
     """Return one row of the modified DH table, from cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
     rotation = matrix(
@@ -188,25 +185,21 @@ def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Tr
     return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
 
 
-def _link1(arm: str, theta1: Scalar) -> Transform:
-    return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
+def _turned(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
+    return _row(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
 
 
-def _link2(cosine: Scalar, sine: Scalar) -> Transform:
-    return _link(LINK12, 0.0, cosine, sine, 0.0)
+def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Transform, ...]:
+    theta3 = GEOMETRY[arm].side * PI / 2
+    return (
+        _turned(_ARMS[arm].alpha0, theta1),
+        _turned(LINK12, theta2),
+        _row(_ARMS[arm].alpha2, math.cos(theta3), math.sin(theta3), d3),
+    )
 
 
-def _link3(arm: str, d3: Scalar) -> Transform:
-    theta3 = _ARMS[arm].theta3
-    return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
-
-
-def _link4(theta4: Scalar) -> Transform:
-    return _link(0.0, 0.0, jnp.cos(theta4), jnp.sin(theta4), D4)
-
-
-def _link5(theta5: Scalar) -> Transform:
-    return _link(PI / 2, 0.0, jnp.cos(theta5), jnp.sin(theta5), 0.0)
+def _links45(theta4: Scalar, theta5: Scalar) -> tuple[Transform, ...]:
+    return _turned(0.0, theta4, D4), _turned(PI / 2, theta5)
 
 
 def _chain(*links: Transform) -> Transform:
@@ -218,14 +211,7 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the same as `kinematics.forward_pose`."""
     theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     th = _thetas(arm, Vec((*jpos[:5], theta6)))
-    links = (
-        _link1(arm, th[0]),
-        _link2(jnp.cos(th[1]), jnp.sin(th[1])),
-        _link3(arm, th[2]),
-        _link4(th[3]),
-        _link5(th[4]),
-    )
-    tip = _chain(*links, _link(PI / 2, LW, jnp.cos(th[5]), jnp.sin(th[5]), 0.0))
+    tip = _chain(*_links123(arm, *th[:3]), *_links45(*th[3:5]), _turned(PI / 2, th[5], a=LW))
     return Pose(tip.origin, tip.rotation)
 
 
@@ -291,7 +277,7 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
-    cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
+    cosine = mul(-GEOMETRY[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
     cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
     return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
 
@@ -299,7 +285,7 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
-    t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))
+    t03 = _chain(*_links123(arm, theta1, theta2, d3))
     (_, _, r02), (_, _, r12), (r20, r21, r22) = (
         t36 := multiply_literally(inverse_transform(t03), tip)
     ).rotation
@@ -310,7 +296,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
 
-    t05 = multiply_literally(t03, _chain(_link4(theta4), _link5(theta5)))
+    t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
     turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
     crossed = jnp.abs(s5) > kinematics.SINGULAR
     c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
@@ -318,7 +304,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
-    side = _ARMS[arm].side
+    side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
     cosine, sine, _ = scale(1.0 / d, matvec(inverse_matrix(b), Vec((wrist[0], wrist[1], 0.0))))
@@ -336,7 +322,7 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts them.
     """
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
-    t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)
+    t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
     centres, (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
     com2, com3 = Vec(centres.link2), t23.origin  # in frame 2

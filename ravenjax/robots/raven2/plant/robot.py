@@ -388,22 +388,19 @@ def observe_robot(
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
-    counts = [
-        motor.count + reference
-        for motor, reference in zip(state.motors, state.count_ref, strict=True)
-    ]
+    counts = Vec(motor.count for motor in state.motors) + state.count_ref
     if setup.noise:
         errors = (
             params.encoder_noise
             * counter_random.random_normal(params.noise_key, state.tick, _channel(arm, i))
             for i in range(N)
         )
-        counts = [
+        counts = Vec(
             count + as_int(jnp.floor(error + 0.5))
             for count, error in zip(counts, errors, strict=True)
-        ]
+        )
     return PlantOutput(
-        enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
+        enc_val=counts.map(lambda count, sign: mul(int(sign), count), signs),
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
         mpos=turned.map(
