@@ -126,7 +126,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     zero = cast_to_real(setup, 0.0)
     never = jnp.int32(-1)
 
-    def arm_state(i: int) -> MonitorArmState:
+    def arm_state(i: int, _: str) -> MonitorArmState:
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
         begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
         begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
@@ -140,7 +140,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
         return MonitorArmState(**begin)
 
     return MonitorState(
-        arms=per_arm(setup, lambda i, arm: arm_state(i)),
+        arms=per_arm(setup, arm_state),
         tip_distance=cast_to_real(setup, jnp.inf),
         diverged=never,
         unintended=never,

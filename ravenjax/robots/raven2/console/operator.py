@@ -39,9 +39,7 @@ class OperatorParams:
     own: Any = None  # parameters of a user's file in place of the operator, under `hands`
 
 
-def params(
-    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
-) -> OperatorParams:
+def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> OperatorParams:
     """Return the parameters of a motion that starts in `start_jpos`.
 
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
@@ -52,7 +50,7 @@ def params(
         )
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
-        scale=scale,
+        scale=NOMINAL_SCALE,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(quat.map(float) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
@@ -191,7 +189,7 @@ def make_packet(
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
     row, row_before, params = cast_to_real(setup, (row, row_before, replace(params, own=None)))
 
-    def increment(i: int) -> tuple[Vec, Vec, Scalar]:
+    def increment(i: int, _: str) -> tuple[Vec, Vec, Scalar]:
         """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
         delta = (row.position[i] * params.scale).map(to_int32) - (
             row_before.position[i] * params.scale
@@ -217,8 +215,7 @@ def make_packet(
             to_int32(params.start_grasp[i] - row.grasp[i]),
         )
 
-    is_absolute = setup.console == "absolute"
-    moves = per_arm(setup, lambda i, arm: absolute(i, arm) if is_absolute else increment(i))
+    moves = per_arm(setup, absolute if setup.console == "absolute" else increment)
     delta, quat, grasp = zip(*moves, strict=True)
     return Packet(
         received=jnp.int32(1),

@@ -23,10 +23,10 @@ from operator import or_
 import numpy as np
 
 from ravenjax.numbers import describe_fields, jnp, lax, per_arm
-from ravenjax.numbers.algebra import dot
+from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.console.operator import Deviation
-from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
@@ -111,14 +111,13 @@ def feel_cue(
     noticed = reduce(or_, (force > params.felt_force for force in felt.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 
-    def corrected(i: int) -> Vec:
+    def corrected(i: int, _: ArmName) -> Vec:
         wanted = felt.model_tip[i] - felt.off_plan[i] - felt.tip[i]
-        distance = jnp.sqrt(dot(wanted, wanted))
+        distance = norm(wanted)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
         share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
         return wanted * share
 
     first = noticed & felt.pedal_down & (state.felt < 0)
-    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(
-        setup, lambda i, _: corrected(i)
-    )
+    state = replace(state, felt=jnp.where(first, felt.tick, state.felt))
+    return state, per_arm(setup, corrected)

@@ -5,7 +5,7 @@ ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversi
 """
 
 from ravenjax.numbers import Scalar, Vec, jnp
-from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
+from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 
 ITP_AXES = {
     "gold": matrix((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
@@ -36,7 +36,7 @@ def quat_from_itp(arm: str, quat: Vec) -> Vec:
     The original computes it from matrices. The result is the same rotation, possibly with the
     opposite sign of all four numbers.
     """
-    inverse_norm = 1.0 / jnp.sqrt(dot(quat, quat))
+    inverse_norm = 1.0 / norm(quat)
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
 
 

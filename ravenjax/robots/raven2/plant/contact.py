@@ -22,6 +22,7 @@ This is stable for any stiffness, with an error of second order.
 
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
@@ -152,11 +153,11 @@ def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
 class Meeting(NamedTuple):
     """Two instruments at the points where they are nearest, over the coming step."""
 
-    ways: tuple[Vec, Vec]  # 7 each: speed at which each joint at unit speed moves them apart
+    ways: Sequence[Vec]  # 7 each: speed at which each joint at unit speed moves them apart
     normal: Law
-    apart: tuple[Vec, Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
+    apart: Sequence[Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
 
-    def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
+    def solved(self, gained: Sequence[Vec], yielding: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, never below 0.
 
         gained: speeds that joints gain under `normal.force`; yielding: more speed (7) per N.
@@ -168,10 +169,10 @@ class Meeting(NamedTuple):
 
 
 def instruments_meeting(
-    arms: tuple[ArmName, ArmName],
+    arms: Sequence[ArmName],
     params: ContactParams,
-    jpos: tuple[Vec, Vec],
-    jvel: tuple[Vec, Vec],
+    jpos: Sequence[Vec],
+    jvel: Sequence[Vec],
     dt: float,
 ) -> Meeting:
     """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
@@ -195,7 +196,7 @@ def instruments_meeting(
     k = params.instrument_stiffness
     slope = jnp.where(depth > 0.0, k, 0.0)
     normal = spring_law(k * depth, slope, params.instrument_damping, closing, dt)
-    return Meeting((ways[0], ways[1]), normal, (frames[0], frames[1]))
+    return Meeting(ways, normal, frames)
 
 
 class _Piece(NamedTuple):

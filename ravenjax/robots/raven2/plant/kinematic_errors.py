@@ -166,10 +166,10 @@ def fit_registration(arm: str, true: list[Vec]) -> Registration:
             for x in Vec(r) - in_registered_frame(frame, p)
         )
         small = Vec(dot(Vec(row), residual) for row in solve)
-        turn = mapping.matrix_from_quat(Vec((small[0] * 0.5, small[1] * 0.5, small[2] * 0.5, 1.0)))
+        turn = mapping.matrix_from_quat(Vec((*(Vec(small[:3]) * 0.5), 1.0)))
         frame = Registration(
             matmul(turn, frame.rotation),
-            matvec(turn, frame.translation) + Vec((small[3], small[4], small[5])),
+            matvec(turn, frame.translation) + small[3:],
         )
     return frame
 

@@ -204,11 +204,11 @@ def step_all(
     left, right = both
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
-        pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, left.dt)
+        pair = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
         ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
         yielding = [solve_spd(ready[i][0], pair.ways[i]) for i in (0, 1)]
         gained = list(itertools.starmap(solve_spd, ready))
-        force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
+        force = pair.solved(gained, yielding)
         for i, arm in enumerate(both):
             speeds = gained[i] + yielding[i] * (force - pair.normal.force)
             arm.move(speeds, (pair.apart[i], force))
