@@ -170,10 +170,9 @@ def _arm_choices(
     hazard: Hazard, arm: Any, arms: Sequence[str]
 ) -> list[tuple[str, tuple[Any, ...]]]:
     """Return (suffix of the name, arms with faults in the same run) for each group of a case."""
-    if isinstance(arm, list | tuple) and len(arm) > 1:
-        return [(f"-{name}", (name,)) for name in arm]
     if arm is not None:
-        return [("", (arm[0] if isinstance(arm, list | tuple) and arm else arm,))]
+        named = _listed(arm) or [arm]
+        return [(f"-{name}" if len(named) > 1 else "", (name,)) for name in named]
     if len(arms) < 2:
         return [("", ())]
     if hazard.arm in arms:

@@ -29,7 +29,7 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 def _result(name: str, dtype: str, *operands: Array) -> Array:
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
-        return _convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype)[()]
+        return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
     if name == "div" and np.dtype(dtype).kind in "iu":
         return _quotient(*operands)
     return np.asarray(_FUNCTIONS[name](*operands)).astype(dtype)[()]
@@ -64,7 +64,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
     total = product + np.float64(c)
     rest = total - product
     error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
-    bits = np.asarray(total).view(np.int64)
+    bits = total.view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
     odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
     to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
@@ -72,11 +72,10 @@ def fma(a: Array, b: Array, c: Array) -> Array:
 
 
 def _quotient(a: Array, b: Array) -> Array:
-    dtype = np.asarray(a).dtype
     wide_a, wide_b = np.int64(a), np.int64(b)
     magnitude = np.abs(wide_a) // np.where(wide_b == 0, 1, np.abs(wide_b))
     quotient = np.where((wide_a < 0) == (wide_b < 0), magnitude, -magnitude)
-    return np.where(wide_b == 0, -1, quotient).astype(dtype)[()]
+    return np.where(wide_b == 0, -1, quotient).astype(a.dtype)[()]
 
 
 def _remainder(a: Array, b: Array) -> Array:
@@ -85,41 +84,38 @@ def _remainder(a: Array, b: Array) -> Array:
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
     if dtype.kind == "b":
-        return (x != 0)[()]
+        return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         ends = np.iinfo(dtype)
         limit = 2.0 ** (ends.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
-        return np.where(number < limit, inside.astype(dtype), ends.max)[()]
-    return x.astype(dtype)[()]
+        return np.where(number < limit, inside.astype(dtype), ends.max)
+    return x.astype(dtype)
 
 
 def _truncate(x: Array) -> Array:
-    fits = (np.asarray(x) >= -2147483648.0) & (np.asarray(x) < 2147483648.0)
+    fits = (x >= -2147483648.0) & (x < 2147483648.0)
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
 def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where((np.asarray(a) != a) | pick(a, b), a, b)
+    return lambda a, b: np.where((a != a) | pick(a, b), a, b)
 
 
 def _shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
     def shifted(x: Array, by: Array) -> Array:
-        width = np.asarray(x).dtype.itemsize * 8
-        inside = np.asarray(by).astype(np.uint32) < width
-        return np.where(
-            inside, shift(x, np.where(inside, by, 0).astype(np.asarray(x).dtype)), fill(x)
-        )
+        inside = by.astype(np.uint32) < x.dtype.itemsize * 8
+        return np.where(inside, shift(x, np.where(inside, by, 0).astype(x.dtype)), fill(x))
 
     return shifted
 
 
 def _logical(x: Array, by: Array) -> Array:
-    unsigned = np.dtype(f"u{np.asarray(x).dtype.itemsize}")
-    return (np.asarray(x).view(unsigned) >> by.astype(unsigned)).view(np.asarray(x).dtype)
+    unsigned = np.dtype(f"u{x.dtype.itemsize}")
+    return (x.view(unsigned) >> by.astype(unsigned)).view(x.dtype)
 
 
 MEANING: dict[str, Callable[..., Array]] = {
@@ -147,7 +143,7 @@ MEANING: dict[str, Callable[..., Array]] = {
     "not": np.invert,
     "shl": _shift(np.left_shift, np.zeros_like),
     "shr": _shift(_logical, np.zeros_like),
-    "sar": _shift(np.right_shift, lambda x: np.where(np.asarray(x) < 0, -1, 0)),
+    "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
     "select": np.where,
     "rarely": np.where,
     "truncate": _truncate,

@@ -139,10 +139,8 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
             joint.origin = joint.anchor
         towards = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
         if towards is None and parent is not None:
-            across = np.cross(parent.axis, joint.axis)
-            towards = (
-                across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else parent.x
-            )
+            towards = _unit(np.cross(parent.axis, joint.axis))
+            towards = parent.x if towards is None else towards
         if towards is None or (child is None and not joint.slide):
             towards = _leaf_direction(joint)
         joint.x = towards
@@ -161,22 +159,27 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
     """Return the unit vector from the joint's axis to the line (point, axis), or None."""
-    across = np.cross(joint.axis, axis)
-    if np.linalg.norm(across) <= _PARALLEL:
-        across = point - joint.origin
-        across = across - joint.axis * (joint.axis @ across)
-        if np.linalg.norm(across) <= _PARALLEL:
-            return None
-    return across / np.linalg.norm(across)
+    across = _unit(np.cross(joint.axis, axis))
+    return _unit(_across(joint, point - joint.origin)) if across is None else across
+
+
+def _across(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
+    return vector - joint.axis * (joint.axis @ vector)
+
+
+def _unit(vector: np.ndarray, least: float = _PARALLEL) -> np.ndarray | None:
+    """Return the unit vector, or None if the vector is not longer than `least`."""
+    length = np.linalg.norm(vector)
+    return vector / length if length > least else None
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
     """Return x of a link without children: through its centre of mass, if that is possible."""
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
-        across = candidate - joint.axis * (joint.axis @ candidate)
-        if np.linalg.norm(across) > 1e-6 * max(mass, 1e-300):
-            return across / np.linalg.norm(across)
+        across = _unit(_across(joint, candidate), 1e-6 * max(mass, 1e-300))
+        if across is not None:
+            return across
     return joint.x
 
 
@@ -188,10 +191,9 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     links: list[Link] = []
     for index in reversed(range(len(joints))):
         joint, inertia = joints[index], inertias[index]
-        parent = joints[joint.parent] if joint.parent >= 0 else None
-        frame, origin = (
-            (parent.rotation, parent.origin) if parent is not None else (np.eye(3), np.zeros(3))
-        )
+        frame, origin = np.eye(3), np.zeros(3)
+        if joint.parent >= 0:
+            frame, origin = joints[joint.parent].rotation, joints[joint.parent].origin
         rotation, position = frame.T @ joint.rotation, frame.T @ (joint.origin - origin)
         unseen = np.zeros((4, 4))
         if joint.slide:

@@ -131,8 +131,8 @@ def step(
                 active=active,
             )
         )
-    out = HapticOutput(error=error, distance=distance, direction=direction, force=Vec(forces))
-    return HapticState(tick=state.tick + 1, cues=tuple(cues)), out
+    out = HapticOutput(error, distance, direction, Vec(forces))
+    return HapticState(state.tick + 1, tuple(cues)), out
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:

@@ -32,11 +32,7 @@ class ProfileChoice:
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
-        self._misfits: dict[str, int] = {}
         self._last: dict[str, Misfit] = {}
-        self._travel: dict[str, list[int]] = {}
-        # counts of packets of the stream so far, and of those that profiles read differently
-        self._packets = self._telling = 0
         self.reason = ""  # why the profile was chosen, once packets have decided
         self._results: list[PacketReading | Misfit] = []
         self._restart()
@@ -108,7 +104,9 @@ class ProfileChoice:
 
     def _restart(self) -> None:
         names = [reader.profile.name for reader in self.readers]
-        self._misfits, self._packets, self._telling = dict.fromkeys(names, 0), 0, 0
+        self._misfits = dict.fromkeys(names, 0)
+        # counts of packets of the stream so far, and of those that profiles read differently
+        self._packets = self._telling = 0
         self._travel = {name: [0] * len(self._arms) for name in names}
 
 

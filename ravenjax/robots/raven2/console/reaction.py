@@ -70,7 +70,7 @@ class OperatorSenses:
 
 def init() -> ReactionState:
     """Return the state before any pull."""
-    return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
+    return ReactionState(*(jnp.int32(-1),) * 3)
 
 
 def react_to_cue(

@@ -45,11 +45,11 @@ class Surface(NamedTuple):
 @cache
 def frame0_in_world(arm: ArmName) -> tuple[Vec, Vec]:
     """Return origin (m) and rotation rows of the arm's frame 0 in the world, as Python numbers."""
-    exact = [
+    exact = Vec(
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
         for row in arm_model.frame_rotation(arm).tolist()
-    ]
-    return Vec(base_pose(arm)[0]), Vec(exact)
+    )
+    return Vec(base_pose(arm)[0]), exact
 
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:

@@ -97,10 +97,10 @@ def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
     """Compute one millisecond, as in the tick after the USB boards."""
-    buttons = inputs.estop_button != 0, inputs.start_button != 0
-    controller, relays = plc.step(
-        setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,), *buttons)
+    pressed = plc.PlcSignal(
+        (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
     )
+    controller, relays = plc.step(setup, params.plc, state.plc, pressed)
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(

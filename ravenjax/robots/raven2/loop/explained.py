@@ -92,13 +92,17 @@ def advance(
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
     """Compute one tick as `run.advance`, then compare it with the golden run."""
     length = run.series_length(setup)
+    checked = length + len(state.numbers)
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    beside, margins_beside = golden[length : length + len(state.numbers)], golden[length:]
     numbers, carried = [], []
     for history, span, (number, present), other in zip(
-        state.numbers, _spans(setup), crossing_numbers(setup, signals), beside, strict=True
+        state.numbers,
+        _spans(setup),
+        crossing_numbers(setup, signals),
+        golden[length:checked],
+        strict=True,
     ):
         number = jnp.asarray(number)
         floats = number.dtype == jnp.float32
@@ -116,7 +120,7 @@ def advance(
     for before, check, other in zip(
         state.margins,
         run.check_histories(setup, after).values(),
-        margins_beside[len(numbers) :],
+        golden[checked:],
         strict=True,
     ):
         # A check counts only before the first harm

@@ -1,7 +1,5 @@
 """Records of the tick: parameters, state, inputs, signals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,24 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
+
+
+@describe_fields
+@record
+class NetworkParams:
+    """Parameters of the channel from console to robot."""
+
+    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
+    packets: Scalar = np.int32(packets.EVERY_CYCLE)  # int32, distribution of vocabulary.packets
+    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
+
+
+@describe_fields
+@record
+class UsbParams:
+    """Parameters of the path from USB board to motor."""
+
+    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
 
 
 @describe_fields
@@ -38,24 +54,6 @@ class TickParams:
     contact: contact.ContactParams | None  # only with Setup.contact
     monitor: monitor.MonitorParams
     start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
-
-
-@describe_fields
-@record
-class NetworkParams:
-    """Parameters of the channel from console to robot."""
-
-    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
-    packets: Scalar = np.int32(packets.EVERY_CYCLE)  # int32, distribution of vocabulary.packets
-    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
-
-
-@describe_fields
-@record
-class UsbParams:
-    """Parameters of the path from USB board to motor."""
-
-    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
 
 
 @record

@@ -76,14 +76,14 @@ def at_angle(angle: Scalar) -> Angle:
     """Return an angle (rad) as whole counts and a fraction."""
     counts = angle * COUNTS_PER_RAD
     whole = jnp.floor(counts + 0.5)
-    return Angle(count=as_int(whole), fraction=counts - whole)
+    return Angle(as_int(whole), counts - whole)
 
 
 def advance_angle(angle: Angle, turned: Scalar) -> Angle:
     """Return the angle after turning by `turned` (rad)."""
     moved = angle.fraction + turned * COUNTS_PER_RAD
     whole = jnp.floor(moved + 0.5)
-    return Angle(count=angle.count + as_int(whole), fraction=moved - whole)
+    return Angle(angle.count + as_int(whole), moved - whole)
 
 
 def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
@@ -114,10 +114,8 @@ def linearise_cable(
     """Return force and implicit damping over `dt` (s). arm: lever (m/rad); stretch: rad."""
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
-    return Linear(
-        force=(2.0 * arm) * stiffness * _sinh(delta),
-        damping=(arm * arm) * (dt * slope + 2.0 * damping),
-    )
+    force = (2.0 * arm) * stiffness * _sinh(delta)
+    return Linear(force, (arm * arm) * (dt * slope + 2.0 * damping))
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
@@ -239,7 +237,7 @@ def step_brakes(
     delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
     moves = pending > delay
     engaged = jnp.where(moves, commanded, state.engaged)
-    state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
+    state = BrakeState(as_int(engaged), as_int(jnp.where(moves, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
 
 
@@ -278,4 +276,4 @@ def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float
     """Return the stop force on joint `i` over `dt` (s). It is zero within the range."""
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
-    return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)
+    return StopForce(-params.stiffness[i] * beyond - damping * jvel, damping)

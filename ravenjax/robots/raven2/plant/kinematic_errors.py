@@ -18,8 +18,6 @@ A camera does not know the robot's frame 0, so a rigid displacement is not visib
 at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a displacement.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
@@ -43,6 +41,14 @@ class KinematicErrors:
     ratio_error: Vec
     links: built_links.LinkErrors
     registered: Scalar  # int32
+
+
+@record
+class Registration:
+    """A rigid motion from frame 0 of the true arm to frame 0 of the reported arm."""
+
+    rotation: Vec  # 3 rows
+    translation: Vec  # m, 3
 
 
 MEASURED = {
@@ -140,14 +146,6 @@ POSES = tuple(
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
 """Eight of all 32 corners: any two joints have all four combinations of their ends."""
-
-
-@record
-class Registration:
-    """A rigid motion from frame 0 of the true arm to frame 0 of the reported arm."""
-
-    rotation: Vec  # 3 rows
-    translation: Vec  # m, 3
 
 
 def in_registered_frame(frame: Registration, point: Vec) -> Vec:

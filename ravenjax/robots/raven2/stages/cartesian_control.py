@@ -49,9 +49,8 @@ def params(setup: RavenSetup) -> CartesianParams:
     """Return the software's own limits: those of the first mechanism's tool apply to every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
-    return CartesianParams(
-        Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges)
-    )
+    lower, upper = zip(*ranges, strict=True)
+    return CartesianParams(Vec(map(number, lower)), Vec(map(number, upper)))
 
 
 def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:

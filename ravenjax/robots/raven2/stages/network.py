@@ -30,7 +30,7 @@ class NetworkState:
 
 def init(setup: RavenSetup) -> NetworkState:
     """Return the state before any packet: the first accepted packet is number 1."""
-    return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
+    return NetworkState(np.int32(0), *(check.init(setup),) * 6)
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:

@@ -66,7 +66,7 @@ def params(
 
 def init(setup: RavenSetup) -> OverdriveState:
     """Return the state before the first tick."""
-    return OverdriveState(np.int32(0), *(check.init(setup) for _ in range(3)))
+    return OverdriveState(np.int32(0), *(check.init(setup),) * 3)
 
 
 def step(

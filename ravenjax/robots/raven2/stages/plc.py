@@ -140,4 +140,4 @@ def step(
             jnp.where(watched, cast_to_real(setup, margin), jnp.inf),
         ),
     )
-    return state, PlcOutput(runlevel=runlevel, brakes=brakes_commanded(runlevel))
+    return state, PlcOutput(runlevel, brakes_commanded(runlevel))
