@@ -5,6 +5,8 @@ this module are hashable, and each different `Setup` is compiled separately. A r
 choices in a subclass.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar, Literal

@@ -4,6 +4,8 @@ Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-e
 36000). Index 0 of each pair is the gold arm, 1 the green arm.
 """
 
+from __future__ import annotations
+
 import functools
 import struct
 from typing import Any
@@ -57,7 +59,8 @@ two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generato
 
 @record
 class Packet:
-    """The packet that the robot receives in a control cycle. Tuples have one entry per arm.
+    """The packet that the robot receives in a control cycle. Tuples have one entry per arm, gold
+    before green.
 
     `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
     are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.

@@ -327,7 +327,7 @@ def _nearest_of_all(
         reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))
 
-    return _nearest(of_side(wrists[0]), of_side(wrists[1]))
+    return _nearest(*map(of_side, wrists))
 
 
 def _likely(
@@ -353,15 +353,16 @@ def _likely(
     return likely, jnp.minimum(other, jnp.minimum(*farther))
 
 
-def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
+def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
     """Return what the original selects if a wrist is within Lw of the remote centre.
 
     The original stops after the insertions of the sides before, with all angles still zero, and
     takes the other side as valid. On side 0 d3 is known by then; on side 1 it is also zero.
+    insertion: of side 0, m.
     """
-    shallow, deep = -D4 - insertions[0], -D4 + insertions[0]
+    shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
-    d3 = jnp.where(insertions[0] <= LW, 0.0, nearer)
+    d3 = jnp.where(insertion <= LW, 0.0, nearer)
     angles = (measured.theta1, measured.theta2, measured.theta4, measured.theta5, measured.theta6)
     cost = sum((_square(angle) for angle in angles[1:]), _square(angles[0]))
     zero = jnp.zeros_like(d3)
@@ -378,7 +379,6 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
-    insertions = (wrists[0].insertion, wrists[1].insertion)
 
     # The solution of least cost is nearly always found without computing the others, because a
     # lower bound of their costs is known.
@@ -386,8 +386,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     nearest = if_rarely(
         ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual
     )
-    singular = (insertions[0] <= LW) | (insertions[1] <= LW)
-    choice = where(singular, _leftover(measured, insertions), nearest)
+    singular = (wrists[0].insertion <= LW) | (wrists[1].insertion <= LW)
+    choice = where(singular, _leftover(measured, wrists[0].insertion), nearest)
     reachable = choice.cost <= COST_LIMIT
     status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
     return IK(

@@ -10,6 +10,8 @@ without faults. Every operation is one IEEE operation in float32, and functions 
 campaigns fuse multiply-adds, so their last digits differ.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
 from collections.abc import Sequence
