@@ -44,9 +44,9 @@ from ravenjax.parts import part
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PIN_WATCHDOG
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
-from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
+from ravenjax.robots.raven2.stages import dac, motor_control, usb
 from ravenjax.stages import check
 
 PACKET, BOARDS = "packet", "usb_out"
@@ -56,7 +56,7 @@ COMMANDS = ("current_cmd", "checked_cmd")
 MOTOR_CONTROL, DAC = "motor_control", "dac"
 """Stages that a file may replace, in the order of the tick."""
 
-_WAVE = 1 << plc.PIN_WATCHDOG
+_WAVE = 1 << PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
 """Seam -> field of the view, if the field has another name."""
 

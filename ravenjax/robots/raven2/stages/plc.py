@@ -22,12 +22,18 @@ import operator
 from functools import reduce
 
 from ravenjax.numbers import Scalar, as_int, cast_to_real, describe_fields, jnp, record
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+from ravenjax.robots.raven2.run_levels import (
+    E_STOP,
+    INIT,
+    PEDAL_DOWN,
+    PEDAL_UP,
+    PIN_FP,
+    PIN_READY,
+    PIN_WATCHDOG,
+)
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 
-# Output byte of the control computer, bit numbers (raven2: defines.h).
-PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
 # Input byte: the run level is in bits 6 and 7.
 PIN_RUNLEVEL = 6
 

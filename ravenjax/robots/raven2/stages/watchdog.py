@@ -1,7 +1,7 @@
 """Output pins to the PLC, with the watchdog's square wave (raven2: update_atmel_io.cpp)."""
 
 from ravenjax.numbers import Scalar, as_int, jnp
-from ravenjax.robots.raven2.stages.plc import PIN_FP, PIN_READY, PIN_WATCHDOG
+from ravenjax.robots.raven2.run_levels import PIN_FP, PIN_READY, PIN_WATCHDOG
 
 HIGH_CYCLES, PERIOD_CYCLES = 25, 50
 """Length of the wave's high phase and of its period; the first high phase is one cycle longer."""
