@@ -14,7 +14,7 @@ _SOFTWARE = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 
 
 def trace_series(
-    setup: RavenSetup, signals: Any, golden: np.ndarray | None
+    setup: RavenSetup, signals: Any, golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the time series of a run from its signals and the golden series [ticks, numbers].
 
