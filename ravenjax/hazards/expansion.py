@@ -78,12 +78,12 @@ def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     campaign = raw.get("campaign")
     arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
     # Invalid arms are refused by later checks.
-    valid = isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms)
+    valid = arms if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
     tables: list[dict[str, Any]] = []
     written: list[int] = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand_group(group, arms if valid else ())
+            expanded = expand_group(group, valid)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
         tables += expanded

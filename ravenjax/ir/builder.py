@@ -111,6 +111,8 @@ def _negated(b: Builder, i: int) -> int | None:
 def _is(b: Builder, i: int, value: float) -> bool:
     """Return whether an operation is this constant, with the same sign of zero."""
     constant = b.constants.get(i)
+    if constant is None:
+        return False
     return constant == value and np.signbit(constant) == np.signbit(value)
 
 

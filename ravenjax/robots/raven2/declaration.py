@@ -82,6 +82,9 @@ SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
 SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
 """Every seam, in the order of the tick."""
 
+_ROBOT: dict[str, Any] = {
+    key: tuple(x) if isinstance(x, list) else x for key, x in _TABLES["robot"].items()
+}
 ROBOT = Robot(
     package=str(__package__),
     arms=ARMS,
@@ -96,5 +99,5 @@ ROBOT = Robot(
     check_seams=_TABLES["check_seams"],
     seams=SEAMS,
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
-    **{key: tuple(x) if isinstance(x, list) else x for key, x in _TABLES["robot"].items()},
+    **_ROBOT,
 )
