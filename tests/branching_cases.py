@@ -10,12 +10,12 @@ from ravenjax.campaign import plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
 from ravenjax.campaign.progress import Progress
-from ravenjax.faults.injection import _EFFECTS
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
+from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
 
 TICKS, RUNS, OBSERVE = 600, 96, 60
+EFFECTS = [name for name in EFFECT_CODES if name not in NETWORK_EFFECTS]
 GAIN = "control.motor_control.gold.kp.shoulder"
 SCALES = (0.0, 1.0, -0.3, 3.0, 40.0, -500.0, 2e4)
 
@@ -41,7 +41,7 @@ def with_every_fault(ready):
         names = [channel.name for channel in site.channels] or [GAIN]
         channels = dict.fromkeys((names[0], names[-1]))
         arm = "gold" if site.per_arm else ""
-        of_site = ("overwrite", "toggle") if site.name == "buttons" else tuple(_EFFECTS)
+        of_site = ("overwrite", "toggle") if site.name == "buttons" else tuple(EFFECTS)
         sites.append(SiteUse(site.name, tuple((arm, name) for name in channels), of_site))
     injection = Injection(2, tuple(sites), tuple(TRIGGER_CODES))
     setup = dataclasses.replace(ready.program.setup, injection=injection)
@@ -54,7 +54,7 @@ def drawn(ready, seed):
     codes = sum(len(use.channels) for use in ready.program.setup.injection.sites)
     faults = {
         "code": rng.integers(1, codes + 1, shape) * (rng.random(shape) < 0.8),
-        "effect": rng.choice([EFFECT_CODES[name] for name in _EFFECTS], shape),
+        "effect": rng.choice([EFFECT_CODES[name] for name in EFFECTS], shape),
         "trigger": rng.choice(list(TRIGGER_CODES.values()), shape),
         "value": rng.choice(SCALES, shape),
         "start": (

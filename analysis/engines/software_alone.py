@@ -18,7 +18,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 from bench import workload
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console.packet import Packet, encode_packet
+from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet, fill_fields
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
@@ -75,7 +75,9 @@ def make_inputs(cycles: int) -> tuple[np.ndarray, list[bytes]]:
         )
         turn = Vec((0.0, 0.0, 1e-4 * math.sin(0.01 * k), 1.0))
         packet = Packet(1, 124, k + 1, moves, (turn, turn), (0, 0), 1)
-        datagrams.append(encode_packet(packet, ("gold", "green")))
+        datagram = np.zeros((), U_STRUCT)
+        fill_fields(datagram, packet, ("gold", "green"))
+        datagrams.append(datagram.tobytes())
     return encoders, datagrams
 
 

@@ -246,7 +246,7 @@ def _run(
             for a, b, v, sign, per_nm in zip(start, angles.mpos, angles.mvel, *scales, strict=True)
         ]
         command[0] = command[0] + counts
-        signal = replace(robot.nominal_signal(Vec(command), jnp.int32(0)), external_torque=push)
+        signal = replace(robot.PlantSignal(Vec(command), jnp.int32(0)), external_torque=push)
         state, out = robot.step(STATICS_SETUP, "gold", params, state, signal)
         return state, (out.tension[0], out.mvel[0], out.jpos[0])
 

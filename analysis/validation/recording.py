@@ -97,7 +97,7 @@ def robot_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarra
         def tick(state, row):
             command = Vec((*(row[i].astype(jnp.int32) for i in range(3)), *(jnp.int32(0),) * 4))
             state, out = robot.step(
-                SETUP, ARM, params, state, robot.nominal_signal(command, jnp.int32(0))
+                SETUP, ARM, params, state, robot.PlantSignal(command, jnp.int32(0))
             )
             return state, (jnp.stack(out.mpos[:3]), jnp.stack(out.mvel[:3]))
 

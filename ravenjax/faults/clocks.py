@@ -1,5 +1,4 @@
-"""Computes before a run when fault windows are open, on whole columns of faults at once. Uses NumPy
-only.
+"""Computes before a run when fault windows are open, for whole columns of faults, with NumPy.
 
 A clock counts up by at most one per tick. The time starts at 0 in tick 0, and the packets at 1 in
 tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window
@@ -7,8 +6,6 @@ follows the rule of `window`. It is not open before the clock reads `start`. Fro
 reading minus `start`, modulo `every` if `every` is not 0. The window is open while the result is
 less than `duration`. This module does not depend on the robot.
 """
-
-from __future__ import annotations
 
 import dataclasses
 from typing import NamedTuple, Protocol
@@ -25,10 +22,6 @@ class Opening(NamedTuple):
     start: np.ndarray
     duration: np.ndarray
     every: np.ndarray  # 0: the window opens once
-
-    def picked(self, which: np.ndarray) -> Opening:
-        """Return the windows of the faults that an index or a mask selects."""
-        return Opening(*(column[which] for column in self))
 
     def first(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
         """Return the least reading from `low` to `high` at which the window is open, or NEVER."""
@@ -50,8 +43,7 @@ class Arrivals(Protocol):
     """Times at which packets arrive."""
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
-        """Return the ticks in which the packets of these numbers, from 1, arrive in these runs;
-        int64.
+        """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
 
         For a packet that arrives after the run's end, the tick is any one after that end.
         """
@@ -66,12 +58,9 @@ class Arrivals(Protocol):
 class PedalPhases:
     """Times at which the pedal is down in a run, until a stop."""
 
-    # int64 [phases], ticks in which the pedal clock reads 0, ascending
-    begins: np.ndarray
-    # int64 [phases], first tick after each phase in which the pedal is up, or the run's end
-    ends: np.ndarray
-    # Ticks by which each of these times may be delayed; None: unknown
-    later: int | None = 0
+    begins: np.ndarray  # int64 [phases], ticks in which the pedal clock reads 0, ascending
+    ends: np.ndarray  # int64 [phases], first tick after each phase, or the run's end
+    later: int | None = 0  # Ticks by which each of these times may be delayed; None: unknown
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after which no window is open, or 0 if none ever is."""
@@ -114,13 +103,12 @@ class Clocks:
         )
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after which no window on the pedal clock is open, or 0 if none ever
-        is.
+        """Return the first tick after the last window on the pedal clock; 0: none ever opens.
 
         For runs in which no fault moves the pedal.
         """
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):
             mine = self.kind[rows] == kind
-            after[mine] = phases.end(opening.picked(mine), ticks)
+            after[mine] = phases.end(Opening(*(column[mine] for column in opening)), ticks)
         return after

@@ -1,8 +1,6 @@
 """A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, record, replace
+from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 
@@ -13,15 +11,13 @@ class FaultSlot:
     Codes are those of `ravenjax.vocabulary`.
     """
 
-    # int32, 1-based index of the channel in the campaign's list of channels; 0: no fault
-    code: Scalar
+    code: Scalar  # int32, index from 1 in the campaign's list of channels; 0: no fault
     effect: Scalar  # int32, EFFECT_CODES
     value: Scalar  # float, in the channel's unit
     trigger: Scalar  # int32, TRIGGER_CODES
     start: Scalar  # int32, ticks or packets on the trigger's clock
     duration: Scalar  # int32, ticks or packets that the window stays open
-    # int32, ticks or packets from one opening to the next; 0: the window opens once
-    every: Scalar
+    every: Scalar  # int32, ticks or packets from one opening to the next; 0: the window opens once
     period: Scalar  # int32, ticks, period of effect periodic
     key: Scalar  # uint32, random key of effect random
 
@@ -40,11 +36,9 @@ class SlotState:
     active: Scalar  # bool, the window is open in this tick
     age: Scalar  # int32, ticks since the window opened; 0 in its first tick
     latched: Scalar  # float, the value that effect latch_offset latched
-    # float, the channel's value in the last tick before the window; NaN: never seen
-    before: Scalar
+    before: Scalar  # float, the channel's value in the last tick before the window; NaN: never seen
     first_tick: Scalar  # int32, tick in which the fault first changed its channel; -1: never
-    # int32, ticks in which the fault changed at least one bit of its channel
-    changed_ticks: Scalar
+    changed_ticks: Scalar  # int32, ticks in which the fault changed at least one bit of its channel
     last_tick: Scalar  # int32, tick in which it last changed its channel; -1: never
 
 
@@ -91,7 +85,7 @@ class TriggerClocks:
     pedal: Scalar  # ticks since pedal-down was entered; negative: not in pedal-down
 
 
-def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
+def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]
@@ -101,11 +95,6 @@ def _elapsed(setup: Setup, fault: FaultSlot, clock: TriggerClocks) -> Scalar:
     if "pedal" in used:
         shut = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
         since = jnp.where(shut, -1, since)
-    return since
-
-
-def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    since = _elapsed(setup, fault, clock)
     repeats = fault.every > 0
     cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
     active = (fault.code > 0) & (since >= 0) & (cycle < fault.duration)
@@ -116,11 +105,9 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Update which slots act in this tick, and for how long they have. Call once per tick, before
-    any site.
+    """Update which slots act in this tick, and since when. Call once per tick, before any site.
 
-    A window is counted on its trigger's clock, so a window in packets stays open while its packet
-    lasts.
+    Windows are counted on the trigger's clock: one in packets stays open while its packet lasts.
     """
     if not setup.injection.triggers:  # the campaign has slots, but no run has a fault
         return state

@@ -8,22 +8,16 @@ channel keeps its bits.
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
+from ravenjax.numbers import Scalar, Vec, as_int, first_tick, jnp, lax, replace, to_int32, wrap16
 from ravenjax.numbers.counter_random import random_uniform
-from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup, SiteUse
-from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import ARM, PARAMETER
-
-Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
-"""(x, fault, slot, tick) -> the float that replaces x. Bits of whole numbers are flipped by
-`flipped`.
-"""
 
 
 def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
@@ -31,64 +25,41 @@ def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
     return x ^ lax.shift_left(jnp.int32(1), to_int32(fault.value) & 31)
 
 
-def _bit_flip(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
-    return lax.convert_element_type(
-        lax.bitcast_convert_type(flip_bit(pattern, fault), jnp.float32), x.dtype
-    )
-
-
-def _periodic(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    period = jnp.maximum(fault.period, 1)
-    phase = lax.rem(slot.age, period)
-    turn = lax.convert_element_type(phase, x.dtype) / lax.convert_element_type(period, x.dtype)
-    return x + fault.value * jnp.sin(2.0 * math.pi * turn)
-
-
-def _random(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    return fault.value * (
-        2.0 * lax.convert_element_type(random_uniform(fault.key, tick, 0), x.dtype) - 1.0
-    )
-
-
-def _lose(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    """Return the ticks that the present loss still lasts; 0: none. `latched` has them."""
-    before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
-    length = lax.convert_element_type(fault.period, x.dtype)
-    return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
-
-
-_EFFECTS: dict[str, Effect] = {
-    "overwrite": lambda x, fault, slot, tick: fault.value,
-    "offset": lambda x, fault, slot, tick: x + fault.value,
-    "latch_offset": lambda x, fault, slot, tick: jnp.where(
-        slot.age == 0, x + fault.value, slot.latched
-    ),
-    "scale": lambda x, fault, slot, tick: x * fault.value,
-    "drift": lambda x, fault, slot, tick: (
-        x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
-    ),
-    # A window that is open from the first tick on has no earlier value. It holds that tick's
-    # number.
-    "stuck": lambda x, fault, slot, tick: jnp.where(slot.before == slot.before, slot.before, x),
-    "bit_flip": _bit_flip,
-    "periodic": _periodic,
-    "random": _random,
-    "lose": _lose,
-    "toggle": lambda x, fault, slot, tick: jnp.where((slot.age & 1) == 0, fault.value, 0.0),
-}
-
-
-def apply_effect(
-    effects: tuple[str, ...], x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar
-) -> Scalar:
-    """Return the number that replaces `x` (float) under the fault's effect, one of `effects`."""
-    result = _EFFECTS[effects[0]](x, fault, slot, tick)
-    for name in effects[1:]:
-        result = jnp.where(
-            fault.effect == EFFECT_CODES[name], _EFFECTS[name](x, fault, slot, tick), result
-        )
-    return lax.convert_element_type(result, x.dtype)
+def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
+    """Return the float that replaces `x` under an effect; `flip_bit` does so for whole numbers."""
+    match effect:
+        case "overwrite":
+            return fault.value
+        case "offset":
+            return x + fault.value
+        case "latch_offset":
+            return jnp.where(slot.age == 0, x + fault.value, slot.latched)
+        case "scale":
+            return x * fault.value
+        case "drift":
+            return x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
+        case "stuck":
+            # A window that is open from the first tick on has no earlier value. It holds that
+            # tick's number.
+            return jnp.where(slot.before == slot.before, slot.before, x)
+        case "bit_flip":
+            pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
+            return lax.bitcast_convert_type(flip_bit(pattern, fault), jnp.float32)
+        case "periodic":
+            period = jnp.maximum(fault.period, 1)
+            phase = lax.convert_element_type(lax.rem(slot.age, period), x.dtype)
+            turn = phase / lax.convert_element_type(period, x.dtype)
+            return x + fault.value * jnp.sin(2.0 * math.pi * turn)
+        case "random":
+            uniform = lax.convert_element_type(random_uniform(fault.key, tick, 0), x.dtype)
+            return fault.value * (2.0 * uniform - 1.0)
+        case "lose":
+            # The ticks that the present loss still lasts; 0: none. `latched` has them.
+            before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
+            length = lax.convert_element_type(fault.period, x.dtype)
+            return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
+    assert effect == "toggle"
+    return jnp.where((slot.age & 1) == 0, fault.value, 0.0)
 
 
 # --- sites ---
@@ -196,7 +167,13 @@ class Injector:
         for aim, number in zip(aims[1:], numbers[1:], strict=True):
             x = jnp.where(aim, lax.convert_element_type(number, real), x)
             here = here | aim
-        y = apply_effect(use.effects, x, fault, slot, tick)
+        first, *others = use.effects
+        y = _affected(first, x, fault, slot, tick)
+        for name in others:
+            y = jnp.where(
+                fault.effect == EFFECT_CODES[name], _affected(name, x, fault, slot, tick), y
+            )
+        y = lax.convert_element_type(y, x.dtype)
 
         hit = slot.active & here & present
         changed = jnp.bool_(False)
@@ -217,19 +194,15 @@ class Injector:
                 differs = value != number
             changed = changed | (hit & aim & differs)
             signal = write_channel(signal, path, jnp.where(hit & aim, value, number))
-        return (
-            replace(
-                slot,
-                latched=jnp.where(hit & latches, y, slot.latched),
-                before=jnp.where(
-                    here & (~slot.active | (slot.before != slot.before)), x, slot.before
-                ),
-                first_tick=jnp.where(changed & (slot.first_tick < 0), tick, slot.first_tick),
-                last_tick=jnp.where(changed, tick, slot.last_tick),
-                changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
-            ),
-            signal,
+        slot = replace(
+            slot,
+            latched=jnp.where(hit & latches, y, slot.latched),
+            before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
+            first_tick=first_tick(tick, changed, slot.first_tick),
+            last_tick=jnp.where(changed, tick, slot.last_tick),
+            changed_ticks=slot.changed_ticks + as_int(changed),
         )
+        return slot, signal
 
 
 def injects_faults(setup: Setup, *sites: str) -> bool:

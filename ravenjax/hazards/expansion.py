@@ -1,5 +1,4 @@
-"""Expands a campaign's group that names hazards into plain groups, one for each case of each
-hazard.
+"""Expands a campaign's group that names hazards into plain groups, one for each case.
 
     [[group]]
     name = "library"
@@ -68,8 +67,7 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """Return a campaign's tables with plain groups only, and for each the index of its original
-    group.
+    """Return a campaign's tables with plain groups only, and the index of the group of each.
 
     Values that are not a list of tables are passed on, for later checks to refuse. Raises
     WrongGroup.
@@ -77,29 +75,20 @@ def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     groups = raw.get("group")
     if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
         return dict(raw), []
-    arms = _arms_of(raw)
+    campaign = raw.get("campaign")
+    arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
+    # Invalid arms are refused by later checks.
+    valid = arms if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
     tables: list[dict[str, Any]] = []
     written: list[int] = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand_group(group, arms)
+            expanded = expand_group(group, valid)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
         tables += expanded
         written += [number] * len(expanded)
     return {**raw, "group": tables}, written
-
-
-def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the arms of a campaign's tables.
-
-    Returns () if no arms are named, or if they are invalid, which later checks refuse.
-    """
-    campaign = raw.get("campaign")
-    arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
-    return (
-        tuple(arms) if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
-    )
 
 
 def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
@@ -113,10 +102,11 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
         return [dict(group)]
     for key in group:
         if key not in KEYS:
-            expected = (
-                f"unknown key in a group that names hazards, expected one of {', '.join(KEYS)}"
+            raise WrongGroup(
+                key,
+                "unknown key in a group that names hazards, expected one of"
+                f" {', '.join(KEYS)}{suggest_name(key, KEYS)}",
             )
-            raise WrongGroup(key, expected + suggest_name(key, KEYS))
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
     return [
@@ -128,45 +118,31 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
 
 
 def select_hazards(words: Any) -> list[Hazard]:
-    """Return the hazards that ids, layers and "all" name, in the library's order. Raises
-    WrongGroup.
-    """
-    listed = [words] if isinstance(words, str) else words
-    if (
-        not isinstance(listed, Sequence)
-        or not listed
-        or not all(isinstance(word, str) for word in listed)
-    ):
+    """Return the hazards that ids, layers and "all" name, in order. Raises WrongGroup."""
+    listed = _listed(words)
+    if not listed or not all(isinstance(word, str) for word in listed):
         raise WrongGroup(
             KEY,
             f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
         )
-    ids = {row.id for word in listed for row in _meant(word)}
+    ids = {row.id for word in listed for row in _named(word)}
     return [row for row in library.all_hazards() if row.id in ids]
 
 
 def hazard_words() -> list[str]:
-    """Return the words that `hazards` may have: "all", the layers, and the ids that can be
-    simulated.
-    """
+    """Return the words that `hazards` may have: "all", layers, and ids that can be simulated."""
     rows = [row for row in library.all_hazards() if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 
 
-def _meant(word: str) -> list[Hazard]:
-    runnable = [row for row in library.all_hazards() if row.runnable]
-    if word == ALL:
+def _named(word: str) -> list[Hazard]:
+    named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
+    if runnable := [row for row in named if row.runnable]:
         return runnable
-    if matches := [row for row in runnable if word in (row.id, row.layer)]:
-        return matches
-    for row in library.all_hazards():
-        if row.id == word:
-            raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
-    every = [*(row.id for row in runnable), *dict.fromkeys(row.layer for row in runnable), ALL]
-    raise WrongGroup(
-        KEY,
-        f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggest_name(word, every)}",
-    )
+    for row in named:
+        raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
+    hint = suggest_name(word, hazard_words())
+    raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
 
 def _groups(
@@ -178,81 +154,58 @@ def _groups(
     arm = overrides.pop("arm", None)
     choices = _arm_choices(hazard, arm, arms) if per_arm else [("", ())]
     for suffix, faulty in choices:
-        _check(name, case, overrides, faulty)
-        slots = [slot for fault in case.fault for slot in _slots(fault, overrides, faulty)]
+        for key, message in _mistakes(case, overrides, faulty):
+            raise WrongGroup(key, f"{name} {message}")
         side_by_side = case.fault[0].along or len(faulty) > 1
-        design = "zip" if side_by_side else case.design
-        table: dict[str, Any] = {
+        table = {
             "name": f"{group['name']}/{name}{suffix}",
-            "design": design,
-            "fault": slots,
+            "design": "zip" if side_by_side else case.design,
+            "fault": [slot for fault in case.fault for slot in _slots(fault, overrides, faulty)],
         }
-        if case.runs is not None:
-            table["runs"] = case.runs
-        yield table | {key: group[key] for key in PASSED_ON if key in group}
+        runs = {} if case.runs is None else {"runs": case.runs}
+        yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
 
 
 def _arm_choices(
     hazard: Hazard, arm: Any, arms: Sequence[str]
 ) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return (suffix of the group's name, its `arm` values) for each group of a case.
-
-    Several values are arms with faults in the same run.
-    """
-    if isinstance(arm, list | tuple) and len(arm) > 1:
-        return [(f"-{one}", (one,)) for one in arm]
+    """Return (suffix of the name, arms with faults in the same run) for each group of a case."""
     if arm is not None:
-        return [("", (arm[0] if isinstance(arm, list | tuple) and arm else arm,))]
+        named = _listed(arm) or [arm]
+        return [(f"-{name}" if len(named) > 1 else "", (name,)) for name in named]
     if len(arms) < 2:
         return [("", ())]
     if hazard.arm in arms:
         return [("", (hazard.arm,))]
-    return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{one}", (one,)) for one in arms]
+    return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{name}", (name,)) for name in arms]
 
 
-def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]) -> None:
+def _mistakes(
+    case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]
+) -> Iterator[tuple[str, str]]:
+    """Yield (key, message) for each override that does not suit a case."""
     first, *others = case.fault
-    if [] in arms:
-        raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
-    if "value" in overrides:
-        if others:
-            raise WrongGroup(
-                "value", f"{name} strikes {len(case.fault)} channels, each with a value of its own"
-            )
-        if not EFFECTS[first.effect].takes_value:
-            raise WrongGroup("value", f"{name} has effect {first.effect!r}, which takes none")
-    for key, value in overrides.items():
+    if "value" in overrides and others:
+        yield "value", f"strikes {len(case.fault)} channels, each with a value of its own"
+    if "value" in overrides and not EFFECTS[first.effect].takes_value:
+        yield "value", f"has effect {first.effect!r}, which takes none"
+    for key, value in (("arm", [] if [] in arms else None), *overrides.items()):
+        got = format_value(value)
         if value == []:
-            raise WrongGroup(key, f"{name}: the list is empty, expected at least one value")
+            yield key, "has an empty list, expected at least one value"
         if (others or first.along or len(arms) > 1) and isinstance(value, dict):
             what = "both arms" if len(arms) > 1 else "several channels"
-            raise WrongGroup(
-                key, f"{name} strikes {what} at once, expected numbers, got {format_value(value)}"
-            )
+            yield key, f"strikes {what} at once, expected numbers, got {got}"
         if others and isinstance(value, list):
-            raise WrongGroup(
-                key,
-                f"{name} has faults on several channels, expected one number, got"
-                f" {format_value(value)}",
-            )
-    if (
-        first.along
-        and "value" in overrides
-        and not all(map(_is_number, _listed(overrides["value"])))
-    ):
-        got = format_value(overrides["value"])
-        raise WrongGroup(
-            "value", f"{name} shares its value among channels, expected finite numbers, got {got}"
-        )
+            yield key, f"has faults on several channels, expected one number, got {got}"
+        if key == "value" and first.along and not all(map(_is_number, _listed(value))):
+            yield key, f"shares its value among channels, expected finite numbers, got {got}"
 
 
 def _slots(
     struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the [[group.fault]] tables of one slot of the library.
-
-    There is one for each channel and arm that are faulty together.
-    """
+    """Yield a [[group.fault]] table for each channel and arm that are faulty together."""
     table = struck.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
     )
@@ -270,31 +223,19 @@ def _slots(
     rows = itertools.product(*(_listed(table[key]) for key in keys))
     crossed = dict(zip(keys, map(list, zip(*rows, strict=True)), strict=True))
     for arm in per_arm or (None,):
-        place = {} if arm is None else {"arm": arm}
+        slot = table | crossed | ({} if arm is None else {"arm": arm})
         if struck.along is None:
-            yield table | crossed | place
-            continue
-        for name, share in struck.along.items():
-            whole = SITES[struck.site].channel(name).kind != "float"
+            yield slot
+        for name, share in (struck.along or {}).items():
             values = [share * value for value in crossed["value"]]
-            yield (
-                table
-                | crossed
-                | place
-                | {
-                    "channel": name,
-                    "value": [int(v) for v in values] if whole else values,
-                }
-            )
+            if SITES[struck.site].channel(name).kind != "float":
+                values = [int(value) for value in values]
+            yield slot | {"channel": name, "value": values}
 
 
 def _is_number(value: Any) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and -LARGEST <= value <= LARGEST
-    )
+    return type(value) in (int, float) and -LARGEST <= value <= LARGEST
 
 
 def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
+    return list(value) if isinstance(value, list | tuple) else [value]

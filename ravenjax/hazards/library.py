@@ -8,7 +8,7 @@ terms are explained in `data/terms.toml`.
 import tomllib
 from functools import cache
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,8 +17,6 @@ from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 DATA = resources.files("ravenjax.hazards") / "data"
-
-ALL_CHANNELS = "*"
 
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
@@ -42,8 +40,7 @@ class Struck(LibraryTable):
     along: dict[str, float] | None = None
     effect: str
     value: Numbers | None = None
-    # Unit of the value, for readers and for checks
-    unit: str | None = None
+    unit: str | None = None  # Unit of the value, for readers and for checks
     trigger: str = "time"
     start_ms: Numbers
     duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = (
@@ -51,8 +48,7 @@ class Struck(LibraryTable):
     )
     every_ms: Numbers = 0
     period_ms: Numbers = 0
-    # A value beyond 16 bits is intended
-    wraps: bool = False
+    wraps: bool = False  # A value beyond 16 bits is intended
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -60,18 +56,16 @@ class Struck(LibraryTable):
         if self.along is not None:
             return tuple(self.along)
         if self.effect in NETWORK_EFFECTS:
-            return (NETWORK_EFFECTS[self.effect][0],)
-        every = tuple(channel.name for channel in SITES[self.site].channels)
-        if self.channel is None or self.channel == ALL_CHANNELS:
-            return every
+            return (NETWORK_EFFECTS[self.effect].channel,)
+        if self.channel is None or self.channel == "*":
+            return tuple(channel.name for channel in SITES[self.site].channels)
         return (self.channel,) if isinstance(self.channel, str) else self.channel
 
 
 class Case(LibraryTable):
     """One way of running a hazard: the faults of one run, and a design."""
 
-    # Distinguishes the cases of a row
-    name: str = ""
+    name: str = ""  # Distinguishes the cases of a row
     design: Literal["grid", "zip", "lhs", "random"] = "grid"
     runs: int | None = Field(default=None, ge=1)
     fault: tuple[Struck, ...] = Field(min_length=1)
@@ -81,11 +75,9 @@ class Hazard(LibraryTable):
     """One row of the library."""
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
-    # layer of the loop, L1 console .. L10 mechanics
-    layer: str = Field(pattern=r"^L([1-9]|10)$")
+    layer: str = Field(pattern=r"^L([1-9]|10)$")  # layer of the loop, L1 console .. L10 mechanics
     title: str = Field(min_length=1)
-    # What the source names as the target
-    target: str = Field(min_length=1)
+    target: str = Field(min_length=1)  # What the source names as the target
     # The arm that the source attacks. both: at once; either or none: each arm in turn, if there are
     # two
     arm: Literal["gold", "green", "both", "either"] | None = None
@@ -94,29 +86,20 @@ class Hazard(LibraryTable):
     # D dynamics and control, S state machine and PLC, O operator, X beyond a simulator
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(min_length=1)
     kind: str = Field(min_length=1)
-    # As the source states them
-    values: str = Field(min_length=1)
-    # trigger, onset and duration as the source has them
-    when: str = Field(min_length=1)
-    # outcome in the source's words
-    expected: str = Field(min_length=1)
+    values: str = Field(min_length=1)  # As the source states them
+    when: str = Field(min_length=1)  # trigger, onset and duration as the source has them
+    expected: str = Field(min_length=1)  # outcome in the source's words
     expected_class: tuple[str, ...] = Field(min_length=1)
-    # Number of injections with an effect, out of `injected`
-    activated: int | None = Field(default=None, ge=0)
+    activated: int | None = Field(default=None, ge=0)  # injections with an effect, of `injected`
     injected: int | None = Field(default=None, ge=1)
-    # Clinical impact; bare numbers are counts of adverse event reports
-    impact: str = Field(min_length=1)
+    impact: str = Field(min_length=1)  # clinical; bare numbers count adverse event reports
     source: str = Field(min_length=1)
-    # Training scenarios of IROS 2016 that contain the hazard
-    scenarios: tuple[
+    scenarios: tuple[  # Training scenarios of IROS 2016 that contain the hazard
         Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
     ] = ()
-    # What the simulator runs of it, and where that differs from the source
-    note: str = ""
-    # Where the simulated outcome differs from the published one, and the likely reason
-    departure: str = ""
-    # Why the simulator cannot run it: what is missing
-    documented_only: str = ""
+    note: str = ""  # What the simulator runs of it, and where that differs from the source
+    departure: str = ""  # where the outcome differs from the published one, and why
+    documented_only: str = ""  # Why the simulator cannot run it: what is missing
     case: tuple[Case, ...] = ()
 
     @property
@@ -127,34 +110,31 @@ class Hazard(LibraryTable):
 
 @cache
 def library_terms() -> dict[str, dict[str, str]]:
-    """Return word -> meaning for accidents, hazards, unsafe control actions, outcome classes and
-    sources.
-    """
+    """Return word -> meaning of accidents, hazards, control actions, classes and sources."""
     return tomllib.loads(_data("terms.toml"))
 
 
 @cache
+def _layer_tables() -> list[dict[str, Any]]:
+    """Return the tables of the layers' files, L1 first."""
+    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
+    names.sort(key=lambda name: int(name[1:].partition("_")[0]))
+    return [tomllib.loads(_data(name)) for name in names]
+
+
 def library_layers() -> dict[str, str]:
     """Return the layers of the loop, L1 to L10 in order, with their descriptions."""
-    tables = (tomllib.loads(_data(name)) for name in layer_files())
-    return {table["layer"]: table["title"] for table in tables}
+    return {table["layer"]: table["title"] for table in _layer_tables()}
 
 
 @cache
 def all_hazards() -> tuple[Hazard, ...]:
     """Return all hazards, by layer."""
-    tables = (tomllib.loads(_data(name)) for name in layer_files())
     return tuple(
         Hazard.model_validate({**row, "layer": table["layer"]})
-        for table in tables
+        for table in _layer_tables()
         for row in table["hazard"]
     )
-
-
-def layer_files() -> list[str]:
-    """Return the names of the layers' files, L1 first."""
-    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
-    return sorted(names, key=lambda name: int(name[1:].partition("_")[0]))
 
 
 def find_hazard(name: str) -> Hazard:

@@ -1,10 +1,10 @@
 """Describes hazards in words: rows of a list, and the full description of one hazard."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.hazards import library
-from ravenjax.hazards.library import Case, Hazard, Struck
+from ravenjax.hazards.library import Hazard, Struck
 from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
@@ -15,8 +15,7 @@ LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
 
 
 def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
-    """Return one row per hazard: id, layer, title, expected outcome class, and whether it can be
-    simulated.
+    """Return one row per hazard: id, layer, title, expected class, whether it can be simulated.
 
     hazards: None for all.
     """
@@ -47,9 +46,7 @@ def of_site(site: str) -> list[Hazard]:
 
 
 def layer_table() -> list[tuple[str, ...]]:
-    """Return one row per layer of the loop: description, sites, and number of hazards in the
-    library.
-    """
+    """Return one row per layer of the loop: description, sites, and number of hazards."""
     return [
         (
             layer,
@@ -67,53 +64,42 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
     Raises UserError for an unknown id.
     """
     row = library.find_hazard(name)
-    return [(what, text) for what, text in _lines(row) if text]
 
+    def explain(kind: str, words: Sequence[str]) -> str:
+        meanings = library.library_terms()[kind]
+        return "; ".join(f"{word}: {meanings[word]}" for word in words)
 
-def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
-    words = library.library_terms()
-    yield "id", row.id
-    yield "title", row.title
-    yield "layer", f"{row.layer}: {library.library_layers()[row.layer]}"
-    yield "target", row.target
-    yield "arm", row.arm or ""
-    yield "hazard", "; ".join(f"{word}: {words['hazards'][word]}" for word in row.hazards)
-    actions = words["unsafe_control_actions"]
-    yield (
-        "unsafe control action",
-        "; ".join(f"{word}: {actions[word]}" for word in row.unsafe_control_actions),
-    )
-    yield "kind", row.kind
-    yield "values", row.values
-    yield "when", row.when
-    yield "expected", row.expected
-    yield (
-        "outcome class",
-        "; ".join(f"{word}: {words['classes'][word]}" for word in row.expected_class),
-    )
-    yield (
-        "effect on the robot",
-        f"{row.activated} of {row.injected} injections" if row.injected else "",
-    )
-    yield "clinical impact", row.impact
-    yield "training scenario", ", ".join(row.scenarios)
-    yield "source", row.source
-    yield "note", row.note
-    yield "departs from the published", row.departure
-    yield "not run", row.documented_only
+    lines = {
+        "id": row.id,
+        "title": row.title,
+        "layer": f"{row.layer}: {library.library_layers()[row.layer]}",
+        "target": row.target,
+        "arm": row.arm or "",
+        "hazard": explain("hazards", row.hazards),
+        "unsafe control action": explain("unsafe_control_actions", row.unsafe_control_actions),
+        "kind": row.kind,
+        "values": row.values,
+        "when": row.when,
+        "expected": row.expected,
+        "outcome class": explain("classes", row.expected_class),
+        "effect on the robot": f"{row.activated} of {row.injected} injections"
+        if row.injected
+        else "",
+        "clinical impact": row.impact,
+        "training scenario": ", ".join(row.scenarios),
+        "source": row.source,
+        "note": row.note,
+        "departs from the published": row.departure,
+        "not run": row.documented_only,
+    }
     for case in row.case:
-        yield f"run {case.name}".strip(), _case(case)
-
-
-def _case(case: Case) -> str:
-    design = f"{case.design}, {case.runs} runs: " if case.runs else ""
-    return design + "; ".join(_struck(fault) for fault in case.fault)
+        design = f"{case.design}, {case.runs} runs: " if case.runs else ""
+        lines[f"run {case.name}".strip()] = design + "; ".join(map(_struck, case.fault))
+    return [(heading, text) for heading, text in lines.items() if text]
 
 
 def _struck(struck: Struck) -> str:
-    target = (
-        f"{struck.site} {' + '.join(struck.along) if struck.along else ', '.join(struck.channels)}"
-    )
+    channels = " + ".join(struck.along) if struck.along else ", ".join(struck.channels)
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""
     period = f", period {_numbers(struck.period_ms)} ms" if struck.period_ms else ""
@@ -121,15 +107,11 @@ def _struck(struck: Struck) -> str:
         f"from {struck.trigger} {_numbers(struck.start_ms)} for"
         f" {_numbers(struck.duration_ms)}{again} ms"
     )
-    return f"{struck.effect}{value}{period} at {target}, {window}"
+    return f"{struck.effect}{value}{period} at {struck.site} {channels}, {window}"
 
 
 def _numbers(value: Any) -> str:
     if isinstance(value, dict):
-        (kind, numbers), *_ = value.items()
+        ((kind, numbers),) = value.items()
         return f"{kind} {_numbers(numbers)}"
-    return (
-        "{" + ", ".join(_numbers(item) for item in value) + "}"
-        if isinstance(value, tuple)
-        else f"{value}"
-    )
+    return f"{{{', '.join(map(_numbers, value))}}}" if isinstance(value, tuple) else f"{value}"

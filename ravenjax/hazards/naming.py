@@ -15,8 +15,7 @@ _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
 
 
 def hazards_of(group: str) -> tuple[str, ...]:
-    """Return the ids of the hazards with which a group's name begins, after the last "/"; () if
-    none.
+    """Return the ids with which a group's name begins, after the last "/"; () if it has none.
 
     The plain groups of `expansion.expand_group` have such names. So have groups that a campaign's
     author calls "B07,B08 no write" or "K15-K17 run level": a dash includes the ids between.

@@ -47,9 +47,7 @@ def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
 
 
 def normal_range(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
-    """Return the normal range of a channel; `arm` matters if the site is on each arm. Raises
-    UserError.
-    """
+    """Return a channel's normal range; `arm` matters at sites of each arm. Raises UserError."""
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured_ranges():
         raise UserError(

@@ -15,7 +15,7 @@ import numpy as np
 from ravenjax.ir import polynomials, semantics
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
-from ravenjax.numbers.lazy import lax
+from ravenjax.numbers import lax
 
 if TYPE_CHECKING:
     from jax.extend import core
@@ -229,8 +229,8 @@ class _Walk:
                 return b.emit("convert", dtype, x[0])
             case "bitcast_convert_type":
                 return b.emit("bitcast", dtype, x[0])
-            case _ if (own := _RENAMED.get(name, name)) in semantics.MEANING:
-                return b.emit(own, dtype, *x)
+            case _ if (operation := _RENAMED.get(name, name)) in semantics.MEANING:
+                return b.emit(operation, dtype, *x)
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(

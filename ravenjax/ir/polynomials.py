@@ -66,15 +66,6 @@ class Arithmetic:
         """Return operation `name` of an int32 and a constant int32."""
         return self.emit(name, "int32", a, self.constant("int32", b))
 
-    def with_sign(self, magnitude: Number, x: Number) -> Number:
-        """Return a non-negative number with the sign bit of x."""
-        sign = self.integer("and", self.bits(x), _SIGN)
-        return self.from_bits(self.emit("or", "int32", sign, self.bits(magnitude)))
-
-    def is_negative(self, x: Number) -> Number:
-        """Return whether the sign bit is set."""
-        return self.emit("lt", "bool", self.bits(x), self.constant("int32", 0))
-
     def polynomial(self, x: Number, *coefficients: float) -> Number:
         """Evaluate a polynomial by Horner's rule, with the highest power's coefficient last."""
         result = self.number(coefficients[-1])
@@ -87,10 +78,8 @@ class Arithmetic:
 
 _MAGIC = 1.5 * 2.0**23
 """After this is added to a small float32, the lowest bits are its integer part."""
-_PI_HIGH = (
-    # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
-    3.141592502593994
-)
+# The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
+_PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
@@ -167,8 +156,10 @@ def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     square = m.mul(ratio, ratio)
     arc = m.fma(m.mul(ratio, square), m.polynomial(square, *_ATAN), ratio)
     arc = m.select(steep, m.sub(math.pi / 2, arc), arc)
-    arc = m.select(m.is_negative(x), m.sub(math.pi, arc), arc)
-    return m.with_sign(arc, y)
+    negative = m.emit("lt", "bool", m.bits(x), m.constant("int32", 0))
+    arc = m.select(negative, m.sub(math.pi, arc), arc)
+    sign = m.integer("and", m.bits(y), _SIGN)
+    return m.from_bits(m.emit("or", "int32", sign, m.bits(arc)))
 
 
 def atan(m: Arithmetic, x: Number) -> Number:

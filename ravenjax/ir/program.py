@@ -1,5 +1,4 @@
-"""The intermediate representation: a straight-line program of numbered operations on single
-numbers.
+"""The intermediate representation: a straight-line program of operations on single numbers.
 
 Operations have the names of `semantics`. There are three more. `input` is a number from outside
 (`detail`: its index). `constant` is a known number (`detail`: its bits). `lookup` reads a 1-D table
@@ -7,7 +6,7 @@ at one index (`detail`: the table's index).
 """
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +50,14 @@ class Program:
                 for operand in self.operations[i].operands:
                     wanted[operand] = 1
         return [i for i, w in enumerate(wanted) if w]
+
+    def replay(self, apply: Callable[..., Any]) -> list[Any]:
+        """Return the outputs, where `apply(operation, *operands)` gives each result."""
+        values: dict[int, Any] = {}
+        for i in self.needed():
+            operation = self.operations[i]
+            values[i] = apply(operation, *(values[o] for o in operation.operands))
+        return [values[i] for i in self.outputs]
 
 
 def to_bits(dtype: str, value: Any) -> int:

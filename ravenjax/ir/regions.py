@@ -2,8 +2,7 @@
 
 A `rarely` operation is a `select` whose condition seldom holds. Operations that lead only to the
 second operands of `rarely` operations with the same condition form that condition's region. It is
-printed as a block that is entered if any lane needs it. Results do not depend on it, because the
-choice itself stays.
+printed as a block that is entered if any lane needs it. The choice itself stays.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,8 +19,7 @@ class Region(NamedTuple):
 
     condition: int
     operations: tuple[int, ...]
-    # Results that are read outside: by choices, and by a later region of the condition.
-    results: tuple[int, ...]
+    results: tuple[int, ...]  # read outside: by choices, and by a later region of the condition
 
     def reads(self, operations: Sequence[Operation]) -> list[int]:
         """Return the operations outside that the region reads."""
@@ -42,8 +40,7 @@ def arrange_regions(
     results: Sequence[int],
     least: int = LEAST,
 ) -> list[int | Region]:
-    """Return `order`, a valid order of operations, with each region in one piece before it is first
-    read.
+    """Return `order`, a valid order, with each region in one piece before it is first read.
 
     results: operations that are read by others than those in `order`.
     """

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Operation, Program, from_bits
 
 Array = Any
 
@@ -28,7 +28,8 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
     if name in ("convert", "bitcast"):
-        return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
+        x = np.asarray(operands[0])
+        return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
     if name == "div" and np.dtype(dtype).kind in "iu":
         return _quotient(*operands)
     return np.asarray(_FUNCTIONS[name](*operands)).astype(dtype)[()]
@@ -36,58 +37,45 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
     """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
-    values: dict[int, Any] = {}
+
+    def apply(operation: Operation, *operands: Any) -> Any:
+        name, dtype, _, detail = operation
+        if name == "input":
+            return np.asarray(inputs[detail], dtype)[()]
+        if name == "constant":
+            return from_bits(dtype, detail)
+        return tables[detail][operands[0]] if name == "lookup" else _result(name, dtype, *operands)
+
     with np.errstate(all="ignore"):
-        for i in program.needed():
-            name, dtype, operands, detail = program.operations[i]
-            if name == "input":
-                values[i] = np.asarray(inputs[detail], dtype)[()]
-            elif name == "constant":
-                values[i] = from_bits(dtype, detail)
-            elif name == "lookup":
-                values[i] = tables[detail][values[operands[0]]]
-            else:
-                values[i] = _result(name, dtype, *(values[o] for o in operands))
-    return [values[i] for i in program.outputs]
+        return program.replay(apply)
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
-    float64: computed in long double, see `_fma64`. float32: computed in float64, with the sum
+    float64: computed in long double, whose 64 bits of mantissa keep the result within (1/2 + 2^-11)
+    ulp. float32: computed in float64, with the sum
     rounded to odd. This means: of the two neighbours of an inexact sum, the one whose last bit is 1
     is taken, so that the conversion to float32 rounds as the exact sum would.
     """
     if np.asarray(a).dtype == np.float64:
-        return _fma64(a, b, c)
+        return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
-    error = _sum_error(product, np.float64(c), total)
-    bits = np.asarray(total).view(np.int64)
+    rest = total - product
+    error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
+    bits = total.view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
     odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
     to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
     return to_odd.view(np.float64).astype(np.float32)[()]
 
 
-def _sum_error(a: Array, b: Array, total: Array) -> Array:
-    """Return a + b - total, exactly (Knuth)."""
-    rest = total - a
-    return (a - (total - rest)) + (b - rest)
-
-
-def _fma64(a: Array, b: Array, c: Array) -> Array:
-    # 64 bits of mantissa: the result is within (1/2 + 2^-11) ulp.
-    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)
-    return np.float64(wide)
-
-
 def _quotient(a: Array, b: Array) -> Array:
-    dtype = np.asarray(a).dtype
     wide_a, wide_b = np.int64(a), np.int64(b)
     magnitude = np.abs(wide_a) // np.where(wide_b == 0, 1, np.abs(wide_b))
     quotient = np.where((wide_a < 0) == (wide_b < 0), magnitude, -magnitude)
-    return np.where(wide_b == 0, -1, quotient).astype(dtype)[()]
+    return np.where(wide_b == 0, -1, quotient).astype(a.dtype)[()]
 
 
 def _remainder(a: Array, b: Array) -> Array:
@@ -95,47 +83,39 @@ def _remainder(a: Array, b: Array) -> Array:
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
-    x = np.asarray(x)
     if dtype.kind == "b":
-        return (x != 0)[()]
+        return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         ends = np.iinfo(dtype)
         limit = 2.0 ** (ends.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
-        return np.where(number < limit, inside.astype(dtype), ends.max)[()]
-    return x.astype(dtype)[()]
-
-
-def _bitcast(x: Array, dtype: np.dtype) -> Array:
-    return np.asarray(x).view(dtype)[()]
+        return np.where(number < limit, inside.astype(dtype), ends.max)
+    return x.astype(dtype)
 
 
 def _truncate(x: Array) -> Array:
-    fits = (np.asarray(x) >= -2147483648.0) & (np.asarray(x) < 2147483648.0)
+    fits = (x >= -2147483648.0) & (x < 2147483648.0)
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
 def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where((np.asarray(a) != a) | pick(a, b), a, b)
+    return lambda a, b: np.where((a != a) | pick(a, b), a, b)
 
 
 def _shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
     def shifted(x: Array, by: Array) -> Array:
-        width = np.asarray(x).dtype.itemsize * 8
-        inside = np.asarray(by).astype(np.uint32) < width
-        return np.where(
-            inside, shift(x, np.where(inside, by, 0).astype(np.asarray(x).dtype)), fill(x)
-        )
+        inside = by.astype(np.uint32) < x.dtype.itemsize * 8
+        return np.where(inside, shift(x, np.where(inside, by, 0).astype(x.dtype)), fill(x))
 
     return shifted
 
 
 def _logical(x: Array, by: Array) -> Array:
-    unsigned = np.dtype(f"u{np.asarray(x).dtype.itemsize}")
-    return (np.asarray(x).view(unsigned) >> by.astype(unsigned)).view(np.asarray(x).dtype)
+    unsigned = np.dtype(f"u{x.dtype.itemsize}")
+    return (x.view(unsigned) >> by.astype(unsigned)).view(x.dtype)
 
 
 MEANING: dict[str, Callable[..., Array]] = {
@@ -163,7 +143,7 @@ MEANING: dict[str, Callable[..., Array]] = {
     "not": np.invert,
     "shl": _shift(np.left_shift, np.zeros_like),
     "shr": _shift(_logical, np.zeros_like),
-    "sar": _shift(np.right_shift, lambda x: np.where(np.asarray(x) < 0, -1, 0)),
+    "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
     "select": np.where,
     "rarely": np.where,
     "truncate": _truncate,

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
-from ravenjax.ir.program import Program, from_bits
-from ravenjax.numbers import trigonometry
+from ravenjax.ir.program import Operation, Program, from_bits
+from ravenjax.numbers import jnp, trigonometry
 
 _REAL = "float64"
 
@@ -39,9 +39,9 @@ class Term:
         a, b = (self, other) if self.number <= other.number else (other, self)
         if a.number == b.number:
             return 0.0 if a.sign != b.sign else a * 2.0
-        (x, one), (y, two) = a._factor(), b._factor()
-        if one is not None and one == two:  # c x + c y = c (x + y)
-            return (x + y) * one
+        (x, c), (y, d) = a._factor(), b._factor()
+        if c is not None and c == d:  # c x + c y = c (x + y)
+            return (x + y) * c
         return a._operation("add" if a.sign == b.sign else "sub", b.number, a.sign)
 
     __radd__ = __add__
@@ -117,20 +117,15 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     return builder.program([written(x) for x in outputs])
 
 
-def replay_program(
-    program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
-) -> list[Any]:
+def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of such a program on numbers of any kind, including tracers."""
-    apply = {name: getattr(operator, name) for name in ("add", "sub", "mul", "neg")} | dict(
-        functions
-    )
-    values: dict[int, Any] = {}
-    for i in program.needed():
-        name, dtype, operands, detail = program.operations[i]
+
+    def apply(operation: Operation, *operands: Any) -> Any:
+        name, dtype, _, detail = operation
         if name == "input":
-            values[i] = inputs[detail]
-        elif name == "constant":
-            values[i] = float(from_bits(dtype, detail))
-        else:
-            values[i] = apply[name](*(values[o] for o in operands))
-    return [values[i] for i in program.outputs]
+            return inputs[detail]
+        if name == "constant":
+            return float(from_bits(dtype, detail))
+        return getattr(jnp if name in ("sin", "cos") else operator, name)(*operands)
+
+    return program.replay(apply)

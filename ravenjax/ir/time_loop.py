@@ -9,8 +9,7 @@ held     differs between lanes, constant in time: computed once per lane, before
 lane     both: computed once per tick and lane.
 
 Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
-of the state is shared until it depends on something of a lane, and it is dropped if no result ever
-needs it.
+of the state is shared until it depends on something of a lane. It is dropped if nothing needs it.
 """
 
 import dataclasses
@@ -26,8 +25,7 @@ _FREE = ("neg", "bitcast")
 
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
-    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` computes
-    results from it.
+    """`begin` makes the state, `step` advances it by a tick, `finish` computes results from it.
 
     Inputs of `step`: the lane's inputs, the state, the inputs of this tick. Its outputs: the new
     state, then the outputs of this tick. Inputs of `finish`: the lane's inputs, the state.
@@ -63,18 +61,14 @@ class Split:
     """Decides which part computes which operation of `loop.step`, given by their numbers."""
 
     loop: TimeLoop
-    # Numbers of the state that each lane stores.
-    lane_state: tuple[int, ...]
-    # Numbers of the state that never change, but differ between lanes.
-    held_state: tuple[int, ...]
-    # Numbers of the state that a group stores once.
-    shared_state: tuple[int, ...]
+    lane_state: tuple[int, ...]  # Numbers of the state that each lane stores.
+    held_state: tuple[int, ...]  # Numbers of the state that never change, but differ between lanes.
+    shared_state: tuple[int, ...]  # Numbers of the state that a group stores once.
     shared: tuple[int, ...]  # operations of the shared part
     prologue: tuple[int, ...]  # operations done once per lane
     lane: tuple[int, ...]  # operations done each tick in each lane
     row: tuple[int, ...]  # shared operations whose results lanes read
-    # Operations of the prologue whose results the loop reads.
-    prologue_results: tuple[int, ...]
+    prologue_results: tuple[int, ...]  # Operations of the prologue whose results the loop reads.
 
 
 def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
@@ -83,8 +77,8 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     """
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)
-    own = {k: i for i, k in step.reads.items()}
-    frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
+    reads_of = {k: i for i, k in step.reads.items()}
+    frozen = {k for k in live if step.outputs[k] == reads_of.get(first + k)}
     lanes = {i: 0 if grouped and i < shared else LANE for i in range(first)}
     begins = _dependencies(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
@@ -136,10 +130,7 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
 
 
 def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
-    """Return on what each operation depends, as a sum of bits: LANE, TICK, both, or 0 for neither.
-
-    of_input: the same for each input of the program, by index; an absent input has 0.
-    """
+    """Return on what each operation depends, a sum of bits. of_input: the same of inputs, or 0."""
     depends: list[int] = []
     for operation in program.operations:
         bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0

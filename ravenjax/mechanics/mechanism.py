@@ -1,5 +1,4 @@
-"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with the integrator
-implicitfast makes it.
+"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with implicitfast.
 
     arm = read_mechanism(mujoco.MjModel.from_xml_path("arm.xml"), "tip_site")
     qpos, qvel = step(arm, qpos, qvel, torque)
@@ -30,9 +29,8 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.ir.program import Program
 from ravenjax.mechanics import rigid_program, rigid_tree
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import add, dot, matvec, minus, mul, plus, scale, solve_spd, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 
 SWEEPS = 10
 """Sweeps over the constraints of a step."""
@@ -78,23 +76,22 @@ class Mechanism:
     tip: Vec  # in the frame of that link, m
 
 
-def read_mechanism(model: mujoco.MjModel, tip: str, base: str = "world") -> Mechanism:
-    """Return what moves on body `base`, which counts as fixed. tip: a site.
+def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
+    """Return what moves in a model, on its fixed world. tip: a site.
 
     Raises UserError that names what the step does not have: free and ball joints, tendons,
     contacts, equality constraints other than joint polynomials, drag and gravity compensation.
     """
     _require_known(model)
-    links = rigid_tree.read_tree(model, base)
+    links = rigid_tree.read_tree(model, "world")
     joints = [link.number for link in links]
     place = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    rotation, origin = data.body(base).xmat.reshape(3, 3), data.body(base).xpos
     body = model.body_weldid[model.site(tip).bodyid[0]]
     carrier = place[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home = Vec(link.reference for link in links)
-    point = Vec((rotation.T @ (data.site(tip).xpos - origin)).tolist())
+    point = Vec(data.site(tip).xpos.tolist())
     dofs, weight = model.jnt_dofadr, model.dof_invweight0
     losses = [
         Constraint(
@@ -114,7 +111,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str, base: str = "world") -> Mech
     return Mechanism(
         links,
         float(model.opt.timestep),
-        Vec((rotation.T @ model.opt.gravity).tolist()),
+        Vec(model.opt.gravity.tolist()),
         Vec(model.dof_damping[dofs[joints]].tolist()),
         Vec(model.jnt_stiffness[joints].tolist()),
         Vec(model.qpos_spring[model.jnt_qposadr[joints]].tolist()),

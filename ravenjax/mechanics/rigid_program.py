@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.symbolic import Number, build_program, cos, make_symbols, replay_program, sin
+from ravenjax.numbers import Vec
 from ravenjax.numbers.algebra import cross, matrix
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Vec
 
 if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link  # imports MuJoCo
@@ -27,8 +26,6 @@ Matrix: TypeAlias = list[list[Number]]
 Turn: TypeAlias = tuple[int, Number, Number]  # axis (0: x, 2: z), cosine, sine
 
 ZERO = Vec.full(3, 0.0)
-FUNCTIONS = {"sin": lambda x: jnp.sin(x), "cos": lambda x: jnp.cos(x)}
-"""Functions that programs of links call."""
 
 
 @dataclasses.dataclass
@@ -75,7 +72,7 @@ def evaluate_program(
     program_for(known) returns the program; Python numbers among the inputs are known.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay_program(program_for(known), inputs, FUNCTIONS)
+    out = replay_program(program_for(known), inputs)
     n = (len(inputs) - 3) // 2
     triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
@@ -88,7 +85,7 @@ def carried_point(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) ->
     while index >= 0:
         turns, position = _pose(links[index], symbols[index])
         moved, index = position + _rotate(turns, moved), links[index].parent
-    return Vec(replay_program(build_program(symbols, list(moved)), qpos, FUNCTIONS))
+    return Vec(replay_program(build_program(symbols, list(moved)), qpos))
 
 
 def point_in_link(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
@@ -194,9 +191,7 @@ def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
-    """Return the rotation by offset + angle; an offset of right angles only exchanges sine and
-    cosine.
-    """
+    """Return the rotation by offset + angle; right angles only exchange sine and cosine."""
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
         return axis, cos(angle + offset), sin(angle + offset)
@@ -223,11 +218,8 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
         turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
     else:
         shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
-        turned[x][x], turned[y][y], across = (
-            J[x][x] + s * shear,
-            J[y][y] - s * shear,
-            -(c * shear + J[x][y]),
-        )
+        turned[x][x], turned[y][y] = J[x][x] + s * shear, J[y][y] - s * shear
+        across = -(c * shear + J[x][y])
     turned[x][y] = turned[y][x] = across
     side = c * J[axis][x] - s * J[axis][y], s * J[axis][x] + c * J[axis][y]
     turned[axis][x], turned[axis][y] = side

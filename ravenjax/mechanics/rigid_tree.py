@@ -1,5 +1,4 @@
-"""Reads a tree of hinge and slide joints from a compiled MuJoCo model for unrolled rigid-body
-recursions.
+"""Reads a tree of hinges and slides from a compiled MuJoCo model, for unrolled recursions.
 
 Any subtree of any model works; this module does not depend on the Raven. Three choices keep the
 later operation count low; none of them changes the dynamics:
@@ -43,16 +42,13 @@ class Link:
     alpha: float  # Rz(beta) Rx(alpha) Rz(offset) for a slide
     offset: float
     reference: float  # qpos0: a slide has moved by q - reference along z
-    # position of this frame's origin in the parent frame (slide: at q = reference)
-    position: tuple[float, float, float]
-    # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
-    pseudo_inertia: np.ndarray
+    position: tuple[float, float, float]  # m, origin in the parent frame (slide: at q = reference)
+    pseudo_inertia: np.ndarray  # [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
     armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
 
 
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
-    """Return the joints below body `base`, parents first, in the order of the model's degrees of
-    freedom.
+    """Return the joints below body `base`, in the order of the model's degrees of freedom.
 
     `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
     All joints are hinges and slides.
@@ -122,9 +118,7 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
 
 
 def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndarray:
-    """Return the 4x4 pseudo-inertia of mass (kg), centre of mass (m), central inertia tensor (3x3,
-    kg m^2).
-    """
+    """Return a pseudo-inertia [4, 4] of mass (kg), centre (m) and central inertia (kg m^2)."""
     moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
     first = mass * np.asarray(com)[:, None]
     return np.block([[moments, first], [first.T, np.array([[mass]])]])
@@ -145,10 +139,8 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
             joint.origin = joint.anchor
         towards = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
         if towards is None and parent is not None:
-            across = np.cross(parent.axis, joint.axis)
-            towards = (
-                across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else parent.x
-            )
+            towards = _unit(np.cross(parent.axis, joint.axis))
+            towards = parent.x if towards is None else towards
         if towards is None or (child is None and not joint.slide):
             towards = _leaf_direction(joint)
         joint.x = towards
@@ -156,10 +148,7 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the point of the joint's axis that is nearest to the line (point, axis).
-
-    For parallel lines it is the point nearest to `point`.
-    """
+    """Return the point of the joint's axis nearest to the line (point, axis), or to its point."""
     between = point - joint.anchor
     cosine = float(joint.axis @ axis)
     if 1.0 - cosine**2 < _PARALLEL**2:
@@ -169,29 +158,28 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Return the unit vector along the common normal from the joint's axis to the line (point,
-    axis).
+    """Return the unit vector from the joint's axis to the line (point, axis), or None."""
+    across = _unit(np.cross(joint.axis, axis))
+    return _unit(_across(joint, point - joint.origin)) if across is None else across
 
-    Returns None if they coincide.
-    """
-    across = np.cross(joint.axis, axis)
-    if np.linalg.norm(across) <= _PARALLEL:
-        across = point - joint.origin
-        across = across - joint.axis * (joint.axis @ across)
-        if np.linalg.norm(across) <= _PARALLEL:
-            return None
-    return across / np.linalg.norm(across)
+
+def _across(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
+    return vector - joint.axis * (joint.axis @ vector)
+
+
+def _unit(vector: np.ndarray, least: float = _PARALLEL) -> np.ndarray | None:
+    """Return the unit vector, or None if the vector is not longer than `least`."""
+    length = np.linalg.norm(vector)
+    return vector / length if length > least else None
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """Return x of a link without children: through its centre of mass, so that one first moment is
-    zero.
-    """
+    """Return x of a link without children: through its centre of mass, if that is possible."""
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
-        across = candidate - joint.axis * (joint.axis @ candidate)
-        if np.linalg.norm(across) > 1e-6 * max(mass, 1e-300):
-            return across / np.linalg.norm(across)
+        across = _unit(_across(joint, candidate), 1e-6 * max(mass, 1e-300))
+        if across is not None:
+            return across
     return joint.x
 
 
@@ -203,10 +191,9 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     links: list[Link] = []
     for index in reversed(range(len(joints))):
         joint, inertia = joints[index], inertias[index]
-        parent = joints[joint.parent] if joint.parent >= 0 else None
-        frame, origin = (
-            (parent.rotation, parent.origin) if parent is not None else (np.eye(3), np.zeros(3))
-        )
+        frame, origin = np.eye(3), np.zeros(3)
+        if joint.parent >= 0:
+            frame, origin = joints[joint.parent].rotation, joints[joint.parent].origin
         rotation, position = frame.T @ joint.rotation, frame.T @ (joint.origin - origin)
         unseen = np.zeros((4, 4))
         if joint.slide:
@@ -244,9 +231,7 @@ def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> n
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Return (beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are
-    exact.
-    """
+    """Return the angles of rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are exact."""
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     alpha = math.atan2(sine, rotation[2, 2])
     if sine <= _PARALLEL:

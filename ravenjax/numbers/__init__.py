@@ -1,1 +1,34 @@
-"""Number types that the code of a tick is written in: scalars, vectors, records and paths."""
+"""Number types that the code of a tick is written in: scalars, vectors, records and paths.
+
+The names that most stages need can be imported from here.
+"""
+
+# ruff: noqa: F401
+
+from ravenjax.numbers.lazy import at_once, jax, jnp, lax
+from ravenjax.numbers.quantity import describe_fields
+from ravenjax.numbers.setup import (
+    Precision,
+    Setup,
+    cast_to_real,
+    for_each_arm,
+    narrow_numbers,
+    per_arm,
+    widen_numbers,
+)
+from ravenjax.numbers.vec import (
+    INT32_MIN,
+    Scalar,
+    Vec,
+    as_int,
+    cast,
+    earliest_tick,
+    first_tick,
+    if_rarely,
+    largest,
+    record,
+    replace,
+    to_int32,
+    where,
+    wrap16,
+)

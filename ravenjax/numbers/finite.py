@@ -13,8 +13,7 @@ from ravenjax.vocabulary.failures import CODES
 class FiniteState:
     """The first number of a run that was not finite."""
 
-    # int32, first tick in which a number was not finite; -1: never
-    first: Scalar
+    first: Scalar  # int32, first tick in which a number was not finite; -1: never
     signal: Scalar  # int32, code of that number in `failures.CODES`; -1: none
 
 

@@ -8,8 +8,6 @@ NumPy's results have the types and the bits that XLA gives on a CPU. Sine and co
 exception: they are those of `trigonometry`, the same on every host.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import sys

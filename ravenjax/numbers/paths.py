@@ -1,5 +1,4 @@
-"""Names the numbers of a parameter record by paths: `plant.friction_scale`,
-`motor_control.green.kp.shoulder`.
+"""Names the numbers of a parameter record by paths, as in `motor_control.green.kp.shoulder`.
 
 Each part of a path is a field of a record or named tuple. Where a field holds one entry per arm,
 the next part may be the name of an arm; without it the path means all arms. Where a field holds one
@@ -26,18 +25,21 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    fields = getattr(node, "_fields", ())
-    if dataclasses.is_dataclass(node):
-        fields = [field.name for field in dataclasses.fields(node)]
-    if fields:
-        entries = {name: getattr(node, name) for name in fields}
+    entries = node._asdict() if hasattr(node, "_asdict") else {}
+    if entries := vars(node) if dataclasses.is_dataclass(node) else entries:
         # A field that this setup does not have is None.
         return {name: item for name, item in entries.items() if item is not None}, False
     if not isinstance(node, tuple):
         return None
     names = tuple(map(str, range(len(node))))
     if isinstance(node, Vec):
-        names = component_names(len(node), setup.joints, setup.leading_joints)
+        joints = setup.joints
+        if len(node) == len(joints):
+            names = joints
+        elif len(node) == len(_AXES):
+            names = _AXES
+        elif len(node) in setup.leading_joints:
+            names = joints[: len(node)]
     elif len(node) == len(setup.arms) and all(
         dataclasses.is_dataclass(item) or isinstance(item, Vec) for item in node
     ):
@@ -48,9 +50,7 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield the steps to each number of a record, and the number, in the order of
-    `tree.tree_leaves`.
-    """
+    """Yield the steps to each number of a record, and the number, as `tree.tree_leaves`."""
     found = _entries(node, setup)
     if found is None:
         yield above, node
@@ -75,24 +75,6 @@ def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
 
 def _full(steps: tuple[_Step, ...]) -> str:
     return ".".join(step.name for step in steps)
-
-
-def component_names(
-    length: int, joints: tuple[str, ...], leading: tuple[int, ...]
-) -> tuple[str, ...]:
-    """Return names for the numbers of a vector with this length.
-
-    They are the names of all joints, of the axes or of the first joints, or else the indices.
-
-    leading: lengths of vectors that hold the first joints only.
-    """
-    if length == len(joints):
-        return joints
-    if length == len(_AXES):
-        return _AXES
-    if length in leading:
-        return joints[:length]
-    return tuple(str(i) for i in range(length))
 
 
 def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:

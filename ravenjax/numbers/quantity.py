@@ -86,19 +86,19 @@ def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
     no arm, index of a set, joint or axis.
     """
     for path, notes in _fields(params):
-        limits = [one for one in notes if isinstance(one, Quantity)]
-        here = {*path.split(".")} & {joint for one in limits for joint in one.joints}
-        for one in limits:
+        quantities = [note for note in notes if isinstance(note, Quantity)]
+        here = {*path.split(".")} & {joint for note in quantities for joint in note.joints}
+        for note in quantities:
             if not here:
-                yield path, one
-            elif here & {*one.joints}:
-                yield path, dataclasses.replace(one, joints=())
+                yield path, note
+            elif here & {*note.joints}:
+                yield path, dataclasses.replace(note, joints=())
 
 
 def list_reserved(params: type) -> Iterator[tuple[str, str]]:
     """Yield (path, reason) for every field of a record class that a campaign must not set."""
     for path, notes in _fields(params):
-        yield from ((path, one.why) for one in notes if isinstance(one, Reserved))
+        yield from ((path, note.why) for note in notes if isinstance(note, Reserved))
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
@@ -117,8 +117,8 @@ def _opened(hint: Any) -> tuple[Any, list[Any]]:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)
         if kind is typing.Annotated:
             hint = parts[0]
-            for one in parts[1:]:
-                notes += one if isinstance(one, tuple) else (one,)
+            for note in parts[1:]:
+                notes += note if isinstance(note, tuple) else (note,)
         elif kind is tuple:
             hint = parts[0]
         elif kind in (typing.Union, types.UnionType):

@@ -1,5 +1,4 @@
-"""Static choices that select the code of a tick: number widths, and which faults, cues and
-detectors it has.
+"""Static choices that select the code of a tick: number widths, faults, cues, detectors.
 
 Everything that a campaign may vary is a traced number in the robot's `TickParams`. The choices of
 this module are hashable, and each different `Setup` is compiled separately. A robot adds its own
@@ -64,13 +63,11 @@ class Setup:
     """Everything that selects the code of a tick. Static and hashable; compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
-    # lengths of vectors that hold the first joints only
-    leading_joints: ClassVar[tuple[int, ...]] = ()
+    leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors of the first joints only
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
     injection: Injection = Injection()
-    # sets of haptic threshold and gains that are evaluated side by side
-    cues: int = 1
+    cues: int = 1  # sets of haptic threshold and gains that are evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
     reacts: bool = False  # the operator may react to the haptic cue
@@ -81,6 +78,11 @@ class Setup:
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:
     """Return `function(mechanism, arm)` for each arm, as a per-arm tuple."""
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
+
+
+def for_each_arm(setup: Setup, item: Any) -> tuple[Any, ...]:
+    """Return a tuple with the same item for every arm."""
+    return (item,) * len(setup.arms)
 
 
 def narrow_numbers(setup: Setup, tree: Any) -> Any:

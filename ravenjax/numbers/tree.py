@@ -1,5 +1,4 @@
-"""Takes records, tuples, lists and dicts of numbers apart and rebuilds them, without JAX but in
-JAX's order.
+"""Takes records, tuples, lists and dicts apart and rebuilds them, in JAX's order, without JAX.
 
 `None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """
@@ -74,8 +73,6 @@ def _joined(tree: Any, branches: list[Any]) -> Any:
         return None
     if isinstance(tree, dict):
         return dict(zip(sorted(tree), branches, strict=True))
-    if hasattr(tree, "_fields"):  # a named tuple
-        return type(tree)(*branches)
-    if isinstance(tree, tuple | list):
+    if isinstance(tree, tuple | list) and not hasattr(tree, "_fields"):  # not a named tuple
         return type(tree)(branches)
     return type(tree)(*branches)

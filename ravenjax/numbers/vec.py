@@ -1,5 +1,4 @@
-"""Number types of a tick: single numbers, `Vec`s of them, and records whose leaves are single
-numbers.
+"""Number types of a tick: single numbers, `Vec`s of them, and records of single numbers.
 
 Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
 with elementwise arithmetic. A `record` is a frozen dataclass that is registered as a JAX pytree and
@@ -46,8 +45,7 @@ class Vec(tuple):
     def __add__(self, other: Any) -> Vec:  # type: ignore[override]
         return self.map(operator.add, other)
 
-    def __radd__(self, other: Any) -> Vec:
-        return self.map(lambda a, b: b + a, other)
+    __radd__ = __add__
 
     def __sub__(self, other: Any) -> Vec:
         return self.map(operator.sub, other)
@@ -58,8 +56,7 @@ class Vec(tuple):
     def __mul__(self, other: Any) -> Vec:  # type: ignore[override]
         return self.map(operator.mul, other)
 
-    def __rmul__(self, other: Any) -> Vec:  # type: ignore[override]
-        return self.map(lambda a, b: b * a, other)
+    __rmul__ = __mul__  # type: ignore[assignment]
 
     def __truediv__(self, other: Any) -> Vec:
         return self.map(operator.truediv, other)

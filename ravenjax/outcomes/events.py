@@ -1,7 +1,6 @@
 """Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-Stop rules, report and search share these definitions, on Parquet files, Arrow tables and
-DataFrames.
+Stop rules, report and search share them, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations
@@ -37,28 +36,24 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Return SQL for the time of an event that came first; -1 if it never came or the golden run
-    had it by then.
+    """Return SQL for the time of an event; -1 if it never came, or in the golden run by then.
 
     It matches `verdict.beyond_golden`.
     """
-    own, golden = f'"{column}"', f'"golden_{column}"'
-    return (
-        f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
-    )
+    ms, golden = f'"{column}"', f'"golden_{column}"'
+    return f"CASE WHEN {ms} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {ms}) THEN {ms} ELSE -1 END"
 
 
 def check_ms_sql(name: str) -> str:
-    """Return SQL for the time at which a check first acted differently from the golden run, -1 if
-    never.
+    """Return SQL for the first time at which a check acted otherwise than in the golden run; -1.
 
     It matches `verdict.classify_responses`.
     """
-    own = f'"check_{name}_first_ms"'
+    ms = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner = beyond_golden_sql(f"check_{name}_first_ms")
     return (
-        f"CASE WHEN ({sooner}) >= 0 THEN {own} WHEN {more} THEN greatest({own}, first_active_ms)"
+        f"CASE WHEN ({sooner}) >= 0 THEN {ms} WHEN {more} THEN greatest({ms}, first_active_ms)"
         " ELSE -1 END"
     )
 
@@ -111,8 +106,7 @@ def events_happened(
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
     `valid` first, an SQL expression.
 
-    `table`: Arrow, with `event_columns` of the result table. For a run without a valid outcome an
-    event has no meaning.
+    `table`: Arrow, with `event_columns`. Events of a run without a valid outcome mean nothing.
     """
     import duckdb
     import numpy as np

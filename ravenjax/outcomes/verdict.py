@@ -1,5 +1,4 @@
-"""Computes response, hazard and verdict of each run from the engines' counts, column by column with
-NumPy.
+"""Computes response, hazard and verdict of each run from the engines' counts, with NumPy.
 
 The package's docstring defines these words.
 """
@@ -27,9 +26,7 @@ for tens of ms in total.
 """
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What the checks did, strongest first. This covers the built-in checks, and added checks that do
-more than watch.
-"""
+"""What the built-in checks, and added checks that do more than watch, did, strongest first."""
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
 """What became of the motion, gravest first."""
@@ -95,24 +92,15 @@ def built_in_responses(
     added += [
         (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
     ]
-    acted = _first_otherwise(outcomes, golden, added)
-    return _responses(
-        outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted
-    )
-
-
-def _first_otherwise(
-    outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
-) -> np.ndarray:
-    """Return when (ms) one of these (count, time) columns left the golden run's; -1: never."""
-    onset = np.asarray(outcomes["first_active_ms"])
-    earliest = np.full(len(onset), np.iinfo(np.int32).max)
-    for often, when in trips:
+    onset, never = np.asarray(outcomes["first_active_ms"]), np.iinfo(np.int32).max
+    acted = np.full(len(onset), never)  # ms, when an added part left the golden run's course
+    for often, when in added:
         count, ms = np.asarray(outcomes[often]), np.asarray(outcomes[when])
         otherwise = (count != np.asarray(golden[often])) | (ms != np.asarray(golden[when]))
-        otherwise = otherwise & (ms >= 0)
-        earliest = np.where(otherwise, np.minimum(earliest, np.maximum(ms, onset)), earliest)
-    return np.where(earliest < np.iinfo(np.int32).max, earliest, -1)
+        acted = np.where(otherwise & (ms >= 0), np.minimum(acted, np.maximum(ms, onset)), acted)
+    built_in = [name for name in names if not robot.check(name).own]
+    until = np.where(acted < never, acted, -1)
+    return _responses(outcomes, golden, robot, built_in, until)
 
 
 def _responses(
@@ -120,8 +108,7 @@ def _responses(
 ) -> Response:
     """Return what these checks did.
 
-    `until`: ms [rows]. Later trips do not count, and at the same time trips of `follows` do not
-    count either; -1: all trips count.
+    `until`: ms [rows] of the last trips that count (those of `follows` before it); -1: all.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
@@ -133,14 +120,11 @@ def _responses(
             [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
             for columns in (outcomes, golden)
         )
-        if np.array_equal(count, usual_count) and np.array_equal(
-            ms, usual_ms
-        ):  # true for most checks
+        # True for most checks
+        if np.array_equal(count, usual_count) and np.array_equal(ms, usual_ms):
             continue
         sooner = beyond_golden(ms, usual_ms) >= 0
         more = (count > usual_count) | sooner
-        if not more.any():
-            continue
         # If the golden run had tripped by then, the first trip may precede the fault. The response
         # may not.
         ms = np.where(sooner, ms, np.maximum(ms, onset))

@@ -25,10 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import UserError, format_value, suggest_name
-from ravenjax.numbers import quantity, tree
-from ravenjax.numbers.lazy import lax
+from ravenjax.numbers import Scalar, lax, quantity, tree
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar
 from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -100,9 +98,7 @@ def read_source(
 
 
 def is_unchanged(source: OwnSource) -> bool:
-    """Return whether the file, and the files beside it that it uses, have not changed since they
-    were read.
-    """
+    """Return whether the file, and the files beside it that it uses, are as they were read."""
     path = Path(source.path)
     try:
         return path.read_text(encoding="utf-8") == source.text and all(
@@ -135,9 +131,7 @@ def _run(
 
 @contextlib.contextmanager
 def _blame(source: OwnSource, where: str) -> Iterator[None]:
-    """Turn an exception in a file's code into one UserError that names file and line; discard its
-    output.
-    """
+    """Turn an exception in a file's code into a UserError that names file and line."""
 
     def is_own(file: str | None) -> bool:
         return file is not None and Path(file).parent == Path(source.path).parent
@@ -195,11 +189,11 @@ class Part:
             return self._call("params")
 
     def init(self, params: Any, width: str) -> Any:
-        """Return the state before the first millisecond, each number of its kind: float of `width`,
-        int32, bool.
-        """
+        """Return the state before the first millisecond: floats of `width`, int32 and bool."""
         with _blame(self.source, INIT):
-            return self._numbers(INIT, self._call("init", params), width)
+            state = self._call("init", params)
+            named = ((f"the state's {name or 'number'}", value) for name, value in _named(state))
+            return tree.fill_tree(state, [self._number(INIT, *pair, width) for pair in named])
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, and the other results by name.
@@ -265,10 +259,6 @@ class Part:
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
-    def _numbers(self, where: str, state: Any, width: str) -> Any:
-        named = ((f"the state's {name or 'number'}", value) for name, value in _named(state))
-        return tree.fill_tree(state, [self._number(where, *pair, width) for pair in named])
-
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: take Vec for several"
@@ -320,7 +310,7 @@ def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     if node is None:
         return
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        entries = [(field.name, getattr(node, field.name)) for field in dataclasses.fields(node)]
+        entries = list(vars(node).items())
     elif isinstance(node, dict):
         entries = [(str(key), node[key]) for key in sorted(node)]
     elif isinstance(node, tuple | list):
@@ -360,7 +350,7 @@ def _named_kind(names: tuple[str, ...], sources: tuple[OwnSource, ...] = ()) -> 
     # Classes of a file's records exist in this process only. Another process rebuilds them from the
     # file's text, and receives the numbers from here.
     kind = collections.namedtuple("Named", names)
-    kind.__reduce__ = lambda own: (_restored, (names, sources, tree.tree_leaves(own)))  # type: ignore[method-assign]
+    kind.__reduce__ = lambda named: (_restored, (names, sources, tree.tree_leaves(named)))  # type: ignore[method-assign]
     return kind
 
 

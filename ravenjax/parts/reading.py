@@ -1,5 +1,4 @@
-"""Runs the code of a user's file, and collects the modules and data that it takes from its own
-folder.
+"""Runs the code of a user's file, and collects what it takes from its own folder.
 
 These files count as the part's content.
 """
@@ -35,8 +34,7 @@ class Reader:
         """Prepare to run the part whose module is called `name`.
 
         known: files of a part that was read before, maybe in another process, which are used
-        unchanged. None: files are read from the folder. require: raises UserError for code that
-        must not run.
+        unchanged. None: the folder's are read. require: raises UserError for refused code.
         """
         self.folder = folder
         self.taken: dict[str, bytes] = {}
@@ -53,9 +51,7 @@ class Reader:
             _READERS.remove(self)
 
     def content(self, name: str) -> bytes:
-        """Return the content of a file beside the part and add it to the part's content. Raises
-        OSError.
-        """
+        """Return a file beside the part, which then is content of the part. Raises OSError."""
         if self._known is None:
             self.taken[name] = (self.folder / name).read_bytes()
         elif name in self._known:
@@ -114,8 +110,7 @@ _READERS: list[Reader] = []
 
 
 def load(name: str) -> Any:
-    """Return the arrays of a NumPy file (.npy: one array, .npz: a dict of arrays) in the part's
-    folder.
+    """Return the arrays of a NumPy file (.npy: one; .npz: a dict) in the part's folder.
 
     The file's content counts as the part's content: a campaign with other weights is a different
     campaign. Call `load` at the top level of the file. Raises UserError if the file does not exist.
@@ -129,9 +124,7 @@ def load(name: str) -> Any:
     try:
         arrays = np.load(io.BytesIO(reader.content(name)), allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        reason = (
-            getattr(error, "strerror", None)
-            or f"no NumPy file of numbers: {format_value(str(error))}"
-        )
+        reason = getattr(error, "strerror", None)
+        reason = reason or f"no NumPy file of numbers: {format_value(str(error))}"
         raise UserError(f"{reader.folder / name}: cannot be loaded ({reason})") from None
     return dict(arrays) if isinstance(arrays, np.lib.npyio.NpzFile) else arrays

@@ -1,5 +1,4 @@
-"""Models a network channel that loses packets in bursts and delivers them late, depending on its
-quality.
+"""Models a network channel that loses packets in bursts and delivers them late.
 
 The seed selects the random draws; without a seed the channel is ideal. The model is the emulator of
 UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by packet:
@@ -19,9 +18,8 @@ rule. The emulator's loss of the whole connection is fault effect `drop`.
 
 from collections.abc import Sequence
 
+from ravenjax.numbers import Scalar, as_int, jnp, lax, record, where
 from ravenjax.numbers.counter_random import random_uniform
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 TRANSITIONS = (
     (0.95, 0.02, 0.02, 0.01),
@@ -45,8 +43,7 @@ class ChannelState:
     """The channel's state from packet to packet."""
 
     quality: Scalar  # int32, row of TRANSITIONS
-    # int32, packets in a row lost to the present burst; 0: no burst
-    burst: Scalar
+    burst: Scalar  # int32, packets in a row lost to the present burst; 0: no burst
 
 
 def init() -> ChannelState:
@@ -55,11 +52,9 @@ def init() -> ChannelState:
 
 
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
-    """Return the channel after the packet of this cycle, with index `packet` (int32), if it is
-    `fresh` (bool).
+    """Return the channel after a cycle in which packet `packet` (int32) came if `fresh` (bool).
 
-    seed: float, one for each channel or a new one in each cycle; 0: an ideal channel, which resets
-    its state.
+    seed: float, of the channel or of this cycle; 0: an ideal channel, which resets its state.
     """
     key = _key(seed)
     quality = _next(state.quality, random_uniform(key, packet, _QUALITY))

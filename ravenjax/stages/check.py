@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import Scalar, as_int, earliest_tick, record
+from ravenjax.numbers import Scalar, Setup, as_int, earliest_tick, jnp, record
 
 
 @record
@@ -15,9 +13,7 @@ class CheckHistory:
 
     first_tick: Scalar  # int32 tick of the first trip; -1: never
     count: Scalar  # int32 trips
-    # Smallest distance to the limit, in the unit of the check, <= 0 beyond the limit; inf: never
-    # measured
-    margin: Scalar
+    margin: Scalar  # smallest distance to the limit, <= 0 beyond it; inf: never measured
 
 
 def init(setup: Setup) -> CheckHistory:

@@ -1,5 +1,4 @@
-"""Detectors: observers that score the robot every millisecond and alarm when the score exceeds a
-threshold.
+"""Detectors: observers that score every millisecond, and alarm above a threshold.
 
 Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
 E-stop a millisecond later. There are five kinds; each takes the worse of the arms:
@@ -31,12 +30,9 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
+from ravenjax.numbers import Setup, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
-from ravenjax.parts.part import SCORE
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -52,8 +48,7 @@ LEARNED = {
     "elbow": (0.0856, 0.570, 6.98e-4),
     "insertion": (0.0838, 0.528, 3.90e-5),
 }
-"""Learned steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion
-m].
+"""Learned steps of motor position [rad] and velocity [rad/s], and joint position [rad; m].
 
 They are the 99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1, from
 analysis/detector_thresholds/learn.py.
@@ -79,8 +74,7 @@ class DetectorParams:
     elbow: StepScale
     insertion: StepScale
     armed_after: Scalar  # int32
-    # for each detector, by name: the parameter record of its file, or None
-    own: tuple[Any, ...]
+    own: tuple[Any, ...]  # for each detector, by name: the parameter record of its file, or None
     thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
 
 
@@ -130,8 +124,7 @@ class DetectorSignal:
     jvel: tuple[Vec, ...]  # 7, rad/s and m/s
     tip_error: tuple[Scalar, ...]  # m
     command: tuple[Vec, ...]  # 7 int32 DAC counts, before the overdrive check
-    # 7 int32 DAC counts, limits at which the overdrive check clips
-    command_limit: Vec
+    command_limit: Vec  # 7 int32 DAC counts, limits at which the overdrive check clips
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
     views: tuple[Any, ...]  # input of users' files, as the robot defines it; (): no files
@@ -163,13 +156,13 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         DetectorState(Vec.full(use.consecutive - 1, zero), zero, (threshold,) * use.thresholds)
         for use in setup.detectors
     )
-    own = tuple(
-        (part.load_part(source).init(values, setup.precision.real),) * len(setup.arms)
+    memories = tuple(
+        for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
     return DetectorsState(
-        per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)),
-        own,
+        for_each_arm(setup, DetectorArmState(still, still, still, still, zero)),
+        memories,
         detectors,
     )
 
@@ -181,26 +174,27 @@ def step(
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
-            part.load_part(source).step(own, memory, view, setup.precision.real, score=SCORE)
+            part.load_part(source).step(
+                values, memory, view, setup.precision.real, score=part.SCORE
+            )
             for memory, view in zip(before, signal.views, strict=True)
         ]
-        for source, own, before in zip(detector_files(setup), params.own, state.own, strict=True)
+        for source, values, before in zip(detector_files(setup), params.own, state.own, strict=True)
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
     for use, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True
     ):
-        arms = (
-            [_score(use, scores) for _, scores in views]
-            if use.part is None
-            else [s for _, s in files[use.part]]
-        )
+        if use.part is None:
+            arms = [_score(use, scores) for _, scores in views]
+        else:
+            arms = [score for _, score in files[use.part]]
         # The score as it counts is never infinite
         counted = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
         detectors.append(_watch(before, thresholds, counted, signal.tick))
-    own = tuple(tuple(after for after, _ in arms) for arms in files.values())
-    return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
+    memories = tuple(tuple(after for after, _ in arms) for arms in files.values())
+    return DetectorsState(tuple(arm for arm, _ in views), memories, tuple(detectors))
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
@@ -223,10 +217,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """Return the largest score that is not NaN, else 0. Scores are never below 0.
-
-    A comparison with NaN is false. In this order a NaN hides no other arm's or joint's score.
-    """
+    """Return the largest score that is not NaN, else 0. A comparison with NaN is false."""
     return reduce(
         lambda most, score: jnp.where(score > most, score, most), scores, cast_to_real(setup, 0.0)
     )

@@ -1,5 +1,4 @@
-"""Models the operator's hand as a mass on spring and damper that the force of the haptic cue
-displaces.
+"""Models the operator's hand as a mass on spring and damper that the cue's force displaces.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
 
@@ -23,11 +22,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, describe_fields, jnp, largest, record
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, Vec, largest, record
 
 TICK_S = 1e-3
 

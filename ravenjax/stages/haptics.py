@@ -16,10 +16,8 @@ Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`).
 who does not react they all see the same motion.
 """
 
+from ravenjax.numbers import Setup, describe_fields, jnp
 from ravenjax.numbers.algebra import dot, norm
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest_tick, first_tick, largest, record
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 
@@ -133,8 +131,8 @@ def step(
                 active=active,
             )
         )
-    out = HapticOutput(error=error, distance=distance, direction=direction, force=Vec(forces))
-    return HapticState(tick=state.tick + 1, cues=tuple(cues)), out
+    out = HapticOutput(error, distance, direction, Vec(forces))
+    return HapticState(state.tick + 1, tuple(cues)), out
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:

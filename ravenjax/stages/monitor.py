@@ -19,11 +19,8 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 import dataclasses
 from typing import Any, NamedTuple
 
-from ravenjax.numbers import finite
+from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, jnp, per_arm
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
 from ravenjax.numbers.vec import (
     Scalar,
     Vec,
@@ -51,18 +48,15 @@ class Reference:
 @describe_fields
 @record
 class MonitorParams:
-    """Limits of the observer."""
+    """Limits of the observer; the defaults are the published ones."""
 
-    # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-    jump_step: Scalar
-    large_jump: Scalar  # m within 2 ms; 1 mm, the rule in the text of DSN'16
-    # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
-    diverged: Scalar
+    jump_step: Scalar = 1e-4  # m per packet, twice; CSLDepend/raven2_sim analyze_faulty.py
+    large_jump: Scalar = 1e-3  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+    diverged: Scalar = 1e-6  # m from the golden run; 1 um, the resolution of `pos`
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
-    idle_share: Scalar
-    # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
-    idle_step: Scalar
-    limit: Scalar  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
+    idle_share: Scalar = 0.25
+    idle_step: Scalar = 1e-6  # m per tick, golden steps that count; 1 um, the resolution of `pos`
+    limit: Scalar = LIMIT_MM / 1e3  # m, limit of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
 
 
 @record
@@ -72,30 +66,20 @@ class MonitorArmState:
     tip: Vec  # m, true tip in the last tick
     tip_before: Vec  # m, true tip in the tick before it
     golden_tip: Vec  # m, the golden run's true tip in the last tick
-    # m, sum of the golden run's steps while this robot was commanded to stand, or stood
-    missed: Vec
+    missed: Vec  # m, sum of the golden run's steps while this robot stood or was not live
     pos: Vec  # um, measured tip at the last packet
     golden_pos: Vec  # um, the golden run's measured tip at the last packet
-    # bool, the last packet's step was over the jump limit and the golden run's was not
-    over: Scalar
-    # bool, the true tip's last step was over the jump limit and the golden run's was not
-    leapt: Scalar
+    over: Scalar  # bool, the last packet's step was beyond the jump limit, the golden one not
+    leapt: Scalar  # bool, the true tip's last step was beyond the jump limit, the golden one not
     peak_model: Scalar  # m, largest distance from the nominal model
-    # m, largest distance from the nominal model while the robot was live
-    peak_live: Scalar
+    peak_live: Scalar  # m, largest distance from the nominal model while the robot was live
     square_model: Scalar  # m^2, sum over ticks
     peak_golden: Scalar  # m, largest distance from the golden run
     square_golden: Scalar  # m^2, sum over ticks
-    # m, largest distance while live from golden run, model and where standing would have left the
-    # tip
-    unintended: Scalar
-    # m, while not live: largest distance from golden run and from where standing would leave the
-    # tip
-    unintended_off: Scalar
-    # m, largest distance while live from golden run and model due to motion that the robot missed
-    loss: Scalar
-    # m, largest distance while live of measured from true tip, minus that of the golden run
-    false_report: Scalar
+    unintended: Scalar  # m, largest distance while live from golden run, model and standing
+    unintended_off: Scalar  # m, while not live: largest distance from golden run and standing
+    loss: Scalar  # m, largest distance while live, due to motion that the robot missed
+    false_report: Scalar  # m, largest error of the measured tip while live, beyond the golden run's
     idle_ticks: Scalar  # int32, ticks in which the golden run moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
     path: Scalar  # m, path length of the true tip
@@ -103,8 +87,7 @@ class MonitorArmState:
     peak_dac: Vec  # counts, largest magnitude written to USB
     jump: Scalar  # int32, tick of the first jump by the code's rule; -1: none
     large_jump: Scalar  # int32, tick of the first jump by the text's rule; -1: none
-    # int32, tick of the first jump by the code's rule on the true tip, tick by tick; -1: none
-    tip_jump: Scalar
+    tip_jump: Scalar  # int32, first jump by the code's rule on the true tip; -1: none
 
 
 @record
@@ -117,10 +100,8 @@ class MonitorState:
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
-    # int32, ticks in which the operator held the pedal down and the robot was not live
-    halted: Scalar
-    # finiteness of the tips, their distances and other numbers that the robot's tick adds
-    finite: finite.FiniteState
+    halted: Scalar  # int32, ticks with the pedal held down and the robot not live
+    finite: finite.FiniteState  # of tips, distances, and numbers of the robot's tick
     ticks: Scalar  # int32
 
 
@@ -135,22 +116,9 @@ class MonitorSignal:
     distance: Scalar  # m between the two tips; infinite with one arm
     dac: tuple[Vec, ...]  # counts, as written
     fresh: Scalar  # bool, a new packet was due in this tick
-    # bool, pedal-down without software E-stop: the robot should do what the operator asks for
-    live: Scalar
+    live: Scalar  # bool, pedal-down without software E-stop
     pedal: Scalar  # bool, the operator holds the pedal down
     tick: Scalar  # int32
-
-
-def params(setup: Setup) -> MonitorParams:
-    """Return the published limits."""
-    return MonitorParams(
-        jump_step=1e-4,
-        large_jump=1e-3,
-        diverged=1e-6,
-        limit=LIMIT_MM / 1e3,
-        idle_share=0.25,
-        idle_step=1e-6,
-    )
 
 
 def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> MonitorState:
@@ -158,7 +126,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     zero = cast_to_real(setup, 0.0)
     never = jnp.int32(-1)
 
-    def arm_state(i: int) -> MonitorArmState:
+    def arm_state(i: int, _: str) -> MonitorArmState:
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
         begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
         begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
@@ -172,7 +140,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
         return MonitorArmState(**begin)
 
     return MonitorState(
-        arms=per_arm(setup, lambda i, arm: arm_state(i)),
+        arms=per_arm(setup, arm_state),
         tip_distance=cast_to_real(setup, jnp.inf),
         diverged=never,
         unintended=never,

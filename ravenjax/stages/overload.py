@@ -1,16 +1,13 @@
 """Records the tensions of cables as shares of their strength, and the first overload."""
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, jnp, record
 
 
 @record
 class OverloadState:
     """The load of all cables of the robot so far."""
 
-    # 1, largest tension so far, divided by the strength of its cable
-    peak: Scalar
+    peak: Scalar  # 1, largest tension so far, divided by the strength of its cable
     first: Scalar  # int32, tick in which a cable was first overloaded; -1: never
     cable: Scalar  # int32, index of that cable among all, arm by arm; -1: none
 

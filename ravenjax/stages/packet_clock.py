@@ -7,17 +7,15 @@ Datagrams that arrive in one cycle thus act as one packet, and this clock makes 
 burst is a single packet with all the motion since the packet before. A gap is a packet that lasts
 long.
 
-Simplified: lengths are independent. In the recordings short ones follow long ones, and gaps come at
-regular times.
+Simplified: lengths are independent. In recordings short ones follow long ones, and gaps recur.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from ravenjax.numbers import Scalar, as_int, jnp, record, where
 from ravenjax.numbers.counter_random import random_uniform
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, as_int, record, where
 
 _LENGTH = 0
 """Index of the draw in the random stream of a packet."""

@@ -1,5 +1,4 @@
-"""Remembers when the newest packets were sent, one bit per tick, so that an older packet can be
-sent again.
+"""Remembers when packets were sent, one bit per tick, so that an older one can be sent again.
 
 If the intervals between packets vary, the number of packets sent since does not give the tick in
 which an older packet was sent. A network that delivers older packets must therefore remember these
@@ -9,8 +8,7 @@ halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in par
 position of a bit with a given count).
 """
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax
 
 WORD = 32
 """Number of ticks that one word remembers."""
@@ -19,31 +17,28 @@ NEVER = 2**30
 """Age in ticks of a packet that is not in the history; longer than any run."""
 
 
-@record
-class PacketHistory:
-    """Bit b of word w is set if a packet was sent 32 w + b ticks ago."""
+def init(ticks: int) -> Vec:
+    """Return an empty history that will remember at least the last `ticks` ticks.
 
-    words: Vec  # uint32, the newest first
-
-
-def init(ticks: int) -> PacketHistory:
-    """Return an empty history that will remember at least the last `ticks` ticks."""
-    return PacketHistory(Vec.full(-(-ticks // WORD), jnp.uint32(0)))
+    A history consists of words (uint32), the newest first. Bit b of word w is set if a packet was
+    sent 32 w + b ticks ago.
+    """
+    return Vec.full(-(-ticks // WORD), jnp.uint32(0))
 
 
-def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
+def step(history: Vec, fresh: Scalar) -> Vec:
     """Return the history after one more tick, in which a packet is sent if `fresh` (bool)."""
     words, entering = [], lax.convert_element_type(fresh, jnp.uint32)
-    for word in history.words:
+    for word in history:
         words.append((word << _u32(1)) | entering)
         entering = word >> _u32(WORD - 1)
-    return PacketHistory(Vec(words))
+    return Vec(words)
 
 
-def packet_age(history: PacketHistory, newer: Scalar) -> Scalar:
+def packet_age(history: Vec, newer: Scalar) -> Scalar:
     """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
-    for place, candidate in enumerate(history.words):
+    for place, candidate in enumerate(history):
         count = _sums(candidate)[0]
         here = (newer >= total) & (newer < total + count)
         word = jnp.where(here, candidate, word)
@@ -53,10 +48,10 @@ def packet_age(history: PacketHistory, newer: Scalar) -> Scalar:
     return jnp.where(first == NEVER, first, first + _position(word, newer - counted))
 
 
-def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
+def sent_within(history: Vec, ticks: Scalar) -> Scalar:
     """Return the number of packets (int32) sent in the last `ticks` (int32), this one included."""
     total = jnp.int32(0)
-    for place, word in enumerate(history.words):
+    for place, word in enumerate(history):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
         lowest = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
         total = total + _sums(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), lowest))[0]
@@ -68,11 +63,7 @@ def _u32(number: int) -> Scalar:
 
 
 def _sums(word: Scalar) -> tuple[Scalar, ...]:
-    """Return the number of set bits of a word, int32, and its partial sums, uint32.
-
-    The partial sums are those of halves, eights, fours and pairs of bits, each stored at the place
-    of its bits.
-    """
+    """Return the number of set bits (int32), and of those in halves, eights, fours and pairs."""
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
     eights = (fours + (fours >> _u32(4))) & _u32(0x0F0F0F0F)

@@ -2,9 +2,7 @@
 
 from typing import Any
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, record
+from ravenjax.numbers import Scalar, Setup, cast_to_real, jnp, record
 
 TICK_S = 1e-3
 

@@ -1,7 +1,6 @@
 """What a check is: its name, the unit of its margin, its input, and what it does when it trips.
 
-A robot has built-in checks. A campaign may add users' checks, which are Python files at a seam of
-the tick.
+A robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
 """
 
 import dataclasses
@@ -25,6 +24,7 @@ DOES: dict[Action, str] = {
     "watch": "only watches",
 }
 """Each action in words."""
+_RESPONSES = dict(zip(DOES, ("stopped", "flagged", "limited", "silent"), strict=True))
 
 OWN = "own_"
 """Prefix of the names of users' checks in columns and causes."""
@@ -80,14 +80,6 @@ class Check(NamedTuple):
         return self.action in ("stop", "limit")
 
 
-_RESPONSES: dict[Action, str] = {
-    "stop": "stopped",
-    "flag": "flagged",
-    "limit": "limited",
-    "watch": "silent",
-}
-
-
 def of_own(name: str, at: str, acts: Action) -> Check:
     """Return a user's check as tables need it."""
     return Check(f"{OWN}{name}", "of its score", f"user's check at {at}", acts)
@@ -97,17 +89,17 @@ BUILT_IN = "built_in_response"
 """Column of the built-in checks' response, if users' files count in column `response`."""
 
 
-def needs_own_columns(own: Iterable[Check], stops: bool) -> bool:
+def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
     """Return whether the built-in checks' response needs separate columns.
 
     It does if a user's check does more than watch, or if a detector may stop the robot (`stops`).
     """
-    return stops or any(check.action != "watch" for check in own)
+    return stops or any(check.action != "watch" for check in added)
 
 
-def built_in_column(own: Iterable[Check], stops: bool) -> str:
+def built_in_column(added: Iterable[Check], stops: bool) -> str:
     """Return the column of the built-in checks' response; arguments as in `needs_own_columns`."""
-    return BUILT_IN if needs_own_columns(own, stops) else "response"
+    return BUILT_IN if needs_own_columns(added, stops) else "response"
 
 
 def check_names(columns: Iterable[str]) -> tuple[str, ...]:

@@ -29,8 +29,7 @@ class DetectorUse:
     """One detector of a campaign; static."""
 
     kind: DetectorKind
-    # kind `steps`: which of the three steps must be over the threshold
-    fusion: Fusion = "all"
+    fusion: Fusion = "all"  # kind `steps`: which of the three steps must be over the threshold
     consecutive: int = 1  # milliseconds in a row above the threshold before an alarm
     thresholds: int = 1  # number of thresholds that are evaluated side by side
     part: OwnSource | None = None  # kind `own`: the user's file

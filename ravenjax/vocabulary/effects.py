@@ -6,9 +6,8 @@ value. The window opens `start` after the trigger's clock begins and lasts `dura
 """
 
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 FIELDS = (
     "site",
@@ -27,9 +26,8 @@ FIELDS = (
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
 """What the value of an effect is.
 
-It is a number as the channel stores it; a change of such a number; an amount in the channel's unit,
-whole or not; a factor; the index of a bit; a number of packets; or a probability. "": the effect
-takes no value.
+A `number` is as the channel stores it, and a `change` is one of such a number. An `amount` is in
+the channel's unit, whole or not. A `bit` is the index of a bit. "": the effect takes no value.
 """
 
 
@@ -68,11 +66,13 @@ class Effect(NamedTuple):
 _TABLES = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
 
 
-def _effect(name: str, meaning: str, value: Value = "", network: Sequence[Any] = ()) -> Effect:
-    return Effect(name, meaning, value, OfNetwork(*network) if network else None)
-
-
-EFFECTS: dict[str, Effect] = {name: _effect(name, **table) for name, table in _TABLES.items()}
+EFFECTS: dict[str, Effect] = {
+    name: Effect(
+        *(name, table["meaning"], table.get("value", "")),
+        OfNetwork(*table["network"]) if "network" in table else None,
+    )
+    for name, table in _TABLES.items()
+}
 EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 
 NETWORK_EFFECTS: dict[str, OfNetwork] = {

@@ -12,13 +12,9 @@ from pathlib import Path
 SIGNALS: dict[str, str] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
 )
-"""The watched signals and their descriptions. Of several that fail in one tick, the first is
-reported.
-"""
+"""The watched signals, with descriptions. The first that fails in a tick is reported."""
 
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 
 CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
-"""Words of column `failed`; "" means a valid outcome. The causes of engines are numbered after
-these.
-"""
+"""Words of column `failed`; "": a valid outcome. Engines number their causes after these."""

@@ -1,8 +1,7 @@
 """Which values a fault effect may have at a channel.
 
 A value must fit the channel's number type, so that the stored value is what the campaign file says.
-A DAC word has 16 bits. A value beyond 16 bits is accepted only if the campaign states that it is
-intended.
+A DAC word has 16 bits. A larger value is accepted only if the campaign says that it is meant.
 """
 
 import math
@@ -53,7 +52,7 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 
 
 def find_illegal_value(
-    site: Site, channel: Channel, effect: str, value: float, beyond: bool = False
+    site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
     """Return the error message for a value that is not legal at this channel of `site`."""
     low, high, _, _ = legal_values(channel, effect, beyond)
@@ -87,8 +86,7 @@ def find_illegal_value(
 
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
-    """Return an error message if single precision, in which values travel, would change a whole
-    number.
+    """Return an error message if single precision would change a whole number; else None.
 
     Returns None if the number is kept.
     """
@@ -98,15 +96,12 @@ def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
         or not abs(value) < 2**31
     ):
         return None
-    nearest_float = float(np.float32(value))
-    if nearest_float == value:
+    nearest = np.float32(value)
+    if float(nearest) == value:
         return None
-    nearest = (
-        int(nearest_float)
-        if abs(nearest_float) < 2**31
-        else int(np.nextafter(np.float32(nearest_float), np.float32(0)))
-    )
+    if abs(nearest) >= 2**31:
+        nearest = np.nextafter(nearest, np.float32(0))
     return (
         "values travel in single precision, which holds every whole number to 2^24 only: got"
-        f" {value:.10g}, write {nearest}"
+        f" {value:.10g}, write {int(nearest)}"
     )

@@ -27,8 +27,7 @@ class Robot:
 
     name: str  # as `[campaign] robot` takes it
     title: str  # name in words
-    # dotted name of the module or package that holds its code, for `part`
-    package: str
+    package: str  # dotted name of the module or package that holds its code, for `part`
     arms: tuple[str, ...]  # all arms that it can have, in mechanism order
     joints: tuple[str, ...]  # joints of each arm, in order
     linear: tuple[str, ...]  # names of the joints that slide
@@ -36,14 +35,11 @@ class Robot:
     layers: Mapping[str, str]  # code of a site's layer -> name of the layer, in order
     checks: Mapping[str, Check]  # in the order of the loop
     run_levels: tuple[str, ...]  # names, by number
-    # when the robot should do what the operator asks for; continues "while"
-    live: str
+    live: str  # when the robot should do what the operator asks for; continues "while"
     leading_joints: tuple[int, ...] = ()  # lengths of vectors that hold the first joints only
     noise: tuple[str, ...] = ()  # parameters with the sizes of what `[campaign] noise` draws
-    # parameter: how many milliseconds a packet of the console lasts
-    packet_cycles: str = ""
-    # the switch that an operator holds down while the robot is to move; "": none
-    dead_man: str = ""
+    packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
+    dead_man: str = ""  # the switch that an operator holds down to let the robot move; "": none
     # what the robot's model was compared with, in sentences
     validation: str = "Its model has not been compared with measurements."
     tissue: bool = False  # whether there is tissue that a tip can enter
@@ -53,8 +49,7 @@ class Robot:
     check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)
     # seams that `explain` compares, in the tick's order
     seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)
-    # Signals that a user's check can use, in the tick's order
-    signals: tuple[Signal, ...] = ()
+    signals: tuple[Signal, ...] = ()  # Signals that a user's check can use, in the tick's order
     # Files that its code reads beside Python modules, from models/ or beside its own module. They
     # are part of a result's identity
     files: tuple[str, ...] = ()
@@ -68,12 +63,12 @@ class Robot:
         """Return a check by name; an unknown name gives a check that flags."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
-    def with_checks(self, own: tuple[Check, ...]) -> Robot:
+    def with_checks(self, added: tuple[Check, ...]) -> Robot:
         """Return the robot with users' checks before the built-in ones.
 
         If two checks trip in one tick, the first of them is the cause.
         """
-        return _extended(self, own) if own else self
+        return _extended(self, added) if added else self
 
     def with_channels(self, site: str, channels: tuple[Channel, ...]) -> Robot:
         """Return the robot with these channels at a site whose channels a campaign names."""
@@ -93,19 +88,17 @@ class Robot:
     def part(self, name: str) -> ModuleType:
         """Return module `name` of the robot's package, or the package if it is one module."""
         whole = importlib.import_module(self.package)
-        return (
-            importlib.import_module(f"{self.package}.{name}")
-            if hasattr(whole, "__path__")
-            else whole
-        )
+        if not hasattr(whole, "__path__"):
+            return whole
+        return importlib.import_module(f"{self.package}.{name}")
 
 
 @functools.lru_cache(maxsize=64)
 def _extended(
-    robot: Robot, own: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
+    robot: Robot, added: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
 ) -> Robot:
     sites = dict(robot.sites)
     if site:
         sites[site] = dataclasses.replace(sites[site], channels=channels)
-    checks = {**{check.name: check for check in own}, **robot.checks}
+    checks = {**{check.name: check for check in added}, **robot.checks}
     return dataclasses.replace(robot, checks=checks, sites=sites)

@@ -14,10 +14,8 @@ class SeamChannel(NamedTuple):
 
     name: str
     unit: str
-    # Fault site whose channel of this name has the normal range; "": no range was measured
-    site: str = ""
-    # Attributes and indices from the signals of a tick to the number, as in a site
-    path: tuple[str | int, ...] = ()
+    site: str = ""  # fault site whose channel of this name has the normal range; "": none
+    path: tuple[str | int, ...] = ()  # from the signals of a tick to the number, as in a site
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,6 @@
-"""Names of the signals that users' files may read from a robot: fields of its view, as data; for
-any robot.
+"""Names of the signals that users' files may read from a robot, as data; for any robot.
 
-A robot declares the fields of its view that a monitor can use (`Robot.signals`). The view itself is
-code.
+A robot declares the fields of its view that a monitor can use (`Robot.signals`).
 """
 
 import dataclasses
@@ -18,10 +16,8 @@ class Signal:
     unit: str  # unit of every channel that `units` does not name
     channels: tuple[str, ...]  # channels of a vector, in order; (): a single number
     units: tuple[tuple[str, str], ...] = ()  # (channel, unit) of channels with another unit
-    # (name, channels) that are evaluated separately
-    together: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    # whether its magnitude alone is meaningful, with zero in the middle
-    bounded: bool = False
+    together: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (name, channels) evaluated separately
+    bounded: bool = False  # whether its magnitude alone is meaningful, with zero in the middle
     steps: bool = True  # whether its step within 1 ms is meaningful
     against: tuple[str, ...] = ()  # fields of the same channels and units that should be near it
 

@@ -1,5 +1,4 @@
-"""What a fault site is: a seam of a robot's tick with its channels, number types and units; for any
-robot.
+"""What a fault site is: a seam of a robot's tick with its channels; for any robot.
 
 A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
 declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in
@@ -68,8 +67,7 @@ class Site:
     channels: tuple[Channel, ...]
     where: str  # when the fault acts, relative to the checks
     unread: bool = False  # nothing in the tick reads its numbers
-    # What a file writes to allow values that do not fit the words; "": the fault's key `wraps`
-    beyond: str = ""
+    beyond: str = ""  # what a file writes to allow values beyond the words; "": the key `wraps`
 
     def channel(self, name: str) -> Channel:
         """Return the channel of that name. Raises KeyError, which lists the channels."""

@@ -158,7 +158,7 @@ def prepare(config, varied, injection, precision) -> Prepared:
         config.campaign.arms, precision, injection=injection, cues=len(config.haptics.cues())
     )
     cues = tuple(haptics.CueParams(c.threshold_m, c.kp, c.kd, c.cap) for c in config.haptics.cues())
-    watch = replace(monitor.params(setup), limit=config.outcomes.limit_mm / 1e3)
+    watch = replace(monitor.MonitorParams(), limit=config.outcomes.limit_mm / 1e3)
     time_s = np.arange(config.campaign.ticks) / 1e3
     columns = (
         np.sin(time_s).astype(np.float32) * 0.4,

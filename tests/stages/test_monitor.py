@@ -86,7 +86,7 @@ def observed(params, inputs):
 def watched(series, **limits):
     """Outcomes of the run."""
     with jax.enable_x64(True):
-        params = replace(monitor.params(SETUP), **limits)
+        params = replace(monitor.MonitorParams(), **limits)
         inputs = {name: jnp.asarray(values) for name, values in series.items()}
         inputs |= {
             "dac": inputs["dac"].astype(jnp.int32),

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.stages import packet_history
-from ravenjax.stages.packet_history import NEVER, WORD, PacketHistory
+from ravenjax.stages.packet_history import NEVER, WORD
 
 WORDS = 3
 TICKS = WORDS * WORD
@@ -16,12 +16,12 @@ TICKS = WORDS * WORD
 
 def answers(newer, ticks, fresh, *words):
     """Age, packets in the last ticks, and the words after one more tick, of plain numbers."""
-    after = packet_history.step(PacketHistory(Vec(words)), fresh)
-    history = PacketHistory(Vec(words))
+    history = Vec(words)
+    after = packet_history.step(history, fresh)
     return (
         packet_history.packet_age(history, newer),
         packet_history.sent_within(history, ticks),
-        *after.words,
+        *after,
     )
 
 

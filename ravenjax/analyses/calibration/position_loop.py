@@ -166,7 +166,7 @@ def advance_cycle(
     counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
     counts = counts.map(jnp.trunc) if whole else counts
     counts = counts if written is None else written(counts)
-    signal = robot.nominal_signal(
+    signal = robot.PlantSignal(
         _arriving(params.command_delay, counts, state.commands), jnp.int32(0)
     )
     signal = replace(signal, cable_scale=Vec.full(JOINTS, params.cables))

@@ -13,23 +13,6 @@ loop         one cycle of the control software, and the tick: everything in one 
 software     the control software alone, driven from Python
 """
 
-from ravenjax.robots.raven2 import declaration, run_levels
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
-from ravenjax.vocabulary.robot import Robot
+from ravenjax.robots.raven2.declaration import ROBOT
 
-ROBOT = Robot(
-    package=__name__,
-    arms=ARMS,
-    joints=JOINTS,
-    linear=LINEAR,
-    leading_joints=LEADING,
-    run_levels=run_levels.NAMES,
-    sites=declaration.SITES,
-    layers=declaration.LAYERS,
-    checks=declaration.CHECKS,
-    phases=declaration.PHASES,
-    check_seams=declaration.CHECK_SEAMS,
-    seams=declaration.SEAMS,
-    signals=declaration.SIGNALS,
-    **declaration.WORDS,
-)
+__all__ = ["ROBOT"]

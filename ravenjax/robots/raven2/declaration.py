@@ -4,8 +4,10 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2 import run_levels
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import ARM, Channel, Field, Site
@@ -35,17 +37,14 @@ def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ..
     return channels
 
 
-def _site_channels(table: dict[str, Any]) -> list[Channel]:
-    field = _FIELDS[table["field"]] if "field" in table else None
-    return [
-        Channel(name, path, table["kind"], unit, field, table.get("usual"))
-        for name, unit, path in _channels(table)
-    ]
-
-
 def _site(name: str, table: dict[str, Any]) -> Site:
     channels = tuple(
-        channel for group in table.pop("channels") for channel in _site_channels(group)
+        Channel(
+            *(channel, path, group["kind"], unit),
+            *(_FIELDS.get(group.get("field")), group.get("usual")),
+        )
+        for group in table.pop("channels")
+        for channel, unit, path in _channels(group)
     )
     return Site(name, channels=channels, **_DEFAULTS | table)
 
@@ -71,23 +70,11 @@ def _signal(name: str, table: dict[str, Any]) -> Signal:
     )
 
 
-WORDS: dict[str, Any] = {
-    key: tuple(value) if isinstance(value, list) else value
-    for key, value in _TABLES["robot"].items()
-}
-"""Fields of `Robot` that are plain words."""
-
 LAYERS: dict[str, str] = _TABLES["layers"]
 """Name of each layer, in the robot's order."""
 
-PHASES: dict[str, str] = _TABLES["phases"]
-"""Phases of an operation, and when each takes place."""
-
 CHECKS = {name: Check(name, **table) for name, table in _TABLES["checks"].items()}
 """Built-in checks in the order of the loop."""
-
-CHECK_SEAMS: dict[str, str] = _TABLES["check_seams"]
-"""Seams at which a user's check may read, in the order of the tick."""
 
 SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
 """Fault sites, in the order of the tick."""
@@ -95,5 +82,22 @@ SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
 SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
 """Every seam, in the order of the tick."""
 
-SIGNALS = tuple(_signal(name, table) for name, table in _TABLES["signals"].items())
-"""Signals that a monitor can use, in the order of the tick."""
+_ROBOT: dict[str, Any] = {
+    key: tuple(x) if isinstance(x, list) else x for key, x in _TABLES["robot"].items()
+}
+ROBOT = Robot(
+    package=str(__package__),
+    arms=ARMS,
+    joints=JOINTS,
+    linear=LINEAR,
+    leading_joints=LEADING,
+    run_levels=run_levels.NAMES,
+    sites=SITES,
+    layers=LAYERS,
+    checks=CHECKS,
+    phases=_TABLES["phases"],
+    check_seams=_TABLES["check_seams"],
+    seams=SEAMS,
+    signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
+    **_ROBOT,
+)

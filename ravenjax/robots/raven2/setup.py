@@ -4,8 +4,10 @@ import dataclasses
 from typing import ClassVar, Literal
 
 from ravenjax.numbers import setup
-from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName
+from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName, PerArm
 from ravenjax.vocabulary.parts import OwnSource
+
+__all__ = ["ArmName", "PerArm", "RavenSetup"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,27 +19,21 @@ class RavenSetup(setup.Setup):
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
     # the present raven2 software, or the 2015 simulator fork
     software: Literal["raven2", "fork2015"] = "raven2"
-    # one per arm, a name of ravenjax.robots.raven2.geometry.tools
-    tools: tuple[str, ...] = ("r_grasper",)
+    tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of geometry.tools
     # how the fork is built: for the robot, or for a dynamics simulator
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
-    # what a packet carries (spec 5.3, 5.4)
-    console: Literal["increments", "absolute"] = "increments"
-    # how a faulty DAC command is stored for USB
-    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"
+    console: Literal["increments", "absolute"] = "increments"  # what a packet carries
+    dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how USB stores a DAC command
     # what moves the links: printed equations, or in engine mjx a step of MuJoCo MJX
     link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     substeps: int = 1  # plant steps per 1 ms tick
     # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
     packets: tuple[tuple[float, ...], ...] = ()
-    # ms; with `packets`: how old the packets may be that faults of the network send again
-    packet_history: int = 0
+    packet_history: int = 0  # ms; how old packets may be that faults send again, with `packets`
     # whether the cables' load is an outcome, and what an overload does
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"
     contact: bool = False  # instruments touch tissue, vessel and each other
     command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
-    # (stage of `loop.user_files`, user's file that replaces it)
-    controller: tuple[tuple[str, OwnSource], ...] = ()
+    controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage, user's file that replaces it)
     hands: OwnSource | None = None  # a user's file that replaces the operator
-    # normal range of each number that `loop.explained` compares
-    explained: tuple[tuple[float, float] | None, ...] = ()
+    explained: tuple[tuple[float, float] | None, ...] = ()  # normal range of each compared number

@@ -12,7 +12,6 @@ from ravenjax.robots.raven2.console.packet import (
     U_STRUCT,
     Packet,
     empty_packet,
-    encode_packet,
 )
 
 
@@ -25,9 +24,13 @@ def drive(software, robot, cycles):
     for ms in range(cycles):
         first = Vec((10, 5, 0)) if ms >= 900 else stays
         packet = replace(
-            still, sequence=ms + 1, surgeon_mode=int(ms >= 600), delta=(first, stays)[: len(arms)]
+            still,
+            received=1,
+            sequence=ms + 1,
+            surgeon_mode=int(ms >= 600),
+            delta=(first, stays)[: len(arms)],
         )
-        output = software.step(reading.encoders, encode_packet(packet, arms), reading.pins)
+        output = software.step(reading.encoders, packet, reading.pins)
         reading = robot.step(output.dac, output.output_pins)
         yield output, reading
 

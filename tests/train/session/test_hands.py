@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.errors import UserError
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import mapping, scene
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -45,7 +45,8 @@ def packets(rows, scale):
     A, 4], grasps.
     """
     table = tuple(jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T)
-    params, ticks = operator.params(SETUP, HOME, scale), jnp.arange(1, len(rows), dtype=jnp.int32)
+    params = replace(operator.params(SETUP, HOME), scale=scale)
+    ticks = jnp.arange(1, len(rows), dtype=jnp.int32)
     packet = jax.vmap(
         lambda tick: operator.make_packet(SETUP, params, table, operator.row_by_row(tick))
     )(ticks)

@@ -7,7 +7,6 @@ call reads and writes only the four structs that it gets: no allocation, no glob
 The structs have the memory layout that the compiled code expects.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -16,7 +15,6 @@ import numpy as np
 
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import stored_size
-from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.errors import UserError
 from ravenjax.numbers import quantity, tree
 from ravenjax.robots.raven2.arms import ARMS
@@ -111,15 +109,14 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             f"  call void @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving,"
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
-    control, plant = software.code.kinds, robot.code.kinds
-    constants = {
-        "raven_control_default": control["params"].row(software.params),
-        "raven_control_start": control["state"].row(software.state),
-        "raven_robot_default": plant["params"].row(robot.params),
-        "raven_robot_start": plant["state"].row(robot.state),
-        "raven_robot_first": plant["signals"].row(robot.reading.signals),
-    }
-    for name, row in constants.items():
+    for name, machine, what, record in (
+        ("raven_control_default", software, "params", software.params),
+        ("raven_control_start", software, "state", software.state),
+        ("raven_robot_default", robot, "params", robot.params),
+        ("raven_robot_start", robot, "state", robot.state),
+        ("raven_robot_first", robot, "signals", robot.reading.signals),
+    ):
+        row = machine.code.kinds[what].row(record)
         escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())
         text += f'@{name} = constant [{len(row)} x i8] c"{escaped}", align 8\n'
     return text
@@ -142,7 +139,7 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
 
 
 def members_of(
-    kind: RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
+    kind: transition.RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
 ) -> list[Member]:
     """Return the members of a record's struct, in order.
 
@@ -161,8 +158,8 @@ def members_of(
             for name, item in zip(names, place, strict=True):
                 yield from members(item, (*path, name))
         elif place is not None:
-            for field in dataclasses.fields(place):
-                yield from members(getattr(place, field.name), (*path, field.name))
+            for name, item in vars(place).items():
+                yield from members(item, (*path, name))
 
     return list(members(tree.fill_tree(kind.record, list(range(len(kind.layout.types)))), ()))
 

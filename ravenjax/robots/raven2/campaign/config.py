@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,13 @@ from pydantic import PrivateAttr, model_validator
 
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import Fault, Run
+from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.parts import part
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.campaign import older_packets
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -35,20 +34,18 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
+from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary import packets
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import MEANINGS
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
 HEALTHY_MM = 0.1
-"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm in the generated
-motions.
-"""
+"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
 REACH_MM = 429.0
-"""Longest distance between two places of the tip within the hard stops of shoulder, elbow and
-insertion.
-"""
+"""Longest distance of two places of the tip within the hard stops of joints 1 to 3."""
 _FELT: dict[str, float | None] = {"delay_ms": None, "felt_force": None}
 READ_BY: dict[str, dict[str, float | None]] = {
     "none": {},
@@ -159,40 +156,26 @@ class RavenConfig(CampaignConfig):
         """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
         operator = self.operator
-        what = (
-            f"{operator.file}, recorded"
-            if operator.file is not None
-            else f"{operator.label}, generated"
-        )
-        own = "" if operator.hands is None else f"; {operator.hands} has the hands"
+        what = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
+        hands = "" if operator.hands is None else f"; {operator.hands} has the hands"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
             yield "contact", "jaw tips with tissue and vessel, instruments with each other"
         if self.controller is not None:
-            yield (
-                "controller",
-                ", ".join(f"{stage}: {file}" for stage, file in self.controller.files()),
-            )
-        timing = (
-            f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
-            if self.random_packets
-            else ""
-        )
-        yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{self._reaction()}{yields}"
+            files = (f"{stage}: {file}" for stage, file in self.controller.files())
+            yield "controller", ", ".join(files)
+        timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
+        timing *= self.random_packets
+        scale = f"; scale {operator.scale:g}"
+        yield "operator", f"{what}{hands}{scale}{timing}{self._reaction()}{yields}"
 
     def _reaction(self) -> str:
         if self.reaction is None:
             return ""
-        axes = [
-            self.parameters,
-            self.cross,
-            *(axes for group in self.group for axes in (group.parameters, group.cross)),
-        ]
-        if any("reaction.action" in paths for paths in axes):
-            return (
-                f"; at the cue: reaction.action varies, elsewhere {MEANINGS[self.reaction.action]}"
-            )
-        return f"; at the cue: {MEANINGS[self.reaction.action]}"
+        axes = [self.parameters, self.cross]
+        axes += [axes for group in self.group for axes in (group.parameters, group.cross)]
+        varies = "reaction.action varies, elsewhere " * any("reaction.action" in a for a in axes)
+        return f"; at the cue: {varies}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
         """Return the same as `lines` in the form of JSON."""
@@ -292,7 +275,7 @@ class RavenConfig(CampaignConfig):
                 )
         for g, group in enumerate(self.group):
             longest = self.longest_packet if self.random_packets else 1
-            age = min(older_packets.age_ms((group,), longest), self.campaign.ticks)
+            age = min(_oldest_packet_ms((group,), longest), self.campaign.ticks)
             # Older packets are computed again from the plan
             if hands is not None and age > 0:
                 yield (
@@ -302,11 +285,11 @@ class RavenConfig(CampaignConfig):
                     " operator.hands, or let the faults lose packets (effect 'drop', channels lost"
                     " and bursts)",
                 )
-            if self.random_packets and age > older_packets.LONGEST_MS:
+            if self.random_packets and age > LONGEST_HISTORY_MS:
                 yield (
                     ("group", g),
                     f"faults at site 'network' may send packets of {age:.0f} ms ago, expected at"
-                    f" most {older_packets.LONGEST_MS} where the lengths of packets are drawn:"
+                    f" most {LONGEST_HISTORY_MS} where the lengths of packets are drawn:"
                     " give them smaller values, write a shorter campaign.duration_s, or"
                     ' campaign.packets = "every_cycle"',
                 )
@@ -314,32 +297,32 @@ class RavenConfig(CampaignConfig):
     @property
     def random_packets(self) -> bool:
         """Whether the length of packets is drawn in some run."""
-        axes = [table.get("network.packets") for _, table in self.parameter_tables()]
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
-            axis is not None and any(axis.values) for axis in axes
+            any(axis.values) for axis in self._packet_axes
         )
 
     @property
-    def _packets_varied(self) -> bool:
-        return any("network.packets" in table for _, table in self.parameter_tables())
+    def _packet_axes(self) -> list[Axis]:
+        name = "network.packets"
+        return [table[name] for _, table in self.parameter_tables() if name in table]
 
     @property
     def packet_history(self) -> int:
         """Age in ms that a packet sent again may have, if lengths are drawn; 0: none is."""
         if not self.random_packets:
             return 0
-        return int(min(older_packets.age_ms(self.group, self.longest_packet), self.campaign.ticks))
+        return int(min(_oldest_packet_ms(self.group, self.longest_packet), self.campaign.ticks))
 
     @property
     def longest_packet(self) -> int:
         """Return the largest number of cycles that a packet may last, if lengths are drawn."""
         shares = self.campaign.packet_shares
-        return max(map(len, (shares, *packets.SHARES) if self._packets_varied else (shares,)))
+        return max(map(len, (shares, *packets.SHARES) if self._packet_axes else (shares,)))
 
     @property
     def cycles_a_packet(self) -> float:
         """Mean number of cycles per packet if it is the same in all runs, else 1, the least."""
-        return 1.0 if self._packets_varied else packets.mean_cycles(self.campaign.packet_shares)
+        return 1.0 if self._packet_axes else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
         """Return why the parameter at `path` has no effect in this campaign; "" if it has."""
@@ -371,7 +354,13 @@ class RavenConfig(CampaignConfig):
         files = {"file", "hands", "hands_sha256"}
         operator = self.operator.model_dump(mode="json", exclude=files, exclude_defaults=True)
         if self.operator.file is not None:
-            operator["file"] = _file_hash(self.operator.file)
+            try:
+                with open(self.operator.file, "rb") as file:
+                    operator["file"] = hashlib.file_digest(file, "sha256").hexdigest()
+            except OSError as error:
+                raise UserError(
+                    f"{self.operator.file}: operator.file cannot be read ({error.strerror})"
+                ) from None
         if (hands := self.operator.own) is not None:
             operator["hands"] = part.hash_source(hands)
         sections = {
@@ -402,10 +391,8 @@ def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, st
 
     setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
     params = run.params(setup, (tuple(HOME_JPOS),) * len(arms))
-    known, rows = (
-        [path for path, _ in path_leaves(params, setup)],
-        bounds.allowed_values(ROBOT, name),
-    )
+    known = [path for path, _ in path_leaves(params, setup)]
+    rows = bounds.allowed_values(ROBOT, name)
     why = ""
     if name not in known:
         why = f"got {name!r}, expected the path of one number, with arm and joint"
@@ -418,6 +405,65 @@ def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, st
     return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), why
 
 
+# --- packets that network faults send again ---
+
+LONGEST_HISTORY_MS = 8192
+"""The longest history of packets that a tick keeps, if their lengths are drawn.
+
+Without draws, the place of an older packet in the motion follows from its number. The history has
+256 words, and needs 9 000 operations beside 11 400 of the rest of a tick.
+"""
+
+
+def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
+    """Return the age of the oldest packet of all runs, ms; 0: none is sent again; may be infinite.
+
+    longest: largest number of cycles that a packet lasts.
+    """
+    runs = (
+        faults
+        for group in groups
+        for faults in (group.fault, *(group.faults_of(run) for run in group.run))
+    )
+    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
+
+
+def _age_ms(faults: Iterable[Fault], longest: int) -> float:
+    network = [fault for fault in faults if fault.site == "network"]
+    counts = [count for fault in network if (count := _packets(fault)) is not None]
+    late = any("jitter" in _channels(fault) for fault in network)
+    if not counts and not late:
+        return 0.0
+    # The packet before it is needed, too, because increments count from it. And the newest packet
+    # may be `longest` old when it is needed.
+    return (sum(counts) + 2) * longest + math.ceil(DELAY_MS[1] + JITTER_MS[1]) * late
+
+
+def _packets(fault: Fault) -> float | None:
+    """Return the longest delay by a fault of the network, in packets; None for another channel."""
+    if not _channels(fault) & {"lag", "delay"}:
+        return None
+    most = 0.0
+    for name in fault.effect.listed:
+        _, effect, value = NETWORK_EFFECTS.get(name, ("", name, None))
+        if effect == "stuck":
+            continue
+        # Other effects add more than their value to a channel that other faults change.
+        if effect not in ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle"):
+            return math.inf
+        numbers = () if fault.value is None else fault.value.listed or fault.value.extent
+        most = max(most, *(abs(number) for number in (numbers if value is None else (value,))), 0.0)
+    return most
+
+
+def _channels(fault: Fault) -> set[str]:
+    bound = {
+        NETWORK_EFFECTS[name].channel for name in fault.effect.listed if name in NETWORK_EFFECTS
+    }
+    listed = () if fault.channel is None else fault.channel.listed
+    return bound | ({"lag", "delay", "jitter"} if ALL in listed else set(listed))
+
+
 def of_raven(config: CampaignConfig) -> RavenConfig:
     """Return the campaign as one of a Raven-II. Raises UserError if it is of another robot."""
     if not isinstance(config, RavenConfig):
@@ -425,11 +471,3 @@ def of_raven(config: CampaignConfig) -> RavenConfig:
             f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II"
         )
     return config
-
-
-def _file_hash(path: Path) -> str:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise UserError(f"{path}: operator.file cannot be read ({error.strerror})") from None

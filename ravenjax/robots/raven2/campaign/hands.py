@@ -13,21 +13,20 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import teleoperation
 from ravenjax.store.motion import replay as recorded
 from ravenjax.store.motion.reach import Bounds
-from ravenjax.store.motion.replay import OperatorReplay
 from ravenjax.store.motion.summary import MotionSummary
 
 
-def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorReplay | None:
-    """Return the replay of a recorded operator over `ticks` ms, by default the length of a run.
+def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
+    """Return the replay of a recorded operator during a run; None for a generated motion.
 
-    Returns None for a generated motion. Raises UserError for a file that the campaign cannot use.
+    Raises UserError for a file that the campaign cannot use.
     """
-    operator = config.operator
+    operator, arms, ticks = config.operator, config.campaign.arms, config.campaign.ticks
     if operator.file is None:
         return None
-    ticks, bounds = ticks or config.campaign.ticks, operator_bounds(config)
+    bounds = operator_bounds(config)
     return recorded.replay_motion(
-        operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds=bounds
+        operator.file, arms, operator.options, ticks, operator.scale, bounds=bounds
     )
 
 
@@ -44,7 +43,7 @@ def operator_bounds(config: RavenConfig) -> Bounds:
     return Bounds(lower, upper, (float(jaws.grasp_gain), *ends))
 
 
-def scale_hands(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+def scale_hands(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
     """Return the summary of a replay under the teleoperation scales that a campaign varies.
 
     Raises UserError if a scale takes the replay beyond the limits.

@@ -1,5 +1,4 @@
-"""Computes which milliseconds of a campaign belong to which phase, from the operator's planned
-motion.
+"""Computes which milliseconds of a campaign belong to which phase of the planned motion.
 
 Scale and packets are those of the file if it has one number for all runs, else the documented ones.
 Phases are those of the plan, and the same for all runs: changes by noise, drawn packets, a cue or a
@@ -8,8 +7,7 @@ fault are not included.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec, at_once
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import hands, pedal
 from ravenjax.robots.raven2.campaign.config import RavenConfig
@@ -22,15 +20,13 @@ WINDOW = 20
 
 
 def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Return the intervals of each phase, int64 [intervals, 2]: the first tick, and the first tick
-    after it.
+    """Return the intervals of each phase, int64 [intervals, 2]: first tick, first tick after.
 
     Raises UserError if the operator's file cannot be used.
     """
     motion, ticks = hands.operator_motion(config), config.campaign.ticks
-    cycles = (
-        1 if config.random_packets else max(1, int(_number(config, "network.cycles_per_packet", 1)))
-    )
+    written = max(1, int(_number(config, "network.cycles_per_packet", 1)))
+    cycles = 1 if config.random_packets else written
     motion = motion.first(-(-ticks // cycles))
     row = np.arange(ticks) // cycles
     obeyed = _number(
@@ -40,12 +36,15 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
         config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks
     )
     scale = _number(config, "operator.scale", config.operator.scale)
-    # absolute positions have no clutch
-    follows = np.full(len(motion), config.campaign.console == "absolute")
-    follows[row[down]] = True
-    follows &= (motion.surgeon_mode > 0) | (config.campaign.console == "absolute")
-    way = _way(motion, scale, follows)
-    speed = _speed(way)[row]
+    follows = np.isin(np.arange(len(motion)), row[down]) & (motion.surgeon_mode > 0)
+    follows |= config.campaign.console == "absolute"  # absolute positions have no clutch
+    # The way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]
+    steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
+    way = np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
+    rows = np.arange(len(way))
+    before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
+    far = np.linalg.norm(way[after] - way[before], axis=2).max(axis=1)
+    speed = (far / np.maximum(after - before, 1))[row]
     fast = down & (speed > np.median(speed[down])) if down.any() else down
     deep = np.any(
         [_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0
@@ -65,25 +64,11 @@ def _number(config: RavenConfig, path: str, usual: float) -> float:
     return usual if axis is None or axis.kind != "fixed" else float(axis.values[0])
 
 
-def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Return the way of the tips that the operator asks for, m, ITP axes; [rows, arms, 3]."""
-    steps = np.diff(motion.position_um, axis=0, prepend=motion.position_um[:1]) * (scale * 1e-6)
-    return np.cumsum(np.where(follows[:, None, None], steps, 0.0), axis=0)
-
-
-def _speed(way: np.ndarray) -> np.ndarray:
-    rows = np.arange(len(way))
-    before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
-    return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(
-        after - before, 1
-    )
-
-
 def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:
     """Return the depth of a tip below the tissue's surface after `way` [rows, 3], m."""
     with at_once():
         start = kinematics.forward_pose(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
-        tip = Vec(a + b for a, b in zip(start, position_from_itp(arm, Vec(way.T)), strict=True))
+        tip = start + position_from_itp(arm, Vec(way.T))
         return np.asarray(scene.tissue_depth(arm, tip))
 
 

@@ -11,9 +11,8 @@ operator that the user programmed may press it again. The time of this press is 
 not earlier than planned.
 """
 
-from __future__ import annotations
-
 import dataclasses
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -21,10 +20,9 @@ import numpy as np
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers import at_once
 from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
-from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
 from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
@@ -48,51 +46,40 @@ def trigger_clocks(
     """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
 
-    def numbers(path: str, usual: int) -> np.ndarray:
-        return np.asarray(varied.get(path, np.full(runs, usual)))
+    def numbers(path: str) -> np.ndarray:
+        return np.asarray(varied.get(path, np.full(runs, operator.attrgetter(path)(params))))
 
-    network, control = params.network, params.control
-    cycles = np.maximum(
-        numbers("network.cycles_per_packet", network.cycles_per_packet).astype(np.int64), 1
-    )
-    choice = numbers("network.packets", network.packets).astype(np.int64)
-    longest = cycles
+    cycles = longest = np.maximum(numbers("network.cycles_per_packet").astype(np.int64), 1)
+    choice = numbers("network.packets").astype(np.int64)
     if setup.packets:
-        shares = setup.packets
-        cycles = np.array([1 + int(np.flatnonzero(lengths)[0]) for lengths in shares])[choice]
-        longest = np.array([1 + int(np.flatnonzero(lengths)[-1]) for lengths in shares])[choice]
-    timeout = numbers("control.teleoperation.timeout_ticks", control.teleoperation.timeout_ticks)
-    obeyed = numbers("control.state_machine.plc_obeyed", control.state_machine.plc_obeyed) != 0
+        used = [np.flatnonzero(lengths) for lengths in setup.packets]
+        cycles, longest = (1 + np.array([k[end] for k in used])[choice] for end in (0, -1))
+    timeout = numbers("control.teleoperation.timeout_ticks")
+    obeyed = numbers("control.state_machine.plc_obeyed") != 0
     slowed = np.zeros(runs, bool)
     if params.reaction is not None:
-        slowed = numbers("reaction.action", params.reaction.action) == SLOW
+        slowed = numbers("reaction.action") == SLOW
     unknown = slowed | (longest - 1 > timeout) | (setup.hands is not None)
     ways = np.stack([cycles, longest, obeyed, unknown], axis=1)
     kinds, kind = ways[:1], np.zeros(runs, np.int64)
     if (ways != kinds).any():  # sorting the rows of millions of runs takes seconds
         kinds, kind = np.unique(ways, axis=0, return_inverse=True)
     foot = columns[-1].astype(np.int32) > 0
-    keys = channel_keys(setup)
+    # A simulator's packet generator ends with the robot's software E-stop
+    arrivals = None
+    if setup.build == "robot" and setup.packets:
+        arrivals = DrawnPackets(setup.packets, choice, varied["network.packet_key"], ticks)
+    elif setup.build == "robot":
+        arrivals = EvenPackets(cycles, ticks)
+    moves = (key[0] in MOVING or may_restart(*key) for key in channel_keys(setup))
     return Clocks(
-        arrivals=_arrivals(setup, cycles, choice, varied, ticks),
+        arrivals=arrivals,
         phases=tuple(
-            _phases(
-                _level(setup.software),
-                foot,
-                _Foot(least, most, bool(plc)),
-                bool(setup.packets),
-                bool(lost),
-                ticks,
-            )
+            _phases(setup.software, foot, least, most if setup.packets else 0, plc, lost, ticks)
             for least, most, plc, lost in kinds.tolist()
         ),
         kind=kind.reshape(-1),
-        moved=np.array(
-            [
-                False,
-                *(key[0] in MOVING or may_restart(*key) for key in keys),
-            ]
-        ),
+        moved=np.array([False, *moves]),
     )
 
 
@@ -101,34 +88,16 @@ def planned_pedal_down(
 ) -> np.ndarray:
     """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion]. cycles: ticks that a packet lasts. plc: the software obeys the
-    PLC.
+    foot: bool [rows of the motion]. cycles: ticks of a packet. plc: the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
-    phases = _phases(_level(software), foot, _Foot(cycles, cycles, plc), False, False, ticks)
+    phases = _phases(software, foot, cycles, 0, plc, False, ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
         down[begin - 1 : end - (end < ticks)] = True
     return down
 
 
 # --- packets ---
-
-
-def _arrivals(
-    setup: RavenSetup,
-    cycles: np.ndarray,
-    choice: np.ndarray,
-    varied: Mapping[str, np.ndarray],
-    ticks: int,
-) -> EvenPackets | DrawnPackets | None:
-    if (
-        setup.build != "robot"
-        # a simulator's packet generator ends with the robot's software E-stop
-    ):
-        return None
-    if not setup.packets:
-        return EvenPackets(cycles, ticks)
-    return DrawnPackets(setup.packets, choice, varied["network.packet_key"], ticks)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -170,10 +139,7 @@ class DrawnPackets:
         return count
 
     def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Yield the arrival ticks of the next packets, up to `most` packets per run.
-
-        Each item is (indices in `rows`, number of earlier packets, ticks [indices, packets]).
-        """
+        """Yield (indices in `rows`, earlier packets, arrival ticks [indices, packets])."""
         wide = min(most, 4096)
         high = max(1, BLOCK // wide)
         for top in range(0, len(rows), high):
@@ -194,39 +160,36 @@ class DrawnPackets:
 # --- the pedal ---
 
 
-@dataclasses.dataclass(frozen=True)
-class _Foot:
-    """What decides how the pedal at the foot sets the robot's run level."""
-
-    least: int  # ticks that the shortest packet lasts
-    longest: int  # ticks that the longest packet lasts
-    plc: bool  # whether the software obeys the PLC
-
-
-def _level(software: str) -> int:
-    return PEDAL_UP if software == "raven2" else PEDAL_DOWN
-
-
 def _phases(
-    level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int
+    software: str,
+    foot: np.ndarray,
+    cycles: int,
+    longest: int,
+    plc: int,
+    unknown: int,
+    ticks: int,
 ) -> PedalPhases:
-    """Return the phases in which the pedal is down. random: the packets' lengths are drawn."""
-    cycles = 1 if random else way.least
-    changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
+    """Return the phases in which the pedal is down.
+
+    cycles: ticks that a packet lasts, if its length is not drawn. longest: ticks that the longest
+    packet lasts; 0: lengths are not drawn. plc: whether the software obeys the PLC.
+    """
+    changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
+    changes = changes * (1 if longest else cycles)
     changes = changes[changes < ticks]
-    later: int | None = way.longest - 1 if random else 0
+    later: int | None = max(longest - 1, 0)
     if unknown or (later and (np.diff(changes) <= later + LATENCY).any()):
         later = None  # changes may overtake each other
-    turns = list(_turns(changes.tolist(), level, way.plc, ticks))
+    level = PEDAL_UP if software == "raven2" else PEDAL_DOWN
+    turns = list(_turns(changes.tolist(), level, plc, ticks))
     begins, ends = turns[0::2], turns[1::2]
     if len(ends) < len(begins):
         ends.append(ticks)
     return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), later)
 
 
-def _turns(changes: Sequence[int], level: int, plc: bool, ticks: int) -> Iterator[int]:
-    """Yield the ticks before `ticks` in which the pedal's clock starts to count and stops,
-    alternately.
+def _turns(changes: Sequence[int], level: int, plc: int, ticks: int) -> Iterator[int]:
+    """Yield the ticks before `ticks` in which the pedal's clock starts and stops, alternately.
 
     changes: ticks in which a packet with another position of the foot comes, the first one down.
     level: run level in which the robot begins. The rules are those of `state_machine.adopt_level`

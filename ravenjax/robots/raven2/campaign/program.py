@@ -9,9 +9,8 @@ import numpy as np
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
 from ravenjax.hazards import ranges
-from ravenjax.numbers import paths
+from ravenjax.numbers import paths, replace
 from ravenjax.numbers.setup import Injection, Precision
-from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
@@ -61,7 +60,7 @@ def prepare_campaign(
         tools=config.tools,
         build=config.campaign.build,
         console=config.campaign.console,
-        dac_words=config.campaign.stored_words,
+        dac_words=config.campaign.dac_words or "wrap",
         precision=precision,
         substeps=config.campaign.substeps,
         injection=injection,
@@ -72,7 +71,7 @@ def prepare_campaign(
         hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
-        command_delay=_longest(varied.get(DELAY)),
+        command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         detectors=tuple(use for _, use, _ in config.detectors),
         checks=tuple(check.use for check in config.check),
         reacts=config.reacts,
@@ -96,19 +95,9 @@ def _distributions(
 ) -> tuple[tuple[float, ...], ...]:
     """Return the distributions that packets may have; () if every cycle has a packet."""
     shares = config.campaign.packet_shares
-    varied = choices is not None and bool(np.nan_to_num(choices).any())
-    return (
-        ()
-        if shares == packets.SHARES[packets.EVERY_CYCLE] and not varied
-        else (*packets.SHARES, shares)
-    )
-
-
-def _longest(delays: np.ndarray | None) -> int:
-    """Return the length that the delay line needs, ms."""
-    if delays is None or np.isnan(delays).all():
-        return 0
-    return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
+    varied = choices is not None and np.nan_to_num(choices).any()
+    drawn = varied or shares != packets.SHARES[packets.EVERY_CYCLE]
+    return (*packets.SHARES, shares) if drawn else ()
 
 
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:

@@ -144,25 +144,15 @@ class RavenCampaign(CampaignSection):
         """Number of the distribution of packets: one of CHOICES, or OWN."""
         if isinstance(self.packets, str):
             return packets.CHOICES.index(self.packets)
-        return (
-            packets.EVERY_CYCLE
-            if self.packets == packets.SHARES[packets.EVERY_CYCLE]
-            else packets.OWN
-        )
+        every_cycle = self.packets == packets.SHARES[packets.EVERY_CYCLE]
+        return packets.EVERY_CYCLE if every_cycle else packets.OWN
 
     @property
     def packet_shares(self) -> tuple[float, ...]:
         """Shares of packets that last 1, 2, 3, .. cycles."""
-        return (
-            packets.SHARES[packets.CHOICES.index(self.packets)]
-            if isinstance(self.packets, str)
-            else self.packets
-        )
-
-    @property
-    def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
-        """How a DAC command after the checks is stored."""
-        return self.dac_words or "wrap"
+        if isinstance(self.packets, str):
+            return packets.SHARES[self.packet_choice]
+        return self.packets
 
 
 # Where the joint meets its hard stop, or its original soft limit if no stop is published; raven2
@@ -278,9 +268,8 @@ class Operator(Section):
         if str(raw.get("file")).endswith(".py"):
             if raw.get("hands") is not None:
                 raise ValueError("file and hands are both Python: give one of them")
-            raw = {key: value for key, value in raw.items() if key != "file"} | {
-                "hands": raw["file"]
-            }
+            raw = {**raw, "hands": raw["file"]}
+            del raw["file"]
         if raw.get("motion") is not None and raw.get("file") is not None:
             raise ValueError("give either motion (generated) or file (recorded), not both")
         return raw
@@ -330,9 +319,7 @@ class Operator(Section):
             )
         for name in RECORDED if self.file is None else GENERATED:
             if getattr(self, name) != type(self).model_fields[name].default:
-                kind, other = (
-                    ("recorded", "generated") if self.file is None else ("generated", "recorded")
-                )
+                kind, other = ("recorded", "generated")[:: 1 if self.file is None else -1]
                 raise ValueError(
                     f"{name} belongs to a {kind} motion, a {other} one has none: remove it"
                 )
@@ -349,11 +336,9 @@ class Operator(Section):
 
         Raises UserError if the file is unusable or has changed.
         """
-        return (
-            None
-            if self.hands is None
-            else own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
-        )
+        if self.hands is None:
+            return None
+        return own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
 
     def located(self, folder: Path) -> Operator:
         """Return the section with its files taken from `folder` and the code of `hands` read."""

@@ -16,8 +16,7 @@ _SOFTWARE = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
 def trace_series(
     setup: RavenSetup, signals: Any, golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
-    """Return the time series of a run from its signals and the golden run's series [ticks,
-    numbers].
+    """Return the time series of a run from its signals and the golden series [ticks, numbers].
 
     Names, axes, units and meanings are in `store.logs.time_series`.
     """
@@ -49,47 +48,40 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}
 
 
-def _touched(touch: Any) -> dict[str, np.ndarray]:
-    if touch is None:
-        return {}
-    sizes = ("tissue", "vessel", "instrument")
-    return {"contact_force": _stack(touch.force)} | {
-        f"contact_{name}_n": np.asarray(getattr(touch, name)) for name in sizes
-    }
-
-
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
     software, plant = signals.control.arms[i], signals.plant[i]
     model, cue = signals.nominal[i], signals.haptics[i]
-    direction, link_jpos, model_jpos = _stack(cue.direction), _stack(plant.jpos), _stack(model.jpos)
-    return {
-        "enc_val_cnt": _stack(software.enc_val),
-        **{name: _stack(getattr(software, name)) for name in _SOFTWARE},
-        "current_cmd_cnt": _stack(software.current_cmd),
-        "dac_cnt": _stack(software.current_cmd_written),
-        "boards_cnt": _stack(signals.boards[i]),
-        **_pose(software.pos, ""),
-        **_pose(software.pos_d, "_d"),
-        "link_jpos": link_jpos,
-        "link_jvel": _stack(plant.jvel),
-        "motor_mpos": _stack(plant.mpos),
-        "motor_mvel": _stack(plant.mvel),
-        "cable_tension": _stack(plant.tension),
-        "tip": _stack(signals.tip[i]),
-        "tip_rotation": jaw_rotation(arm, link_jpos),
-        "model_position": _stack(model.tip_position),
-        "model_rotation": jaw_rotation(arm, model_jpos),
-        "model_jpos": model_jpos,
-        "tip_error_mm": np.asarray(cue.distance) * 1e3,
-        "haptic_force": direction * np.asarray(cue.force[0])[:, None],
-        "cue_force": _stack(cue.force),
-        "tissue_depth_mm": np.asarray(signals.depth[i]) * 1e3,
-    } | _touched(plant.touch)
-
-
-def _pose(pose: Any, ending: str) -> dict[str, np.ndarray]:
-    rotation = np.stack([_stack(row) for row in pose.rotation], axis=1)
-    return {f"position{ending}": _stack(pose.position_um) * 1e-6, f"rotation{ending}": rotation}
+    vectors = {
+        "enc_val_cnt": software.enc_val,
+        **{name: getattr(software, name) for name in _SOFTWARE},
+        "current_cmd_cnt": software.current_cmd,
+        "dac_cnt": software.current_cmd_written,
+        "boards_cnt": signals.boards[i],
+        "link_jpos": plant.jpos,
+        "link_jvel": plant.jvel,
+        "motor_mpos": plant.mpos,
+        "motor_mvel": plant.mvel,
+        "cable_tension": plant.tension,
+        "tip": signals.tip[i],
+        "model_position": model.tip_position,
+        "model_jpos": model.jpos,
+        "haptic_force": cue.direction,
+        "cue_force": cue.force,
+    }
+    out = {name: _stack(numbers) for name, numbers in vectors.items()}
+    out["haptic_force"] = out["haptic_force"] * np.asarray(cue.force[0])[:, None]
+    for ending, pose in (("", software.pos), ("_d", software.pos_d)):
+        out[f"position{ending}"] = _stack(pose.position_um) * 1e-6
+        out[f"rotation{ending}"] = np.stack([_stack(row) for row in pose.rotation], axis=1)
+    out["tip_rotation"] = jaw_rotation(arm, out["link_jpos"])
+    out["model_rotation"] = jaw_rotation(arm, out["model_jpos"])
+    out["tip_error_mm"] = np.asarray(cue.distance) * 1e3
+    out["tissue_depth_mm"] = np.asarray(signals.depth[i]) * 1e3
+    if (touch := plant.touch) is not None:
+        out["contact_force"] = _stack(touch.force)
+        for name in ("tissue", "vessel", "instrument"):
+            out[f"contact_{name}_n"] = np.asarray(getattr(touch, name))
+    return out
 
 
 def _stack(numbers: Any) -> np.ndarray:

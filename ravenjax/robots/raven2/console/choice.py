@@ -28,16 +28,11 @@ class ProfileChoice:
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
         """Prepare the choice among `profiles`.
 
-        profiles: one, which then is chosen, or several in order of preference, for messages that
-        must name one.
+        profiles: one, which then is chosen, or several in order of preference for messages.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
-        self._misfits: dict[str, int] = {}
         self._last: dict[str, Misfit] = {}
-        self._travel: dict[str, list[int]] = {}
-        # counts of packets of the stream so far, and of those that profiles read differently
-        self._packets = self._telling = 0
         self.reason = ""  # why the profile was chosen, once packets have decided
         self._results: list[PacketReading | Misfit] = []
         self._restart()
@@ -68,10 +63,8 @@ class ProfileChoice:
         """Accept the packet that was read last as part of the stream and as evidence."""
         for reader in self.readers:
             reader.follow()
-        if len(self.readers) > 1:
-            self._weigh()
-
-    def _weigh(self) -> None:
+        if len(self.readers) == 1:
+            return
         self._packets += 1
         self._telling += any(result != self._results[0] for result in self._results)
         for reader, result in zip(self.readers, self._results, strict=True):
@@ -111,15 +104,16 @@ class ProfileChoice:
 
     def _restart(self) -> None:
         names = [reader.profile.name for reader in self.readers]
-        self._misfits, self._packets, self._telling = dict.fromkeys(names, 0), 0, 0
+        self._misfits = dict.fromkeys(names, 0)
+        # counts of packets of the stream so far, and of those that profiles read differently
+        self._packets = self._telling = 0
         self._travel = {name: [0] * len(self._arms) for name in names}
 
 
 def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
-    """Return the name of the first profile that nine in ten packets (their fields) fit; "" if none
-    does.
+    """Return the name of the first profile that nine in ten packets (their fields) fit, or "".
 
     Each packet is judged alone.
     """

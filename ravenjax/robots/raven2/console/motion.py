@@ -1,5 +1,4 @@
-"""An operator's motion: positions of hands and pedal, one row per millisecond. NumPy only,
-untraced.
+"""An operator's motion: positions of hands and pedal, one row per millisecond. NumPy only.
 
 Hands move in the ITP frame of their arm (`geometry.mapping`), relative to their start, and *before*
 the console's scale: the tip moves by scale times the hand. Orientations are not scaled. They are

@@ -1,5 +1,4 @@
-"""Generates operator motions: smooth, surgical in speed and size, and reproducible by seed. NumPy
-only, untraced.
+"""Generates operator motions: smooth, surgical in speed and size, reproducible. NumPy only.
 
 Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
 orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
@@ -40,8 +39,7 @@ _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Slices of a pose.
 
 They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
-the hand's offset [m, as tip motion] from the tip. The hand's offset only changes while the pedal is
-up.
+the hand's offset [m, as tip motion] from the tip, which only changes while the pedal is up.
 """
 
 _REST = np.zeros(10)
@@ -64,8 +62,8 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
 class _Path:
     """The pose at the end of the segments so far; its methods make the next segments."""
 
-    def __init__(self) -> None:
-        self.pose = _REST.copy()
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.pose, self.rng = _REST.copy(), rng
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
         """Return the ticks of a move over `way` m and `turn` rad; its peak is 15/8 of its mean."""
@@ -90,12 +88,9 @@ class _Path:
         None leaves a value unchanged.
         """
         end = self.pose.copy()
-        if tip is not None:
-            end[_TIP] = tip
-        if turn is not None:
-            end[_TURN] = turn
-        if grasp is not None:
-            end[_GRASP] = grasp
+        for place, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
+            if value is not None:
+                end[place] = value
         way, turned = (
             float(np.linalg.norm((end - self.pose)[part], axis=0)) for part in (_TIP, _TURN)
         )
@@ -126,125 +121,103 @@ class _Path:
         end[_HAND] = -end[_TIP]
         return self._to(end, round(seconds / TICK_S), pedal=0.0)
 
+    # --- the named motions: endless chains of segments ---
 
-# --- the named motions: endless chains of segments ---
+    def still(self) -> Iterator[Segment]:
+        while True:
+            yield self.dwell(1.0)
 
+    def anywhere(self) -> tuple[np.ndarray, np.ndarray]:
+        direction = self.rng.normal(size=3)
+        far = direction / np.linalg.norm(direction, axis=0) * self.rng.uniform(0.5, 1.0)
+        tip = far * np.array([0.012, 0.012, 0.008])
+        return tip, self.rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
-def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    while True:
-        yield path.dwell(1.0)
+    def reach(self) -> Iterator[Segment]:
+        while True:
+            yield self.move(*self.anywhere(), pace=self.rng.uniform(0.5, 1.0))
+            yield self.dwell(self.rng.uniform(0.05, 0.3))
 
+    def clutched(self) -> Iterator[Segment]:
+        while True:
+            reach = self.move(*self.anywhere())
+            yield reach
+            # both arms share the pedal, so their cycles have equal length
+            yield self.dwell(1.4 - reach.ticks * TICK_S)
+            yield self.release(0.6)
+            yield self.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
 
-def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    direction = rng.normal(size=3)
-    tip = (
-        direction
-        / np.linalg.norm(direction, axis=0)
-        * rng.uniform(0.5, 1.0)
-        * np.array([0.012, 0.012, 0.008])
-    )
-    return tip, rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
+    def circle(self) -> Iterator[Segment]:
+        radius, round_s, run_up_s = 0.008, 2.0, 1.0
+        start = self.rng.uniform(0.0, 2.0 * math.pi)
+        speed = 2.0 * math.pi / round_s
 
+        def at(phase: np.ndarray) -> np.ndarray:
+            out = np.zeros((len(phase), len(_REST)))
+            out[:, 0] = radius * (cos(start + phase) - cos(start))
+            out[:, 1] = radius * (sin(start + phase) - sin(start))
+            return out
 
-def _reach(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    while True:
-        yield path.move(*_anywhere(rng), pace=rng.uniform(0.5, 1.0))
-        yield path.dwell(rng.uniform(0.05, 0.3))
-
-
-def _clutched(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    while True:
-        reach = path.move(*_anywhere(rng))
-        yield reach
-        # both arms share the pedal, so their cycles have equal length
-        yield path.dwell(1.4 - reach.ticks * TICK_S)
-        yield path.release(0.6)
-        yield path.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
-
-
-def _circle(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    radius, round_s, run_up_s = 0.008, 2.0, 1.0
-    start = rng.uniform(0.0, 2.0 * math.pi)
-    speed = 2.0 * math.pi / round_s
-
-    def at(phase: np.ndarray) -> np.ndarray:
-        out = np.zeros((len(phase), len(_REST)))
-        out[:, 0] = radius * (cos(start + phase) - cos(start))
-        out[:, 1] = radius * (sin(start + phase) - sin(start))
-        return out
-
-    # The run-up's speed rises as minimum_jerk, so its mean is half the final speed
-    yield Segment(
-        round(run_up_s / TICK_S),
-        lambda s: at(speed * run_up_s * s**2 * s**2 * (2.5 - 3.0 * s + s**2)),
-    )
-    while True:
+        # The run-up's speed rises as minimum_jerk, so its mean is half the final speed
         yield Segment(
-            round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s)
+            round(run_up_s / TICK_S),
+            lambda s: at(speed * run_up_s * s**2 * s**2 * (2.5 - 3.0 * s + s**2)),
         )
+        while True:
+            yield Segment(
+                round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s)
+            )
 
+    def palpate(self) -> Iterator[Segment]:
+        side, way = 0.0, 1.0
+        while True:
+            depth = self.rng.uniform(0.003, 0.005)
+            tip = self.pose[:3]
+            yield self.move((tip[0], tip[1], depth), pace=0.6)
+            yield self.dwell(self.rng.uniform(0.05, 0.15))
+            yield self.move((tip[0], tip[1], -0.002), pace=0.8)
+            if abs(side + 0.004 * way) > 0.013:
+                way = -way
+            side += 0.004 * way
+            yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
-def _palpate(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    side, way = 0.0, 1.0
-    while True:
-        depth = rng.uniform(0.003, 0.005)
-        tip = path.pose[:3]
-        yield path.move((tip[0], tip[1], depth), pace=0.6)
-        yield path.dwell(rng.uniform(0.05, 0.15))
-        yield path.move((tip[0], tip[1], -0.002), pace=0.8)
-        if abs(side + 0.004 * way) > 0.013:
-            way = -way
-        side += 0.004 * way
-        yield path.move((side, rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
+    def peg_transfer(self) -> Iterator[Segment]:
+        open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
+        pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
+        at = -1
+        while True:
+            others = [i for i in range(len(pegs)) if i != at]
+            at, to = (int(i) for i in self.rng.permutation(others)[:2])
+            turn = math.radians(self.rng.uniform(-35.0, 35.0))
+            yield self.move((*pegs[at], lift), (0.0, 0.0, 0.0), open_mrad)
+            yield self.move((*pegs[at], 0.002), pace=0.7)
+            yield self.move(grasp=closed_mrad)
+            yield self.move((*pegs[at], lift))
+            yield self.move((*pegs[to], lift), (0.0, 0.0, turn))
+            yield self.move((*pegs[to], 0.002), pace=0.7)
+            yield self.move(grasp=open_mrad)
+            yield self.move((*pegs[to], lift))
+            at = to
 
+    def suture(self) -> Iterator[Segment]:
+        open_mrad, closed_mrad = 300.0, 1100.0
+        roll, radius = math.radians(100.0), 0.006
+        row = -0.009
+        while True:
+            entry = self.rng.uniform(-0.010, -0.006)
+            yield self.move((entry, row, -0.006), (0.0, 0.0, -roll / 2.0), closed_mrad)
+            yield self.move((entry, row, 0.0), pace=0.7)
+            yield self.arc(radius, math.radians(150.0), roll)
+            yield self.move(grasp=open_mrad)
+            above = (self.pose[0], row, -0.008)
+            yield self.move(above)
+            yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
+            yield self.move(grasp=closed_mrad)
+            yield self.move(
+                (self.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0)
+            )
+            row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
-def _peg_transfer(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
-    pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
-    at = -1
-    while True:
-        at, to = (int(i) for i in rng.permutation([i for i in range(len(pegs)) if i != at])[:2])
-        turn = math.radians(rng.uniform(-35.0, 35.0))
-        yield path.move((*pegs[at], lift), (0.0, 0.0, 0.0), open_mrad)
-        yield path.move((*pegs[at], 0.002), pace=0.7)
-        yield path.move(grasp=closed_mrad)
-        yield path.move((*pegs[at], lift))
-        yield path.move((*pegs[to], lift), (0.0, 0.0, turn))
-        yield path.move((*pegs[to], 0.002), pace=0.7)
-        yield path.move(grasp=open_mrad)
-        yield path.move((*pegs[to], lift))
-        at = to
-
-
-def _suture(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
-    open_mrad, closed_mrad = 300.0, 1100.0
-    roll, radius = math.radians(100.0), 0.006
-    row = -0.009
-    while True:
-        entry = rng.uniform(-0.010, -0.006)
-        yield path.move((entry, row, -0.006), (0.0, 0.0, -roll / 2.0), closed_mrad)
-        yield path.move((entry, row, 0.0), pace=0.7)
-        yield path.arc(radius, math.radians(150.0), roll)
-        yield path.move(grasp=open_mrad)
-        above = (path.pose[0], row, -0.008)
-        yield path.move(above)
-        yield path.move((path.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
-        yield path.move(grasp=closed_mrad)
-        yield path.move(
-            (path.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0)
-        )
-        row = -0.009 if row > 0.006 else row + rng.uniform(0.003, 0.005)
-
-
-_CHAINS: dict[str, Callable[[_Path, np.random.Generator], Iterator[Segment]]] = {
-    "suture": _suture,
-    "peg_transfer": _peg_transfer,
-    "palpate": _palpate,
-    "circle": _circle,
-    "reach": _reach,
-    "still": _still,
-    "clutched": _clutched,
-}
 
 MOTIONS: dict[str, str] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
@@ -257,12 +230,14 @@ def generate_motion(
 ) -> Motion:
     """Return the named motion for `duration_s` seconds.
 
-    Each arm draws from a separate random stream; green is mirrored. Raises KeyError for a name that
-    is not in MOTIONS.
+    Each arm draws from its random stream; green is mirrored. Raises KeyError for another name.
     """
+    if name not in MOTIONS:
+        raise KeyError(name)
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
-    streams = [np.random.default_rng([seed, i]) for i in range(len(arms))]
-    poses, pedals = zip(*(_follow(_CHAINS[name], rows, stream) for stream in streams), strict=True)
+    paths = [_Path(np.random.default_rng([seed, i])) for i in range(len(arms))]
+    chains = (getattr(path, name)() for path in paths)
+    poses, pedals = zip(*(_follow(chain, rows) for chain in chains), strict=True)
     position, quat = zip(*map(_hand, arms, poses), strict=True)
     return Motion(
         name=name,
@@ -275,21 +250,13 @@ def generate_motion(
     )
 
 
-def _follow(
-    chain: Callable[[_Path, np.random.Generator], Iterator[Segment]],
-    rows: int,
-    rng: np.random.Generator,
-):
+def _follow(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return poses [rows, 10] and pedal [rows] along a chain, per tick, after a rest."""
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
-    poses, pedals, filled = (
-        [np.repeat(_REST[None], up + down, axis=0)],
-        [np.zeros(up), np.ones(down)],
-        up + down,
-    )
-    segments = chain(_Path(), rng)
+    poses, pedals = [np.repeat(_REST[None], up + down, axis=0)], [np.zeros(up), np.ones(down)]
+    filled = up + down
     while filled < rows:
-        segment = next(segments)
+        segment = next(chain)
         poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))
         pedals.append(np.full(segment.ticks, segment.pedal))
         filled += segment.ticks

@@ -5,20 +5,16 @@ All deviations are added up in one offset per hand, which is the only state. Rob
 follow it alike.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
-of two truncated positions. The robot's accumulator therefore never drifts from the hand by more
-than a micrometre.
+of two truncated positions. The robot's accumulator never drifts from the hand by more than 1 um.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import at_once, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
@@ -28,7 +24,7 @@ from ravenjax.robots.raven2.geometry.mapping import (
     quat_from_matrix,
     quat_mul,
 )
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 
 
 @describe_fields
@@ -40,13 +36,10 @@ class OperatorParams:
     start_position: PerArm[Vec]
     start_quat: PerArm[Vec]  # x, y, z, w
     start_grasp: PerArm[Scalar]
-    # parameters of a user's file in place of the operator, under `hands`
-    own: Any = None
+    own: Any = None  # parameters of a user's file in place of the operator, under `hands`
 
 
-def params(
-    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
-) -> OperatorParams:
+def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> OperatorParams:
     """Return the parameters of a motion that starts in `start_jpos`.
 
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
@@ -57,9 +50,9 @@ def params(
         )
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
-        scale=scale,
+        scale=NOMINAL_SCALE,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
-        start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
+        start_quat=tuple(quat.map(float) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
         own=None if setup.hands is None else part.part_parameters((setup.hands,)),
     )
@@ -78,8 +71,7 @@ class MotionRow:
 def look_up_row(table: tuple[Any, ...], k: Scalar) -> MotionRow:
     """Return row `k` of a motion; `k` is clamped to the first and last row.
 
-    table: the columns of `Motion.table()`, each a 1-D array. This is the only indexing in the whole
-    tick.
+    table: the columns of `Motion.table()`, each a 1-D array. The tick has no other indexing.
     """
     k = jnp.minimum(jnp.maximum(as_int(k), 0), table[0].shape[0] - 1)
     values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
@@ -121,13 +113,17 @@ PLAN = Deviation()
 
 def at_plan(setup: RavenSetup) -> HandOffsets:
     """Return hands without an offset from the plan."""
-    still = per_arm(setup, lambda *_: Vec.full(3, cast_to_real(setup, 0.0)))
+    still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
     return HandOffsets(still, still)
 
 
 def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
     """Return the hands after a motion beyond the plan, um before scaling, axes of an ITP packet."""
-    return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
+    return replace(hands, offset=_sums(hands.offset, motion))
+
+
+def _sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(a + b for a, b in zip(values, more, strict=True))
 
 
 def with_tip_motion(
@@ -156,10 +152,8 @@ class PacketTiming:
     """A packet, and the rows of the motion from which it is made."""
 
     index: Scalar  # int32
-    # int32, row of the motion with the state of the hands when it is made
-    row: Scalar
-    # int32, row of the packet before it, from which increments count
-    before: Scalar
+    row: Scalar  # int32, row of the motion with the state of the hands when it is made
+    before: Scalar  # int32, row of the packet before it, from which increments count
 
 
 def row_by_row(index: Scalar) -> PacketTiming:
@@ -181,62 +175,54 @@ def make_packet(
     motion, so that the surgeon can reposition the hands.
     """
 
-    def sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(a + b for a, b in zip(values, more, strict=True))
-
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
         row = look_up_row(motion, index if lag is None else index - lag)
-        return replace(row, position=sums(row.position, offset)) if offset else row
+        return replace(row, position=_sums(row.position, offset)) if offset else row
 
     row = row_at(timing.row, deviation.lag, hands.offset)
     row_before = row_at(timing.before, deviation.lag_before, hands.offset_before)
     if deviation.grasp is not None and deviation.grasp_before is not None:
-        row = replace(row, grasp=sums(row.grasp, deviation.grasp))
-        row_before = replace(row_before, grasp=sums(row_before.grasp, deviation.grasp_before))
+        row = replace(row, grasp=_sums(row.grasp, deviation.grasp))
+        row_before = replace(row_before, grasp=_sums(row_before.grasp, deviation.grasp_before))
     if deviation.lifted is not None:
         row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
     row, row_before, params = cast_to_real(setup, (row, row_before, replace(params, own=None)))
-    form = _absolute if setup.console == "absolute" else _increment
-    motion = per_arm(setup, lambda i, arm: form(i, arm, params, row, row_before, pedal))
+
+    def increment(i: int, _: str) -> tuple[Vec, Vec, Scalar]:
+        """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
+        delta = (row.position[i] * params.scale).map(to_int32) - (
+            row_before.position[i] * params.scale
+        ).map(to_int32)
+        x, y, z, w = row_before.quat[i]
+        turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
+        length = jnp.sqrt(sum(c * c for c in turn))
+        still = (0.0, 0.0, 0.0, 1.0)
+        return (
+            delta.map(lambda d: jnp.where(pedal, d, 0)),
+            turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
+            jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(row_before.grasp[i]), 0),
+        )
+
+    def absolute(i: int, arm: str) -> tuple[Vec, Vec, Scalar]:
+        """Return pose and jaw opening in frame 0 (raven2_sim `Real_Packet_Generator.py`)."""
+        position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
+        x, y, z, w = row.quat[i]
+        turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
+        return (
+            position.map(to_int32),
+            quat_mul(turn, params.start_quat[i]),
+            to_int32(params.start_grasp[i] - row.grasp[i]),
+        )
+
+    moves = per_arm(setup, absolute if setup.console == "absolute" else increment)
+    delta, quat, grasp = zip(*moves, strict=True)
     return Packet(
         received=jnp.int32(1),
         size=jnp.int32(SIZE_BYTES[setup.console]),
         sequence=as_int(sequence),
-        delta=tuple(delta for delta, _, _ in motion),
-        quat=tuple(quat for _, quat, _ in motion),
-        grasp=tuple(grasp for _, _, grasp in motion),
+        delta=delta,
+        quat=quat,
+        grasp=grasp,
         surgeon_mode=as_int(pedal),
-    )
-
-
-def _increment(
-    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
-) -> tuple[Vec, Vec, Scalar]:
-    """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
-    delta = (row.position[i] * params.scale).map(to_int32) - (
-        before.position[i] * params.scale
-    ).map(to_int32)
-    x, y, z, w = before.quat[i]
-    turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
-    length = jnp.sqrt(sum(c * c for c in turn))
-    still = (0.0, 0.0, 0.0, 1.0)
-    return (
-        delta.map(lambda d: jnp.where(pedal, d, 0)),
-        turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
-        jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(before.grasp[i]), 0),
-    )
-
-
-def _absolute(
-    i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
-) -> tuple[Vec, Vec, Scalar]:
-    """Return desired pose in frame 0 and jaw opening (raven2_sim `Real_Packet_Generator.py`)."""
-    position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
-    x, y, z, w = row.quat[i]
-    turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
-    return (
-        position.map(to_int32),
-        quat_mul(turn, params.start_quat[i]),
-        to_int32(params.start_grasp[i] - row.grasp[i]),
     )

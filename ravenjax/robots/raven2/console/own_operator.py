@@ -4,23 +4,20 @@ The plan is the motion that a campaign names. docs/how-to/own-operator.md lists 
 in each millisecond, and the keys delta, grasp, pedal and pace that it may return. A hand that moves
 otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
 the file reverses it. Robot and nominal model follow it alike. The hand's rotation is the plan's. A
-file returns the same keys in all milliseconds. A key that it does not return, or returns unchanged,
-costs nothing.
+file returns the same keys in all milliseconds. A key that it leaves out or unchanged costs nothing.
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import haptics
 
 
@@ -31,8 +28,7 @@ class ScreenView:
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, tip of the nominal model
     pull: Vec  # 3 device units, force of the first haptic set
-    # device units, magnitude of that force; above 0 the cue is shown
-    force: Scalar
+    force: Scalar  # device units, magnitude of that force; above 0 the cue is shown
 
 
 @record
@@ -62,8 +58,7 @@ class OwnOperatorState:
     runlevel: Scalar  # int32
     pace: OwnPace | None
     grasp: OwnGrasp | None
-    # bool, the file had the foot off the pedal in the newest packet
-    lifted: Scalar | None
+    lifted: Scalar | None  # bool, the file had the foot off the pedal in the newest packet
 
 
 class PlanMoment(NamedTuple):
@@ -83,28 +78,26 @@ def init(
 ) -> OwnOperatorState:
     """Return the state of hands on the plan, in front of a robot at rest.
 
-    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as everything that runs the
-    file.
+    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError for mistakes in the file.
     """
     assert setup.hands is not None
     models = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
-    none, still, zero = (
-        cast_to_real(setup, 0.0),
-        cast_to_real(setup, Vec.full(3, 0.0)),
-        jnp.int32(0),
-    )
-    screen = _screen(setup, tips, models, [(still, none)] * len(tips))
-    own = part.load_part(setup.hands).init(params.own.hands, setup.precision.real)
-    plan = tuple((still, none, still) for _ in screen)
-    _, keys = _stepped(
-        setup, params, own, zero, jnp.int32(runlevel), jnp.bool_(False), plan, screen
-    )
-    return OwnOperatorState(
-        own=own,
-        screen=screen,
+    none, still = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
+    zero = jnp.int32(0)
+    state = OwnOperatorState(
+        own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
+        screen=_screen(setup, tips, models, [(still, none)] * len(tips)),
         runlevel=jnp.int32(runlevel),
+        pace=None,
+        grasp=None,
+        lifted=None,
+    )
+    plan = for_each_arm(setup, (still, none, still))
+    _, keys = _stepped(setup, params, state, zero, jnp.bool_(False), plan)
+    return replace(
+        state,
         pace=OwnPace(none, zero, zero, zero) if "pace" in keys else None,
-        grasp=OwnGrasp((none,) * len(tips), (none,) * len(tips)) if "grasp" in keys else None,
+        grasp=OwnGrasp(*(for_each_arm(setup, none),) * 2) if "grasp" in keys else None,
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
 
@@ -135,10 +128,8 @@ def act_as_file(
         return delta, grasp, hands.offset[i]
 
     plan = per_arm(setup, planned)
-    own, will = _stepped(
-        setup, params, state.own, tick, state.runlevel, now.surgeon_mode > 0, plan, state.screen
-    )
-    state, how = replace(state, own=own), operator.PLAN
+    after, will = _stepped(setup, params, state, tick, now.surgeon_mode > 0, plan)
+    state, how = replace(state, own=after), operator.PLAN
     if "delta" in will:
         hands = operator.with_stray_motion(
             hands,
@@ -155,7 +146,17 @@ def act_as_file(
         how, state = how._replace(lifted=lifted), replace(state, lifted=lifted)
     if pace is not None:
         how = how._replace(lag=jnp.where(fresh, pace.lag, pace.sent), lag_before=pace.sent)
-        state = replace(state, pace=_slowed(pace, will["pace"], moment.goes_on, fresh))
+        share = will["pace"]
+        share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
+        behind = pace.part + jnp.where(moment.goes_on, 1.0 - share, 0.0)
+        rows = as_int(behind)
+        new_pace = OwnPace(
+            part=behind - lax.convert_element_type(rows, behind.dtype),
+            lag=pace.lag + rows,
+            before=jnp.where(moment.goes_on, pace.lag, pace.before),
+            sent=jnp.where(fresh, pace.lag, pace.sent),
+        )
+        state = replace(state, pace=new_pace)
     return state, hands, how
 
 
@@ -192,31 +193,19 @@ def _screen(
 def _stepped(
     setup: RavenSetup,
     params: operator.OperatorParams,
-    own: Any,
+    state: OwnOperatorState,
     tick: Scalar,
-    runlevel: Scalar,
     pedal: Scalar,
     plan: PerArm[tuple[Vec, Scalar, Vec]],
-    screen: PerArm[ScreenView],
 ) -> tuple[Any, ...]:
-    """Return the file's new state, and the other values that it returns. plan: motion (um), closing
-    (mrad) and offset (um) of each hand.
-    """
+    """Return the file's new state and its other values. plan: um, mrad and um of each hand."""
     assert setup.hands is not None
     arms = tuple(
         View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(shown)})
-        for (delta, grasp, offset), shown in zip(plan, screen, strict=True)
+        for (delta, grasp, offset), shown in zip(plan, state.screen, strict=True)
     )
-    view = View(
-        "the operator",
-        {
-            "tick": tick,
-            "runlevel": runlevel,
-            "pedal": pedal,
-            "scale": cast_to_real(setup, params.scale),
-            "arms": arms,
-        },
-    )
+    scale = cast_to_real(setup, params.scale)
+    seen = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
     each = f"a tuple of {len(arms)}, one for each arm"
     like = {
         "delta": InPlace(tuple(arm.delta for arm in arms), f"{each}: a Vec of 3 numbers, um"),
@@ -225,17 +214,9 @@ def _stepped(
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
     return part.load_part(setup.hands).step(
-        params.own.hands, own, view, setup.precision.real, hands=like
-    )
-
-
-def _slowed(pace: OwnPace, share: Scalar, goes_on: Scalar, fresh: Scalar) -> OwnPace:
-    share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
-    behind = pace.part + jnp.where(goes_on, 1.0 - share, 0.0)
-    rows = as_int(behind)
-    return OwnPace(
-        part=behind - lax.convert_element_type(rows, behind.dtype),
-        lag=pace.lag + rows,
-        before=jnp.where(goes_on, pace.lag, pace.before),
-        sent=jnp.where(fresh, pace.lag, pace.sent),
+        params.own.hands,
+        state.own,
+        View("the operator", seen),
+        setup.precision.real,
+        hands=like,
     )

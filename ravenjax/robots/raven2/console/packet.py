@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -59,7 +59,7 @@ two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generato
 
 @record
 class Packet:
-    """The packet that the robot receives in one control cycle. Tuples have one entry per arm, gold
+    """The packet that the robot receives in a control cycle. Tuples have one entry per arm, gold
     before green.
 
     `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
@@ -89,20 +89,6 @@ def empty_packet(setup: RavenSetup) -> Packet:
         grasp=tuple(zero for _ in arms),
         surgeon_mode=zero,
     )
-
-
-def encode_packet(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
-    """Return the 124-byte datagram of a packet of increments; an arm that is not in `arms` stays
-    still.
-
-    Its checksum is the sum of mode, increments, buttons and sequence, wrapped to int32.
-    """
-    fields = np.zeros((), U_STRUCT)
-    fill_fields(fields, packet, arms)
-    summed = ("surgeon_mode", "sequence", "delx", "dely", "delz", "buttonstate")
-    total = sum(int(fields[name].sum(dtype="i8")) for name in summed)
-    fields["checksum"] = (total + 2**31) % 2**32 - 2**31
-    return fields.tobytes()
 
 
 def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:

@@ -23,10 +23,8 @@ class ProfileTable(BaseModel):
 class SentPosition(ProfileTable):
     """[position]: delx, dely, delz, the increment of the tip about the ITP axes."""
 
-    # Unit of one step
-    unit: Length = "um"
-    # Factor for increments
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
+    unit: Length = "um"  # Unit of one step
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for increments
 
     @property
     def um(self) -> float:
@@ -40,10 +38,8 @@ class SentOrientation(ProfileTable):
     # increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation
     # vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion
     form: Literal["increments", "vector", "quaternion"] = "increments"
-    # Unit of a vector's length; quaternions have none
-    unit: Angle = "rad"
-    # Factor for a vector
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
+    unit: Angle = "rad"  # Unit of a vector's length; quaternions have none
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for a vector
 
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
@@ -64,16 +60,11 @@ class SentJaw(ProfileTable):
 
     # increments: since the last packet; positions: where the console's jaw is
     form: Literal["increments", "positions"] = "increments"
-    # Unit of one step
-    unit: Angle = "mrad"
-    # Factor for values
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)
-    # Direction of values while the jaw closes
-    closes: Literal["rising", "falling"] = "rising"
-    # Lower bound of positions, scaled; smaller values are refused
-    lowest_mrad: float = -math.inf
-    # Upper bound of positions, scaled; larger values are refused
-    highest_mrad: float = math.inf
+    unit: Angle = "mrad"  # Unit of one step
+    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for values
+    closes: Literal["rising", "falling"] = "rising"  # Direction of values while the jaw closes
+    lowest_mrad: float = -math.inf  # Lower bound of positions, scaled; smaller values are refused
+    highest_mrad: float = math.inf  # Upper bound of positions, scaled; larger values are refused
 
     @model_validator(mode="after")
     def _positions_have_a_range(self) -> SentJaw:
@@ -102,8 +93,7 @@ class SentStream(ProfileTable):
     rate_hz: float = Field(default=1000.0, gt=0.0, le=20_000.0)
     # Packets that are added up in one millisecond; further ones wait, in their order, for the next
     per_tick: int = Field(default=4, ge=1, le=32)
-    # Whether the checksum must be right
-    checksum: bool = True
+    checksum: bool = True  # Whether the checksum must be right
     # Content of the buttons: anything, or the same as grasp, which then must be so
     buttonstate: Literal["free", "jaw"] = "free"
 
@@ -111,12 +101,9 @@ class SentStream(ProfileTable):
 class LargestSteps(ProfileTable):
     """[largest]: largest motions that one packet may ask for. The robot has no such bounds."""
 
-    # Displacement, um
-    step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)
-    # Rotation, rad
-    turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)
-    # Motion of the jaw, mrad
-    jaw_mrad: float = Field(default=200.0, gt=0.0, le=200.0)
+    step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)  # Displacement, um
+    turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)  # Rotation, rad
+    jaw_mrad: float = Field(default=200.0, gt=0.0, le=200.0)  # Motion of the jaw, mrad
 
 
 class ConsoleProfile(ProfileTable):

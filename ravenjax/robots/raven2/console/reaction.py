@@ -1,5 +1,4 @@
-"""Models an operator who reacts to the haptic cue after a delay: releases the pedal, slows down, or
-corrects.
+"""Models an operator who releases the pedal, slows down or corrects, some time after the cue.
 
 The operator feels the first haptic set. The resulting motion of the hands goes into the console's
 packets, and so to the robot and to the nominal model alike. Action `none` ignores the cue, for
@@ -12,10 +11,10 @@ pairs of runs: the same fault, with the cue and without.
   beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
   most.
 
-No source measured the following on this robot, so it is *assumed* (docs/explanation/hand.md has
-sources of reaction times): the action follows the first pull after 0.25 s, and a correction by eye
-has a time constant of 0.2 s. A packet that the network delays carries the hands' motion at the time
-when it was made, except a correction, which is the present one.
+No source measured reactions on this robot. It is *assumed* that the action follows the first pull
+after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md
+has sources of reaction times). A packet that the network delays carries the hands' motion at the
+time when it was made, except a correction, which is the present one.
 """
 
 from functools import reduce
@@ -23,14 +22,11 @@ from operator import or_
 
 import numpy as np
 
-from ravenjax.numbers.algebra import dot
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers import describe_fields, jnp, lax, per_arm
+from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.operator import Deviation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
@@ -67,15 +63,14 @@ class OperatorSenses:
     force: PerArm[Scalar]  # device units, of the first haptic set
     tip: PerArm[Vec]  # m, true tip
     model_tip: PerArm[Vec]  # m, tip of the nominal model
-    # m, frame 0, tip motion beyond the plan that the hands asked for, the same for robot and model
-    off_plan: PerArm[Vec]
+    off_plan: PerArm[Vec]  # m, frame 0, tip motion that the hands asked for beyond the plan
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
 
-def init(setup: RavenSetup) -> ReactionState:
+def init() -> ReactionState:
     """Return the state before any pull."""
-    return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
+    return ReactionState(*(jnp.int32(-1),) * 3)
 
 
 def react_to_cue(
@@ -116,14 +111,13 @@ def feel_cue(
     noticed = reduce(or_, (force > params.felt_force for force in felt.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
 
-    def corrected(i: int) -> Vec:
+    def corrected(i: int, _: ArmName) -> Vec:
         wanted = felt.model_tip[i] - felt.off_plan[i] - felt.tip[i]
-        distance = jnp.sqrt(dot(wanted, wanted))
+        distance = norm(wanted)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
         share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
         return wanted * share
 
     first = noticed & felt.pedal_down & (state.felt < 0)
-    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(
-        setup, lambda i, _: corrected(i)
-    )
+    state = replace(state, felt=jnp.where(first, felt.tick, state.felt))
+    return state, per_arm(setup, corrected)

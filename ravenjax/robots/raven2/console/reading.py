@@ -1,5 +1,4 @@
-"""Reads packets under a profile: the fields of a datagram become increments of the tips, or a
-broken rule.
+"""Reads packets under a profile: fields become increments of the tips, or a broken rule.
 
 Positions, of jaws or of a hand's orientation, are differenced from one packet to the next. Motion
 before a console's stream began, or while packets were lost, therefore moves nothing. Neither do
@@ -11,7 +10,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
@@ -53,8 +52,7 @@ class _Hand(NamedTuple):
 
     jaw: int | None  # value of the jaw
     quat: Quat | None  # orientation, a unit quaternion
-    # um (3) and mrad that rounding to whole numbers left over
-    left: tuple[float, ...]
+    left: tuple[float, ...]  # um (3) and mrad that rounding to whole numbers left over
 
 
 _NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
@@ -84,8 +82,7 @@ class PacketReader:
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
         """Return what a packet's fields (of `FIELDS`) ask for. It changes no state until `follow`.
 
-        joined: the packet directly follows the last one of the stream; else only its own content is
-        judged.
+        joined: the packet follows the last one of the stream; else its content alone is judged.
         """
         self._next = self._hands
         profile = self.profile

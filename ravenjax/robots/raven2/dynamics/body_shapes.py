@@ -1,8 +1,6 @@
-"""Extracts bodies of the MuJoCo model for drawing: which bodies move, their shapes and their
-appearance.
+"""Extracts bodies of the MuJoCo model for drawing: which move, their shapes, their appearance.
 
-mjviser and trimesh are imported only when shapes are made: the import takes a second, and pages
-cache the shapes.
+mjviser and trimesh are imported only when shapes are made, because the import takes a second.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -22,9 +20,7 @@ if TYPE_CHECKING:
     import trimesh
 
 NO_COLOUR = 0.5
-"""The value that MuJoCo gives to a geom without a colour; the colour of its material is
-used then.
-"""
+"""What MuJoCo gives to a geom without a colour, which has the colour of its material."""
 CREASE = math.radians(35.0)
 """Faces that meet at a smaller angle are drawn as one smooth surface, rad."""
 
@@ -75,9 +71,7 @@ def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
 
 
 def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
-    """Return the body's shapes in its frame, m, as binary glTF with one mesh for each
-    appearance.
-    """
+    """Return a body's shapes in its frame, m, as binary glTF, one mesh for each appearance."""
     import trimesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial

@@ -23,8 +23,7 @@ _CAMERAS = {
     "front": ((0.0, 0.0, 0.37), 1.2),
     "closeup": ((0.0, 0.0, 0.198), 1.0),
 }
-"""For each camera, the point about which it turns, m, and how much farther away it is than in the
-model.
+"""For each camera, the point about which it turns, m, and its distance by that in the model.
 
 The distance is larger because a window is narrower than the model's picture.
 """

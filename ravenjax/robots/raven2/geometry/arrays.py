@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.errors import UserError, describe_unknown_name
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec, at_once
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
 from ravenjax.robots.raven2.geometry.joints import Pose

@@ -4,11 +4,8 @@
 meet in one point. Here every link may have its own twist and length. Convention as in `joints`.
 """
 
-from ravenjax.numbers import trigonometry
+from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, trigonometry
 from ravenjax.numbers.algebra import add, mul, sub
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LINK12, LINK23, LW, PI
 
 

@@ -7,8 +7,7 @@ origin of its frame, which depends on d3.
 
 from typing import NamedTuple
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
 

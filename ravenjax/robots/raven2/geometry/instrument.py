@@ -1,19 +1,15 @@
-"""Parts of an instrument that can touch something, and their motion: two jaw tips, shaft, wrist and
-jaws.
+"""Parts of an instrument that can touch something: two jaw tips, shaft, wrist and jaws.
 
 Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so no link has a kinematic error.
-Columns of a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python
-numbers.
+Columns of a Jacobian are the seven joints of `arms.JOINTS`; structural zeros are Python numbers.
 """
 
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import add, cross, dot, mul, scale
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LW, jaw_yaw
-from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 
 # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
 JAW_LENGTH = 0.020
@@ -28,8 +24,7 @@ class InstrumentPoint(NamedTuple):
     """A point of an instrument, and its velocity per joint."""
 
     at: Vec  # 3, m
-    # 7 of 3: velocity of the point (m/s) per unit speed of each joint
-    columns: tuple[Vec, ...]
+    columns: tuple[Vec, ...]  # 7 of 3: velocity of the point (m/s) per unit speed of each joint
 
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
@@ -49,7 +44,7 @@ class InstrumentPoint(NamedTuple):
 class InstrumentLine(NamedTuple):
     """An instrument as two straight pieces: from remote centre to wrist to where the jaws close."""
 
-    chain: ChainAxes
+    chain: kinematics.ChainAxes
     wrist: Vec  # m
     end: Vec  # m, point where the jaws close
     turn: Vec  # m/rad, motion of the end per yaw of the jaws
@@ -77,7 +72,7 @@ def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> Instru
 
 
 def _jaw_tip(
-    arm: str, chain: ChainAxes, angle: Scalar, sense: float, joint: int
+    arm: str, chain: kinematics.ChainAxes, angle: Scalar, sense: float, joint: int
 ) -> InstrumentPoint:
     way, turn = _jaw(chain, mul(sense, angle))
     at = chain.tip + way
@@ -86,13 +81,13 @@ def _jaw_tip(
     return InstrumentPoint(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
 
 
-def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
+def _jaw(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
     """Return the vector from jaw axis to jaw tip (m) at `angle` (rad), and its rate (m/rad)."""
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
-def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
+def _shared(arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
     """Return the columns of joints 1-5 for a point. from_wrist: from the wrist axis to it, m."""
     flip = GEOMETRY[arm].flip
     return (

@@ -2,16 +2,14 @@
 
 Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad).
 Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`.
-Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on
-the jaw axis.
+Frames 0 to 3 of an arm share their origin, the remote centre. Frame 6 is on the jaw axis.
 """
 
 import math
 from typing import NamedTuple
 
-from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers import Scalar, Vec, jnp, record
 from ravenjax.numbers.trigonometry import cos, sin
-from ravenjax.numbers.vec import Scalar, Vec, record
 
 PI = math.pi
 LINK12 = math.radians(75.0)  # rad, La12: shoulder axis to elbow axis

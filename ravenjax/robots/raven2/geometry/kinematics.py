@@ -20,9 +20,8 @@ bend.
 
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, replace, where
 from ravenjax.numbers.algebra import cross, dot
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, as_int, if_rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
     GEOMETRY,
@@ -150,12 +149,9 @@ class IK:
     """The result of the inverse kinematics of one arm."""
 
     jpos: Vec  # 7, rad and m, without joint limits; meaningless if rejected
-    # rad, theta6 of the solution, from which the jaws in jpos follow
-    yaw: Scalar
+    yaw: Scalar  # rad, theta6 of the solution, from which the jaws in jpos follow
     cost: Scalar  # rad^2, squared distance of the solution from the measured joints
-    # int32: 0 taken, -1 rejected (hold the last jpos_d), -2 taken with the wrist at the remote
-    # centre
-    status: Scalar
+    status: Scalar  # int32: 0 taken, -1 rejected, -2 taken with the wrist at the remote centre
 
 
 @record
@@ -174,24 +170,19 @@ class _Reach:
 
     axis: Vec  # 2, x and y of the insertion axis, toward the wrist
     bend: Vec  # 2, cos and sin of theta2 of bend 0; theta2 is negated for bend 1
-    # 2, parts along e and m of the direction to which theta4 turns
-    roll: Vec
+    roll: Vec  # 2, parts along e and m of the direction to which theta4 turns
     d3: Scalar  # m
     theta5: Scalar  # rad
     theta6: Scalar  # rad
     valid: Scalar  # truth value
 
 
-def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
-    """Return position and rotation's columns in frame 0 without its turn alpha0."""
-    (x, y, z), columns = pose.position, tuple(zip(*pose.rotation, strict=True))
-    if GEOMETRY[arm].flip > 0:
-        return Vec((x, y, z)), Vec(Vec(column) for column in columns)
-    return Vec((x, -y, -z)), Vec(Vec((a, -b, -c)) for a, b, c in columns)
-
-
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
-    position, (x6, y6, z6) = _normalised(arm, pose)
+    columns = pose.position, *zip(*pose.rotation, strict=True)
+    if GEOMETRY[arm].flip > 0:
+        position, x6, y6, z6 = map(Vec, columns)
+    else:  # without the turn alpha0 of frame 0
+        position, x6, y6, z6 = (Vec((a, -b, -c)) for a, b, c in columns)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
     # from the jaw axis toward the remote centre, in frame 6
@@ -209,16 +200,11 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Return both bends, with the insertion axis from the wrist (depth 0) or to it (1)."""
+    """Return both bends, with the insertion axis from the wrist (depth False) or to it."""
     x6, y6, z6 = axes
-    if isinstance(depth, int):
-        toward, distance = (
-            (wrist.direction, wrist.insertion) if depth else (-wrist.direction, -wrist.insertion)
-        )
-    else:
-        toward, distance = where(
-            depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
-        )
+    toward, distance = where(
+        depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
+    )
     cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * geometry.cos23 / (GM1 * GM3)
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
@@ -252,8 +238,8 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     )
 
 
-def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
-    """Return theta1, theta2 and theta4 (rad) of both bends."""
+def _bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
+    """Return both bends."""
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
     alpha, beta = (
@@ -262,10 +248,15 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
     )
     fa, ea, fb, eb = part_m * alpha, part_e * alpha, part_m * beta, part_e * beta
     theta2 = jnp.atan2(s2, c2)
-    return (
-        Vec((jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa))),
-        Vec((jnp.atan2(b2 * x - b1 * y, -(b1 * x + b2 * y)), -theta2, jnp.atan2(fb - ea, eb + fa))),
+    bends = (
+        (jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa)),
+        (jnp.atan2(b2 * x - b1 * y, -(b1 * x + b2 * y)), -theta2, jnp.atan2(fb - ea, eb + fa)),
     )
+    first, second = (
+        Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6)
+        for theta1, theta2, theta4 in bends
+    )
+    return first, second
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
@@ -273,11 +264,11 @@ def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     return tuple(
-        (Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6), reach.valid)
+        (theta, reach.valid)
         for wrist in wrists
-        for depth in (0, 1)
+        for depth in (False, True)
         for reach in [_reach(geometry, wrist, axes, depth)]
-        for theta1, theta2, theta4 in _bends(geometry, reach)
+        for theta in _bends(geometry, reach)
     )
 
 
@@ -310,21 +301,18 @@ def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
             gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
         )
 
-    def bend_cost(theta1: Scalar, theta2: Scalar, theta4: Scalar) -> Scalar:
+    def bend_cost(theta: Theta) -> Scalar:
         return (
-            _square(measured.theta1 - theta1)
-            + _square(measured.theta2 - theta2)
-            + _square(measured.theta4 - theta4)
+            _square(measured.theta1 - theta.theta1)
+            + _square(measured.theta2 - theta.theta2)
+            + _square(measured.theta4 - theta.theta4)
         )
 
-    bends = tuple(
-        (theta1, theta2, turned(theta4)) for theta1, theta2, theta4 in _bends(geometry, reach)
-    )
-    first, second = (bend_cost(*bend) for bend in bends)
-    theta1, theta2, theta4 = where(second < first, bends[1], bends[0])
+    bends = tuple(replace(theta, theta4=turned(theta.theta4)) for theta in _bends(geometry, reach))
+    first, second = map(bend_cost, bends)
+    theta = where(second < first, bends[1], bends[0])
     cost = jnp.minimum(first, second) + _common_cost(measured, reach)
     counts = reach.valid & (cost < NO_SOLUTION_COST)  # never true of NaN
-    theta = Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6)
     return _Choice(theta, jnp.where(counts, cost, NO_SOLUTION_COST))
 
 
@@ -336,20 +324,18 @@ def _nearest_of_all(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> _Choice:
     def of_side(wrist: _Wrist) -> _Choice:
-        reaches = (_reach(geometry, wrist, axes, depth) for depth in (0, 1))
+        reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))
 
-    return _nearest(of_side(wrists[0]), of_side(wrists[1]))
+    return _nearest(*map(of_side, wrists))
 
 
 def _likely(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """Return the likely nearest solution, and a lower bound of the cost of other sides and depths,
-    rad^2.
+    """Return the likely nearest solution, and a lower bound (or NaN) of the cost of the others.
 
-    The bound may be NaN. The function looks at the depth of each side that is nearer to the
-    measured d3, and takes the side whose wrist and yaw are nearer.
+    Of each side it takes the depth nearer to the measured d3; then the side with nearer angles.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
@@ -358,25 +344,25 @@ def _likely(
         )
         return _reach(geometry, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
 
-    (zero, farther_zero), (one, farther_one) = (nearer_depth(wrist) for wrist in wrists)
-    cost_zero, cost_one = (
-        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST)
-        for reach in (zero, one)
+    reaches, farther = zip(*map(nearer_depth, wrists), strict=True)
+    cost0, cost1 = (
+        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST) for reach in reaches
     )
-    other = jnp.maximum(cost_zero, cost_one)
-    likely = _nearer_bend(geometry, measured, where(cost_one < cost_zero, one, zero))
-    return likely, jnp.minimum(other, jnp.minimum(farther_zero, farther_one))
+    other = jnp.maximum(cost0, cost1)
+    likely = _nearer_bend(geometry, measured, where(cost1 < cost0, reaches[1], reaches[0]))
+    return likely, jnp.minimum(other, jnp.minimum(*farther))
 
 
-def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
+def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
     """Return what the original selects if a wrist is within Lw of the remote centre.
 
     The original stops after the insertions of the sides before, with all angles still zero, and
     takes the other side as valid. On side 0 d3 is known by then; on side 1 it is also zero.
+    insertion: of side 0, m.
     """
-    shallow, deep = -D4 - insertions[0], -D4 + insertions[0]
+    shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
-    d3 = jnp.where(insertions[0] <= LW, 0.0, nearer)
+    d3 = jnp.where(insertion <= LW, 0.0, nearer)
     angles = (measured.theta1, measured.theta2, measured.theta4, measured.theta5, measured.theta6)
     cost = sum((_square(angle) for angle in angles[1:]), _square(angles[0]))
     zero = jnp.zeros_like(d3)
@@ -388,13 +374,11 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     """Return the joints that bring the jaw axis to `pose`, nearest to the measured `jpos_ref` (7).
 
     grasp_rad: opening of the jaws, rad. A roll more than 300 deg from the measured one is shifted
-    by a turn; otherwise the distance is used unchanged. Never raises: see `IK.status`. A pose with
-    NaN is rejected.
+    by a turn; otherwise the distance is used unchanged. A pose with NaN is rejected (`IK.status`).
     """
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
-    insertions = (wrists[0].insertion, wrists[1].insertion)
 
     # The solution of least cost is nearly always found without computing the others, because a
     # lower bound of their costs is known.
@@ -402,8 +386,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     nearest = if_rarely(
         ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual
     )
-    singular = (insertions[0] <= LW) | (insertions[1] <= LW)
-    choice = where(singular, _leftover(measured, insertions), nearest)
+    singular = (wrists[0].insertion <= LW) | (wrists[1].insertion <= LW)
+    choice = where(singular, _leftover(measured, wrists[0].insertion), nearest)
     reachable = choice.cost <= COST_LIMIT
     status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
     return IK(

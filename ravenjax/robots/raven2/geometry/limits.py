@@ -7,7 +7,7 @@ original stores every joint limit as float32: round the limits if that matters.
 import math
 from typing import NamedTuple
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 _DEG = math.pi / 180.0
@@ -34,11 +34,9 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 
 
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
-    """Return the limits with `tool`. The original applies those of the gold arm's tool to both
-    arms.
+    """Return the limits with `tool`. The original applies the gold arm's limits to both arms.
 
-    Jaw yaw has only a lower limit, from the range of grasp1. The 2015 fork does not limit it, and
-    fixes the roll limit.
+    Jaw yaw has a lower limit only, from grasp1's range. The fork has none, and fixes the roll's.
     """
     instrument = find_tool(tool)
     fork = software == "fork2015"

@@ -1,13 +1,11 @@
 """Maps the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
 
 Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant
-ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf that
-those use.
+ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf.
 """
 
-from ravenjax.numbers.algebra import dot, matmul, matrix, matvec, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers import Scalar, Vec, jnp
+from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 
 ITP_AXES = {
     "gold": matrix((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
@@ -38,7 +36,7 @@ def quat_from_itp(arm: str, quat: Vec) -> Vec:
     The original computes it from matrices. The result is the same rotation, possibly with the
     opposite sign of all four numbers.
     """
-    inverse_norm = 1.0 / jnp.sqrt(dot(quat, quat))
+    inverse_norm = 1.0 / norm(quat)
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
 
 

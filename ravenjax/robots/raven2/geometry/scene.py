@@ -1,19 +1,16 @@
-"""The operating scene: where the arms are, and how near the tips are to the tissue and to each
-other.
+"""The operating scene: where the arms are, and how near tips are to tissue and to each other.
 
 The world's z axis points up. The arms' frames are read from the model. The tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
-vessel is the trunk that is drawn on it, a ridge of the surface. Its branch and the vein are drawn
-only.
+vessel is the trunk that is drawn on it, a ridge of the surface. Branch and vein are drawn only.
 """
 
 import itertools
 from functools import cache
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matvec, minus, plus, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 
@@ -38,8 +35,7 @@ VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
-    # m, depth of the point below the surface, along the world's z; negative above it
-    depth: Scalar
+    depth: Scalar  # m, depth of the point below the surface, along the world's z; negative above it
     # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0. It points along the normal, with 1
     # along the world's z
     rise: Vec
@@ -49,11 +45,11 @@ class Surface(NamedTuple):
 @cache
 def frame0_in_world(arm: ArmName) -> tuple[Vec, Vec]:
     """Return origin (m) and rotation rows of the arm's frame 0 in the world, as Python numbers."""
-    exact = [
+    exact = Vec(
         Vec(float(round(x)) if abs(x - round(x)) < 1e-12 else x for x in row)
         for row in arm_model.frame_rotation(arm).tolist()
-    ]
-    return Vec(base_pose(arm)[0]), Vec(exact)
+    )
+    return Vec(base_pose(arm)[0]), exact
 
 
 def base_pose(arm: ArmName) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
@@ -76,8 +72,7 @@ def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
 
 
 def tissue_surface(arm: ArmName, point: Vec) -> Surface:
-    """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on
-    it.
+    """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge.
 
     Beside the tissue the surface is 1 m deep. The ridge is height (1 - (d/r)^2)^2 at the distance d
     from the vessel's axis. It is as wide and high as the drawn vessel, without a vertical flank.

@@ -1,12 +1,10 @@
-"""A pose as the control software stores it: whole micrometres, float32 rotation, whole
-milliradians.
+"""A pose as the control software stores it: whole micrometres, float32, whole milliradians.
 
 raven2 `include/DS0.h`: struct position has three int; struct orientation has a float R[3][3] and an
 int grasp.
 """
 
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
-from ravenjax.numbers.vec import Scalar, Vec, record, to_int32
+from ravenjax.numbers import Scalar, Vec, narrow_numbers, record, to_int32, widen_numbers
 from ravenjax.robots.raven2.geometry.kinematics import Pose
 from ravenjax.robots.raven2.setup import RavenSetup
 

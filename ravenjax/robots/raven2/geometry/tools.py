@@ -7,7 +7,7 @@ from typing import Literal
 
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 
 Style = Literal["raven", "dv", "square_raven"]
 

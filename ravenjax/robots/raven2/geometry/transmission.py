@@ -1,5 +1,4 @@
-"""Transmission between motors and joints: ratios, cable coupling, signs, and the torque of a DAC
-count.
+"""Transmission between motors and joints: ratios, coupling, signs, and torque of a DAC count.
 
 Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
 and GB_RATIO as double: round them if that matters. The functions compute in the type of their input
@@ -10,8 +9,8 @@ and follow no particular rounding order. Sources: raven2 `include/raven/defines.
 
 import math
 
+from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, mul, sub
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 GP42 = 49 / 4  # gearbox of shoulder, elbow, insertion
@@ -45,7 +44,7 @@ C01 = 0.14545  # rad/rad, coupling of the shoulder into the elbow
 C02 = 0.0077973826  # m/rad, coupling of the shoulder into the insertion
 C12 = 0.008077387  # m/rad, coupling of the elbow into the insertion
 
-JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict=True))
+JOINT_PER_CAPSTAN_TORQUE = TR / GEARBOX
 """Nm (insertion: N) at the joint per Nm at the capstan, without coupling."""
 
 ENCODER_COUNTS = 4000  # counts per motor turn
@@ -53,13 +52,9 @@ ENCODER_RAD = 2 * math.pi / ENCODER_COUNTS  # rad of motor angle per count
 TORQUE_PER_AMP = Vec((0.0603,) * 3 + (0.0538,) * 4)  # Nm/A at the motor shaft: RE40, RE30
 # DAC counts per A, whole numbers in the original
 COUNTS_PER_AMP = Vec((2730.0,) * 3 + (5461.0,) * 4)
-COUNTS_PER_NM = Vec(
-    c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
-)
+COUNTS_PER_NM = COUNTS_PER_AMP / (TORQUE_PER_AMP * GEARBOX)
 """DAC counts per Nm at the capstan (after the gearbox), unsigned."""
-TORQUE_PER_COUNT = Vec(
-    t * g / c for t, g, c in zip(TORQUE_PER_AMP, GEARBOX, COUNTS_PER_AMP, strict=True)
-)
+TORQUE_PER_COUNT = TORQUE_PER_AMP * GEARBOX / COUNTS_PER_AMP
 """Nm at the capstan per DAC count, unsigned, as the control software has it."""
 CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 """m of cable per rad of each motor."""
@@ -119,15 +114,8 @@ def motor_from_joint(
     turned = mul(kappa, wrist)
     tooling = (roll, wrist, add(grasp1, turned), sub(grasp2, turned))
     signs = coupling_signs(arm, tool, software)
-    return Vec(
-        (
-            *mpos,
-            *(
-                tr * joint + mul(s, carried)
-                for tr, joint, s in zip(TR[3:], tooling, signs, strict=True)
-            ),
-        )
-    )
+    tools = Vec(TR[3:]).map(lambda tr, joint, s: tr * joint + mul(s, carried), tooling, signs)
+    return Vec((*mpos, *tools))
 
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
@@ -137,9 +125,8 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow
     carried = mpos[2] * (1.0 / GB_RATIO)
     signs = coupling_signs(arm, tool, software)
-    roll, wrist, grasp1, grasp2 = (
-        (motor - mul(s, carried)) * (1.0 / tr)
-        for motor, s, tr in zip(mpos[3:], signs, TR[3:], strict=True)
+    roll, wrist, grasp1, grasp2 = Vec(mpos[3:]).map(
+        lambda motor, s, tr: (motor - mul(s, carried)) * (1.0 / tr), signs, TR[3:]
     )
     turned = mul(find_tool(tool).wrist_coupling, wrist)
     return Vec((shoulder, elbow, insertion, roll, wrist, sub(grasp1, turned), add(grasp2, turned)))

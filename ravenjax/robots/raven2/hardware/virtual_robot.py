@@ -22,22 +22,15 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write_row
-from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, per_arm, record, tree
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
-
-BOARDS = 1
-"""Number of boards whose output pins may differ: the control software writes the same to all."""
 
 
 @record
@@ -61,8 +54,7 @@ class RobotInputs:
     """Inputs of the robot in one millisecond."""
 
     dac: PerArm[Vec]  # 7 int32 counts, as written to USB
-    # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
-    output_pins: Scalar
+    output_pins: Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), wave (4)
     estop_button: Scalar  # int32, 1: pressed
     start_button: Scalar  # int32, 1: pressed
 
@@ -94,7 +86,7 @@ def begin_robot(
 ) -> tuple[RobotState, RobotSignals]:
     """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
-    state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
+    state = RobotState(plc.init(setup, level), arms)
     responses = per_arm(
         setup, lambda i, arm: plant.observe_robot(setup, arm, params.arms[i], arms[i])
     )
@@ -107,10 +99,10 @@ def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
     """Compute one millisecond, as in the tick after the USB boards."""
-    buttons = inputs.estop_button != 0, inputs.start_button != 0
-    controller, relays = plc.step(
-        setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons)
+    pressed = plc.PlcSignal(
+        (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
     )
+    controller, relays = plc.step(setup, params.plc, state.plc, pressed)
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(
@@ -118,7 +110,7 @@ def step(
             arm,
             params.arms[i],
             state.arms[i],
-            plant.nominal_signal(inputs.dac[i], relays.brakes),
+            plant.PlantSignal(inputs.dac[i], relays.brakes),
         ),
     )
     after = RobotState(controller, tuple(new for new, _ in moved))
@@ -149,16 +141,17 @@ def _signals(
 def robot_code(setup: RavenSetup) -> TransitionCode:
     """Return the code of a setup: transition "robot" is one millisecond."""
     fixed, zero = plain_numbers(params(setup)), np.int32(0)
-    still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
-    home = per_arm(setup, lambda *_: plain_numbers(HOME_JPOS))
+    still = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
+    home = for_each_arm(setup, plain_numbers(HOME_JPOS))
     with at_once():
         state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
-    shapes = (kinds[name].shapes() for name in ("params", "state", "inputs"))
+    given = [kinds[name] for name in ("params", "state", "inputs")]
+    shapes = (kind.shapes() for kind in given)
     program, _ = traced.trace_function(functools.partial(step, setup), *shapes, functions="library")
-    layouts = (kinds[name].layout for name in ("params", "state", "inputs"))
-    return TransitionCode({"robot": StateTransition(program, *layouts)}, kinds)
+    transition = StateTransition(program, *(kind.layout for kind in given))
+    return TransitionCode({"robot": transition}, kinds)
 
 
 def plain_numbers(record: Any) -> Any:
@@ -209,11 +202,8 @@ class VirtualRobot:
         checked.parse_word("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
-        rest = (
-            [list(HOME_JPOS)] * len(names)
-            if jpos is None
-            else checked.parse_joints("jpos", jpos, len(names))
-        )
+        given = [HOME_JPOS] * len(names) if jpos is None else jpos
+        rest = checked.parse_joints("jpos", given, len(names))
         self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)
@@ -238,11 +228,10 @@ class VirtualRobot:
         """
         counts = checked.parse_counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.parse_whole_number("output_pins", output_pins, 0, 255)
-        buttons = (
-            checked.parse_flag("estop_button", estop_button),
-            checked.parse_flag("start_button", start_button),
-        )
-        write_row(self.code.kinds["inputs"].layout, self._inputs[0], [*counts.flat, pins, *buttons])
+        estop = checked.parse_flag("estop_button", estop_button)
+        start = checked.parse_flag("start_button", start_button)
+        numbers = [*counts.flat, pins, estop, start]
+        write_row(self.code.kinds["inputs"].layout, self._inputs[0], numbers)
         self._step()
         self.reading = self._reading(self.code.kinds["signals"].read(self._out[0]))
         return self.reading

@@ -5,18 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow_numbers, per_arm
+from ravenjax.numbers import for_each_arm, jnp, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.parts import part
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.loop import user_files
-from ravenjax.robots.raven2.loop.user_files import UserFiles
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
     dac,
@@ -61,7 +58,7 @@ class ControlState:
     motor_control: PerArm[motor_control.MotorControlState]
     held_cmd: PerArm[Vec]  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
-    watchdog: watchdog.WatchdogState
+    watchdog: Scalar  # int32, cycles of the watchdog's wave; also counts while the wave is off
 
 
 @record
@@ -71,8 +68,7 @@ class Inputs:
     packet: Packet
     usb: usb.UsbIn
     read_ok: PerArm[Scalar]  # int32, 0: the read from the board failed
-    # In a dynamics-simulator build: motors 1-3 of the model, rad, rad/s
-    simulated: PerArm[tuple[Vec, Vec]] = ()
+    simulated: PerArm[tuple[Vec, Vec]] = ()  # motors 1-3 in a dynamics-simulator build, rad, rad/s
 
 
 @record
@@ -110,8 +106,7 @@ class ControlSignals:
     overdrive: Scalar  # int32 flag: the check raised the soft E-stop in this cycle
     clamped: Scalar  # int32 flag: a joint limit clamped a target
     pins_out: Scalar  # int32 output byte to the PLC
-    # the packet after faults and before the checks; only with Setup.explained
-    packet: Packet | None = None
+    packet: Packet | None = None  # after faults, before the checks; only with Setup.explained
 
 
 def params(setup: RavenSetup) -> ControlParams:
@@ -120,7 +115,7 @@ def params(setup: RavenSetup) -> ControlParams:
     return ControlParams(
         teleoperation.params(setup),
         state_machine.params(setup),
-        per_arm(setup, lambda _, arm: estimator.params(setup, arm)),
+        for_each_arm(setup, estimator.params()),
         cartesian_control.params(setup),
         per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
         overdrive.params(setup),
@@ -131,13 +126,12 @@ def params(setup: RavenSetup) -> ControlParams:
 def init(
     setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
-    """Return a homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and
-    `runlevel`.
+    """Return a homed robot at rest at `jpos` (rad and m, per arm; default: home) and `runlevel`.
 
     raven2 starts in E-stop (0) and waits for the PLC. The 2015 fork starts in pedal-down (3),
     because its simulator builds have no PLC.
     """
-    rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
+    rest = jpos or for_each_arm(setup, HOME_JPOS)
     if runlevel is None:
         runlevel = run_levels.E_STOP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     cartesian = cartesian_control.init(setup, rest)
@@ -148,14 +142,14 @@ def init(
         teleoperation=teleoperation.init(setup, tuple(arm.pos_d for arm in cartesian)),
         usb=read,
         state_machine=state_machine.init(setup, runlevel),
-        estimator=per_arm(setup, lambda *_: estimator.init(setup)),
+        estimator=for_each_arm(setup, estimator.init(setup)),
         cartesian=cartesian,
         motor_control=per_arm(
             setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
         ),
         held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
-        watchdog=watchdog.init(setup),
+        watchdog=np.int32(0),
     )
 
 
@@ -176,7 +170,7 @@ def control_cycle(
     state: ControlState,
     inputs: Inputs,
     inject: Inject = lambda site, signal, present=True: signal,
-    files: UserFiles | None = None,
+    files: user_files.UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
@@ -186,7 +180,7 @@ def control_cycle(
     def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
         return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
 
-    files = files or UserFiles(setup)
+    files = files or user_files.UserFiles(setup)
     received = inputs.packet.received != 0
     packet = inject("packet_header", inject("packet", inputs.packet, received), received)
     files.note(runlevel=state.state_machine.runlevel)
@@ -217,14 +211,18 @@ def control_cycle(
     machine, following = state_machine.advance_sublevel(setup, machine)
     cartesian = cartesian_control.follow_measured(cartesian, following)
 
-    estimates = each(
-        lambda i, arm, tool: estimator.step(
-            setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
-        )
+    estimates, mpos, mvel = zip(
+        *each(
+            lambda i, arm, tool: estimator.step(
+                setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
+            )
+        ),
+        strict=True,
     )
-    measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
-    mpos = inject("mpos", tuple(positions for positions, _ in measured))
-    mvel = inject("mvel", tuple(velocities for _, velocities in measured))
+    if inputs.simulated:
+        mpos, mvel = _simulated(setup, inputs, state, mpos, mvel)
+    mpos = inject("mpos", mpos)
+    mvel = inject("mvel", mvel)
     files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
     mpos = files.check("mpos", mpos)
     jpos = inject(
@@ -281,7 +279,12 @@ def control_cycle(
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
     motors = _changed(motors, tau_d=tau_d)
-    resting = _resting_commands(setup, params, state.held_cmd, active)
+    # Cleared before the conversion, except in the fork's simulators
+    resting = for_each_arm(setup, Vec.full(7, 0))
+    if state.held_cmd:
+        keep = ~active & (params.state_machine.plc_obeyed == 0)
+        held = state.held_cmd
+        resting = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.commands(live, resting)
@@ -341,7 +344,7 @@ def control_cycle(
         teleoperation=teleop,
         usb=read,
         state_machine=machine,
-        estimator=tuple(estimate[0] for estimate in estimates),
+        estimator=estimates,
         cartesian=cartesian,
         motor_control=motors,
         held_cmd=written if setup.software == "fork2015" else (),
@@ -371,35 +374,23 @@ def _struck(
     )
 
 
-def _measured(
-    setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: PerArm[tuple[Vec, Vec]]
-) -> PerArm[tuple[Vec, Vec]]:
-    """Return motor positions and velocities of each arm.
+def _simulated(
+    setup: RavenSetup,
+    inputs: Inputs,
+    state: ControlState,
+    mpos: PerArm[Vec],
+    mvel: PerArm[Vec],
+) -> tuple[PerArm[Vec], PerArm[Vec]]:
+    """Return motor positions and velocities in a dynamics-simulator build.
 
-    They are the estimator's. In a dynamics-simulator build joints 1-3 come unchanged from its
-    model, and the published build assumes the tool joints to be at their targets.
+    Joints 1-3 come unchanged from its model. The published build has tool joints at their targets.
     """
-    if not inputs.simulated:
-        return estimates
-    tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
     if setup.build == "dyn_sim":
-        tools = [
-            (motors.mpos_d[3:], (narrow_numbers(setup, 0.0),) * 4) for motors in state.motor_control
-        ]
-    return tuple(
-        (
-            Vec((*narrow_numbers(setup, mpos), *tool_mpos)),
-            Vec((*narrow_numbers(setup, mvel), *tool_mvel)),
-        )
-        for (mpos, mvel), (tool_mpos, tool_mvel) in zip(inputs.simulated, tools, strict=True)
-    )
-
-
-def _resting_commands(
-    setup: RavenSetup, params: ControlParams, held_cmd: PerArm[Vec], active: Scalar
-) -> PerArm[Vec]:
-    """Return the DAC commands before conversion: cleared, except in the fork's simulators."""
-    if not held_cmd:
-        return per_arm(setup, lambda *_: Vec.full(7, 0))
-    keep = ~active & (params.state_machine.plc_obeyed == 0)
-    return tuple(commands.map(lambda command: jnp.where(keep, command, 0)) for commands in held_cmd)
+        mpos = tuple(motors.mpos_d for motors in state.motor_control)
+        mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
+    rows = [
+        Vec((*narrow_numbers(setup, model), *arm[3:]))
+        for models, arms in zip(inputs.simulated, zip(mpos, mvel, strict=True), strict=True)
+        for model, arm in zip(models, arms, strict=True)
+    ]
+    return tuple(rows[0::2]), tuple(rows[1::2])

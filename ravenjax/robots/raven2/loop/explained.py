@@ -16,9 +16,7 @@ from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import read_channel
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, widen_numbers
-from ravenjax.numbers.vec import Scalar, first_tick, record
+from ravenjax.numbers import Scalar, cast_to_real, first_tick, jnp, lax, record, widen_numbers
 from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
@@ -27,13 +25,8 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 from ravenjax.vocabulary.sites import ARM
 
-DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
-    "differs:",
-    "leaves:",
-    "near:",
-    "golden_near:",
-    "near_ms:",
-)
+DIFFERS, LEAVES = "differs:", "leaves:"
+NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
 """Prefixes of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
 """Outcome: first tick in which any hazard of the motion was beyond its limit; -1: never."""
@@ -43,8 +36,7 @@ HARM = "harm_ms"
 class NumberHistory:
     """History of one number that crosses a seam."""
 
-    # int32, first tick in which it differs from the golden run's; -1: never
-    differs: Scalar
+    differs: Scalar  # int32, first tick in which it differs from the golden run's; -1: never
     # int32, first tick outside its normal range while the golden run's is inside; None: no range
     leaves: Scalar | None
 
@@ -55,8 +47,7 @@ class MarginHistory:
 
     margin: Scalar  # smallest distance to the limit, as in `stages.check`
     golden: Scalar  # smallest distance of the golden run until the same tick
-    # int32, tick of the smallest distance; -1: nothing was measured
-    tick: Scalar
+    tick: Scalar  # int32, tick of the smallest distance; -1: nothing was measured
 
 
 @record
@@ -101,21 +92,22 @@ def advance(
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
     """Compute one tick as `run.advance`, then compare it with the golden run."""
     length = run.series_length(setup)
+    checked = length + len(state.numbers)
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    beside, margins_beside = golden[length : length + len(state.numbers)], golden[length:]
     numbers, carried = [], []
     for history, span, (number, present), other in zip(
-        state.numbers, _spans(setup), crossing_numbers(setup, signals), beside, strict=True
+        state.numbers,
+        _spans(setup),
+        crossing_numbers(setup, signals),
+        golden[length:checked],
+        strict=True,
     ):
         number = jnp.asarray(number)
         floats = number.dtype == jnp.float32
-        bits = (
-            lax.bitcast_convert_type(number, jnp.int32)
-            if floats
-            else lax.convert_element_type(number, jnp.int32)
-        )
+        to_bits = lax.bitcast_convert_type if floats else lax.convert_element_type
+        bits = to_bits(number, jnp.int32)
         there = lax.bitcast_convert_type(other, jnp.int32)
         differs = first_tick(now, (bits != there) & present, history.differs)
         leaves = history.leaves
@@ -128,7 +120,7 @@ def advance(
     for before, check, other in zip(
         state.margins,
         run.check_histories(setup, after).values(),
-        margins_beside[len(numbers) :],
+        golden[checked:],
         strict=True,
     ):
         # A check counts only before the first harm

@@ -8,10 +8,7 @@ from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
-from ravenjax.numbers import paths
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
-from ravenjax.numbers.vec import Scalar, Vec, where
+from ravenjax.numbers import Scalar, Vec, jnp, narrow_numbers, paths, where, widen_numbers
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -36,9 +33,13 @@ class RavenInjector(injection.Injector):
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
             )
             faulty = super().__call__(site, quats, present)
-            return tuple(
-                _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
-            )
+            rotations = []
+            for rotation, quat, struck in zip(signal, quats, faulty, strict=True):
+                # An unchanged one keeps every bit
+                changed = reduce(or_, quat.map(ne, struck))
+                turned = narrow_numbers(self.setup, matrix_from_quat(struck))
+                rotations.append(where(changed, turned, rotation))
+            return tuple(rotations)
         if site == PARAMETER and self.strikes(site):
             return self._strike_parameters(signal)
         return super().__call__(site, signal, present)
@@ -64,20 +65,12 @@ def seeds_network(setup: RavenSetup, what: str) -> bool:
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
     """Return whether a fault on that channel may start a robot that has stopped."""
-    return (
-        site in ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
-        or channel == "pins"
-    )
+    starters = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
+    return site in starters or channel == "pins"
 
 
 ROTATIONS = ("ori", "ori_d")
 """Sites whose signal consists of rotation matrices; faults act on their quaternions."""
-
-
-def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """Return the rotation of a quaternion after faults. An unchanged one keeps every bit."""
-    changed = reduce(or_, quat.map(ne, struck))
-    return where(changed, narrow_numbers(setup, matrix_from_quat(struck)), rotation)
 
 
 @cache

@@ -1,23 +1,18 @@
-"""The part of the tick that observes the robot: nominal model on the clean packet, haptic cue,
-monitor.
+"""The part of the tick that observes the robot: nominal model, haptic cue, monitor.
 
-It is part of every tick. It also runs alone if the robot is elsewhere and only its reports are
-known.
+It is part of every tick. It also runs alone beside a robot of which only reports are known.
 """
 
 from typing import Any, NamedTuple, TypeVar
 
-from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, per_arm, tree
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
 from ravenjax.robots.raven2.plant import nominal
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import haptics, monitor
 
 
@@ -50,8 +45,7 @@ class Seen(NamedTuple):
 
     models: PerArm[nominal.NominalOutput]
     cues: PerArm[haptics.HapticOutput]
-    # m, true tip in frame 0; the reported tip if the true one is unknown
-    tips: PerArm[Vec]
+    tips: PerArm[Vec]  # m, true tip in frame 0; the reported tip if the true one is unknown
     depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
     live: Scalar  # bool
@@ -65,7 +59,7 @@ def init(
         nominal=per_arm(
             setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
         ),
-        haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
+        haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
         monitor=monitor.init(setup, tips, _um(tips)),
     )
 
@@ -80,8 +74,7 @@ def update_model_and_cue(
 ) -> tuple[Observed, Seen]:
     """Compute one tick of the nominal model and of the cue; `update_monitor` follows.
 
-    clean: the newest packet as the console sent it, even if it was changed or lost; fresh: whether
-    it is of this tick.
+    clean: the newest packet as the console sent it; fresh: whether it is of this tick.
     """
 
     def asked(i: int) -> nominal.Clean:
@@ -166,13 +159,12 @@ def golden_reference(
 ) -> monitor.Reference:
     """Return the golden run in this tick.
 
-    As long as the robot equals its golden run, it is the robot itself (true tips, m; measured tips,
-    um).
+    As long as the robot equals its golden run, it is the robot itself. tips: m; pos: um.
     """
     if signal.apart is None:
         return signal.reference
     return tree.map_leaves(
-        lambda golden, own: jnp.where(signal.apart, golden, cast_to_real(setup, own)),
+        lambda golden, robot: jnp.where(signal.apart, golden, cast_to_real(setup, robot)),
         signal.reference,
         monitor.Reference(tips, pos),
     )

@@ -1,5 +1,4 @@
-"""Optional stages of the tick: each is a value in STAGES, and is part of the tick if it is
-`present`.
+"""Optional stages of the tick: each is a value in STAGES, in the tick if it is `present`.
 
 To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and its outcomes are in
 the result table. A run fails if one of the stage's `numbers` is not finite.
@@ -10,10 +9,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import per_arm
+from ravenjax.numbers import for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
@@ -21,7 +18,7 @@ from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
 from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.run_levels import E_STOP
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
 
@@ -29,8 +26,7 @@ from ravenjax.stages import channel, detectors, hand, overload, packet_clock, pa
 class Network:
     """What a fault may do to the newest packet on its way to the robot."""
 
-    # int32, packets; how much older the packet is that is sent instead
-    lag: Scalar
+    lag: Scalar  # int32, packets; how much older the packet is that is sent instead
     delay: Scalar  # int32, packets; delay of a channel that delivers in order
     lost: Scalar  # bool
     bursts: Scalar  # float, seed of the channel's losses; 0: none
@@ -96,19 +92,16 @@ class Stage(NamedTuple):
 
     present: Callable[[RavenSetup], bool]
     init: Callable[[Start], Any]
-    # Before the console makes its packet
-    act: Callable[[Any, Console], Any] = _keep
+    act: Callable[[Any, Console], Any] = _keep  # Before the console makes its packet
     # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
         lambda state, console, network: (state, network)
     )
-    # After the robot has moved
-    watch: Callable[[Any, Sight], Any] = _keep
+    watch: Callable[[Any, Sight], Any] = _keep  # After the robot has moved
     outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
     numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
     moves_hands: bool = False
-    # Before the monitor: a CPU can execute its many independent operations while a long chain waits
-    early: bool = False
+    early: bool = False  # before the monitor: a CPU overlaps its operations with a long chain
 
 
 def find_stages(setup: RavenSetup) -> dict[str, Stage]:
@@ -137,9 +130,7 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
     return clock
 
 
-def _remember_packet(
-    history: packet_history.PacketHistory, console: Console
-) -> packet_history.PacketHistory:
+def _remember_packet(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
@@ -306,7 +297,7 @@ STAGES: dict[str, Stage] = {
     ),
     "reaction": Stage(
         present=lambda setup: setup.reacts,
-        init=lambda start: reaction.init(start.setup),
+        init=lambda start: reaction.init(),
         act=_react,
         watch=_feel,
         outcomes=lambda setup, state: {"reaction_ms": state.acted},
@@ -314,7 +305,7 @@ STAGES: dict[str, Stage] = {
     ),
     "hand": Stage(
         present=lambda setup: setup.hand_yields,
-        init=lambda start: per_arm(start.setup, lambda *_: hand.init(start.setup)),
+        init=lambda start: for_each_arm(start.setup, hand.init(start.setup)),
         watch=_yield,
         outcomes=hand.outcomes,
         moves_hands=True,

@@ -1,14 +1,11 @@
 """Records of the tick: parameters, state, inputs, signals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
 from ravenjax.faults import fault
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, describe_fields, record
 from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
@@ -17,6 +14,24 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
+
+
+@describe_fields
+@record
+class NetworkParams:
+    """Parameters of the channel from console to robot."""
+
+    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
+    packets: Scalar = np.int32(packets.EVERY_CYCLE)  # int32, distribution of vocabulary.packets
+    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
+
+
+@describe_fields
+@record
+class UsbParams:
+    """Parameters of the path from USB board to motor."""
+
+    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
 
 
 @describe_fields
@@ -41,25 +56,6 @@ class TickParams:
     start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
 
 
-@describe_fields
-@record
-class NetworkParams:
-    """Parameters of the channel from console to robot."""
-
-    cycles_per_packet: Scalar = np.int32(1)  # int32; 1: one packet per millisecond
-    # int32, number of a distribution of vocabulary.packets
-    packets: Scalar = np.int32(packets.EVERY_CYCLE)
-    packet_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
-
-
-@describe_fields
-@record
-class UsbParams:
-    """Parameters of the path from USB board to motor."""
-
-    command_delay: Scalar = np.int32(0)  # int32, at most Setup.command_delay
-
-
 @record
 class TickState:
     """The state from one tick to the next; each part is written by its own stage only."""
@@ -72,16 +68,14 @@ class TickState:
     plc: plc.PlcState
     plant: PerArm[plant.PlantState]
     enc_val: PerArm[Vec]  # int32 counts that the encoders show
-    # rad, rad/s of motors 1-3, only for dynamics-simulator builds
-    motors: PerArm[tuple[Vec, Vec]]
+    motors: PerArm[tuple[Vec, Vec]]  # rad, rad/s of motors 1-3, only for dynamics-simulator builds
     nominal: PerArm[nominal.NominalState]
     haptics: PerArm[haptics.HapticState]
     hands: operator.HandOffsets
     files: user_files.UserFilesState
     monitor: monitor.MonitorState
     stages: dict[str, Any]  # state of each of `optional.STAGES` that is in the tick
-    # int32, ticks since pedal-down was entered; negative: not in pedal-down
-    pedal_ticks: Scalar
+    pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in pedal-down
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet
     delivered: Scalar  # int32, index of the packet that last reached the robot; -1: none yet
@@ -92,13 +86,10 @@ class Input:
     """Inputs of a tick."""
 
     tick: Scalar  # int32, ticks since the run began
-    # columns of the operator's motion, each a 1-D array: the only arrays of the tick
-    motion: tuple[Any, ...]
+    motion: tuple[Any, ...]  # columns of the operator's motion, 1-D: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
-    # packet.Packet of an external console, in place of the packets from the motion
-    packet: Any = None
-    # bool, False: no fault has acted so far, and the robot is its own golden run
-    apart: Any = None
+    packet: Any = None  # packet.Packet of an external console, in place of those of the motion
+    apart: Any = None  # bool, False: no fault has acted so far, and the robot is its own golden run
 
 
 @record
@@ -108,8 +99,7 @@ class TickSignals:
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: PerArm[plant.PlantOutput]
-    # 7 int32 DAC counts that the USB boards hold, after the checks at the boards
-    boards: PerArm[Vec]
+    boards: PerArm[Vec]  # 7 int32 DAC counts that the USB boards hold after their checks
     plc: plc.PlcOutput
     nominal: PerArm[nominal.NominalOutput]
     haptics: PerArm[haptics.HapticOutput]

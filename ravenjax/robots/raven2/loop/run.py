@@ -1,5 +1,4 @@
-"""A run of ticks: its start, its steps, the series for faulty runs with the same golden run, and
-outcomes.
+"""A run of ticks: its start, its steps, the series for its faulty runs, and outcomes.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
@@ -8,11 +7,8 @@ from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.setup import cast_to_real, per_arm
-from ravenjax.numbers.vec import Scalar, Vec
+from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, per_arm
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.optional import Start, find_stages
@@ -24,13 +20,12 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, for_each_arm, motor_angles
+from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, motor_angles
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
-from ravenjax.stages.check import CheckHistory
 from ravenjax.vocabulary.checks import OWN
 
 
@@ -58,7 +53,7 @@ def params(
         detectors=detectors.params(setup) if setup.detectors else None,
         checks=user_files.check_params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
         contact=contact.ContactParams() if setup.contact else None,
-        monitor=monitor.params(setup),
+        monitor=monitor.MonitorParams(),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
 
@@ -84,7 +79,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         control=software,
         boards=usb.UsbOut(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero)),
         commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, params.plc, ready, boards_apart(setup)),
+        plc=plc.init(setup, ready, boards_apart(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=motor_angles(setup, robots),
@@ -103,11 +98,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
     """Return the outcomes of the run so far: columns of the result table before the verdict."""
-    out = (
-        fault.outcomes(state.faults)
-        | check.outcomes(check_histories(setup, state))
-        | haptics.outcomes(setup, state.haptics)
-    )
+    out = fault.outcomes(state.faults) | check.outcomes(check_histories(setup, state))
+    out |= haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     # A fault may write a number there that is not a run level
@@ -156,7 +148,7 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
-def check_histories(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
+def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive

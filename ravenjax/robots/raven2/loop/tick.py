@@ -1,5 +1,4 @@
-"""One millisecond of the whole system: console, network, control software, PLC, robot, nominal
-model, cue.
+"""One millisecond of the whole system: console, network, software, PLC, robot, model, cue.
 
 The order is the robot's: sense, decide, check, write. The plant moves last, and its encoders are
 read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,
@@ -14,31 +13,20 @@ import numpy as np
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import finite
-from ravenjax.numbers.lazy import jnp, lax
-from ravenjax.numbers.setup import cast_to_real, per_arm
+from ravenjax.numbers import cast_to_real, finite, for_each_arm, jnp, lax, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, own_operator
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeds_network
 from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage, find_stages
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
-from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
 from ravenjax.vocabulary.sites import PARAMETER
-
-
-@record
-class ConsoleSeam:
-    """The console's numbers that a fault may change."""
-
-    scale: Scalar
 
 
 @record
@@ -71,7 +59,7 @@ def advance_tick(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
     params = inject(PARAMETER, params)
-    files = UserFiles(setup, params.checks, params.control.own, state.files, now)
+    files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.detector_stops(setup, stages.get("detectors"))
@@ -195,16 +183,11 @@ def _send_packet(
         )
 
     clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
-    seam = inject("console", ConsoleSeam(params.operator.scale))
+    scale = inject("console", params.operator.scale)
+    zero, none = jnp.int32(0), cast_to_real(setup, 0.0)
     network = inject(
         "network",
-        Network(
-            jnp.int32(0),
-            jnp.int32(0),
-            jnp.bool_(False),
-            cast_to_real(setup, 0.0),
-            cast_to_real(setup, 0.0),
-        ),
+        Network(zero, zero, jnp.bool_(False), none, none),
     )
     for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
@@ -215,7 +198,7 @@ def _send_packet(
     # A packet from an external console cannot be sent again
     packet, again = clean, signal.packet is None
     if again and inject.strikes("console", "network"):
-        packet = make(replace(params.operator, scale=seam.scale), console.older(network))
+        packet = make(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
     if again and inject.strikes("network"):
         index = packet.sequence - 1
@@ -229,7 +212,7 @@ def _move_robot(
     inject: RavenInjector,
     state: TickState,
     packet: Packet,
-    files: UserFiles,
+    files: user_files.UserFiles,
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""
@@ -264,9 +247,8 @@ def _move_robot(
         driven = where(params.usb.command_delay == ticks, then, driven)
     loads = per_arm(
         setup,
-        lambda i, _: replace(
-            plant.nominal_signal(driven[i], brakes),
-            **{site: arms[i] for site, arms in multipliers.items()},
+        lambda i, _: plant.PlantSignal(
+            driven[i], brakes, **{site: arms[i] for site, arms in multipliers.items()}
         ),
     )
     moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)
@@ -289,16 +271,8 @@ def boards_apart(setup: RavenSetup) -> int:
 
     All boards are written alike, unless a write can fail or a board can refuse.
     """
-    return (
-        len(setup.arms)
-        if injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
-        else 1
-    )
-
-
-def for_each_arm(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
-    """Return a tuple with the same item for every arm."""
-    return tuple(item for _ in setup.arms)
+    apart = injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
+    return len(setup.arms) if apart else 1
 
 
 def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:

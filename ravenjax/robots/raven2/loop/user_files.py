@@ -38,21 +38,16 @@ from functools import reduce
 from operator import or_
 from typing import Any
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, narrow_numbers, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
 from ravenjax.parts import part
-from ravenjax.parts.part import SCORE
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT
-from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
-from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PIN_WATCHDOG
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.stages import dac, motor_control, usb
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
@@ -61,7 +56,7 @@ COMMANDS = ("current_cmd", "checked_cmd")
 MOTOR_CONTROL, DAC = "motor_control", "dac"
 """Stages that a file may replace, in the order of the tick."""
 
-_WAVE = 1 << plc.PIN_WATCHDOG
+_WAVE = 1 << PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
 """Seam -> field of the view, if the field has another name."""
 
@@ -87,33 +82,32 @@ class UserFilesState:
     """State of checks and stages; empty without them."""
 
     checks: tuple[PerArm[CheckState], ...]  # for each check
-    histories: tuple[CheckHistory, ...]
-    # bool, the arm's board refuses; (): no check can stop it at the boards
-    refusing: PerArm[Scalar]
+    histories: tuple[check.CheckHistory, ...]
+    refusing: PerArm[Scalar]  # bool, the arm's board refuses; (): no check stops at the boards
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     """Return the parameters of the checks' files, with these thresholds in the same order."""
     names = tuple(use.name for use in setup.checks)
-    own = part.part_parameters(tuple(use.part for use in setup.checks))
-    return CheckParams(own, part.named_parameters(names, thresholds))
+    records = part.part_parameters(tuple(use.part for use in setup.checks))
+    return CheckParams(records, part.named_parameters(names, thresholds))
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
     """Return the state before the first tick, in which no board refuses."""
-    arms, width = len(setup.arms), setup.precision.real
     remembered = []
-    for use, own in zip(setup.checks, () if checks is None else checks.own, strict=True):
+    for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
-        remembered.append((CheckState(part.load_part(use.part).init(own, width), recent),) * arms)
+        begun = part.load_part(use.part).init(params, setup.precision.real)
+        remembered.append(for_each_arm(setup, CheckState(begun, recent)))
     return UserFilesState(
         tuple(remembered),
-        tuple(check.init(setup) for _ in setup.checks),
-        (jnp.bool_(False),) * arms if boards_may_refuse(setup) else (),
+        (check.init(setup),) * len(setup.checks),
+        for_each_arm(setup, jnp.bool_(False)) if boards_may_refuse(setup) else (),
         tuple(
-            (part.load_part(source).init(own, setup.precision.narrow),) * arms
-            for (_, source), own in zip(setup.controller, stages or (), strict=True)
+            for_each_arm(setup, part.load_part(source).init(params, setup.precision.narrow))
+            for (_, source), params in zip(setup.controller, stages or (), strict=True)
         ),
     )
 
@@ -217,7 +211,7 @@ class UserFiles:
             if use.acts == "limit":
                 commands = _limited(trips, values, commands)
             elif use.acts == "stop":
-                refusing = tuple(a | b for a, b in zip(refusing, trips, strict=True))
+                refusing = tuple(map(or_, refusing, trips))
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)
@@ -237,14 +231,14 @@ class UserFiles:
         """Return whether a check trips in this millisecond, and the signal if it limits."""
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
-        code, own = part.load_part(use.part), self._checks.own[place]
+        code, params = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self.state.checks[place]):
-            gives: dict[str, Any] = {"score": SCORE}
+            gives: dict[str, Any] = {"score": part.SCORE}
             if use.acts == "limit" and crossing[i]:
                 gives["values"] = crossing[i]
-            after, score, *limited = code.step(own, before.own, views[i], width, **gives)
+            after, score, *limited = code.step(params, before.own, views[i], width, **gives)
             values[i : i + 1] = limited or [crossing[i]]
             score = jnp.where(score == score, score, 0.0)  # NaN is above no threshold
             lowest = reduce(jnp.minimum, [score, *before.recent])
@@ -265,16 +259,16 @@ class UserFiles:
 
     def torques(
         self,
-        params: PerArm[MotorControlParams],
-        states: PerArm[MotorControlState],
+        params: PerArm[motor_control.MotorControlParams],
+        states: PerArm[motor_control.MotorControlState],
         active: Scalar,
         pedal_down: Scalar,
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
-    ) -> PerArm[MotorControlState]:
+    ) -> PerArm[motor_control.MotorControlState]:
         """Return the same as `motor_control.motor_torques`, for every arm."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
-        still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
+        still = for_each_arm(setup, Vec.full(3, 0.0))
         if feels_gravity:
             still = per_arm(
                 setup, lambda i, arm: motor_control.gravity_torques(setup, arm, jpos[i])

@@ -5,7 +5,7 @@ This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with oth
 
 from typing import Any
 
-from ravenjax.numbers.vec import Scalar, record
+from ravenjax.numbers import Scalar, record
 from ravenjax.robots.raven2.loop import observers, run
 from ravenjax.robots.raven2.loop.records import TickParams, TickState
 from ravenjax.robots.raven2.loop.run import init, outcomes, series_length
@@ -20,8 +20,7 @@ class WatchedSignals:
     """The detectors' state after a millisecond."""
 
     detectors: DetectorsState
-    # bool, whether the detectors were armed, ignoring `armed_after`
-    live: Scalar
+    live: Scalar  # bool, whether the detectors were armed, ignoring `armed_after`
 
 
 def advance(

@@ -1,5 +1,4 @@
-"""Constants as the control software stores them: those that it declares `float` are rounded to
-float32.
+"""Constants as the control software stores them: its `float`s are rounded to float32.
 
 Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
 `inv_cable_coupling.cpp`, `DS0.h`. They are Python numbers, so that they take part in wide
@@ -10,7 +9,7 @@ import math
 
 import numpy as np
 
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -27,10 +26,13 @@ TR = transmission.TR.map(as_float32)  # motor rad per joint rad (insertion: per 
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
 """Insertion motor rad per rad of each tool motor: a double, in the original's order."""
 C01, C02, C12 = (as_float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
-TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
-    lambda torque, gear: as_float32(torque * gear), transmission.GEARBOX
-)
+TAU_PER_AMP = (transmission.TORQUE_PER_AMP * transmission.GEARBOX).map(as_float32)
 """N m at the capstan per A, unsigned."""
+
+
+KP = (0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)
+KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
+"""Gains of raven2's gold arm, N m after gearbox per motor rad and rad/s; params/r2params.yaml."""
 
 
 def wrist_coupling(tool: str) -> float:

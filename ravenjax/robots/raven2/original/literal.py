@@ -1,5 +1,4 @@
-"""Kinematics, gravity and quaternions by the operations of the original, in their order and in
-double precision.
+"""Kinematics, gravity and quaternions by the operations of the original, in double precision.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
@@ -18,6 +17,7 @@ from collections.abc import Callable
 from functools import partial, reduce
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, as_int, jnp, where
 from ravenjax.numbers.algebra import (
     add,
     dot,
@@ -31,12 +31,10 @@ from ravenjax.numbers.algebra import (
     sub,
     transpose,
 )
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, as_int, where
 from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
-from ravenjax.robots.raven2.geometry.gravity import CENTRES, GRAVITY_AS_STORED, MASSES
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
+    GEOMETRY,
     GM1,
     GM2,
     GM3,
@@ -48,18 +46,6 @@ from ravenjax.robots.raven2.geometry.joints import (
     Pose,
     jaw_angles,
     jaw_yaw,
-)
-from ravenjax.robots.raven2.geometry.kinematics import (
-    AT_REMOTE_CENTRE,
-    CLAMP,
-    COST_LIMIT,
-    IK,
-    INSERTION_WEIGHT,
-    NO_SOLUTION_COST,
-    OK,
-    REJECTED,
-    ROLLOVER,
-    SINGULAR,
 )
 from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
@@ -136,8 +122,8 @@ def quat_from_matrix(rotation: Vec) -> Vec:
         choose(0.0, dx, dy, dz),
     )
     return Vec(
-        jnp.where(own, half, other * factor)
-        for own, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
+        jnp.where(greatest, half, other * factor)
+        for greatest, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
     )
 
 
@@ -153,8 +139,6 @@ class _Arm(NamedTuple):
     zeros: Vec  # 6, rad: theta = joint + zero
     alpha0: float  # rad
     alpha2: float  # rad
-    theta3: float  # rad
-    side: float  # 1 or -1: sign of the terms in which the arms' equations differ
 
 
 _ARMS = {
@@ -162,10 +146,8 @@ _ARMS = {
         Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)),
         0.0,
         PI - LINK23,
-        PI / 2,
-        1.0,
     ),
-    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23, -PI / 2, -1.0),
+    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23),
 }
 
 _TURNS = 3
@@ -192,7 +174,7 @@ def _thetas(arm: str, joints: Vec) -> Vec:
     return joints.map(add, _ARMS[arm].zeros).map(near)
 
 
-def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Transform:
+def _row(alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
     """Return one row of the modified DH table, from cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
     rotation = matrix(
@@ -203,25 +185,21 @@ def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Tr
     return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
 
 
-def _link1(arm: str, theta1: Scalar) -> Transform:
-    return _link(_ARMS[arm].alpha0, 0.0, jnp.cos(theta1), jnp.sin(theta1), 0.0)
+def _turned(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
+    return _row(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
 
 
-def _link2(cosine: Scalar, sine: Scalar) -> Transform:
-    return _link(LINK12, 0.0, cosine, sine, 0.0)
+def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Transform, ...]:
+    theta3 = GEOMETRY[arm].side * PI / 2
+    return (
+        _turned(_ARMS[arm].alpha0, theta1),
+        _turned(LINK12, theta2),
+        _row(_ARMS[arm].alpha2, math.cos(theta3), math.sin(theta3), d3),
+    )
 
 
-def _link3(arm: str, d3: Scalar) -> Transform:
-    theta3 = _ARMS[arm].theta3
-    return _link(_ARMS[arm].alpha2, 0.0, math.cos(theta3), math.sin(theta3), d3)
-
-
-def _link4(theta4: Scalar) -> Transform:
-    return _link(0.0, 0.0, jnp.cos(theta4), jnp.sin(theta4), D4)
-
-
-def _link5(theta5: Scalar) -> Transform:
-    return _link(PI / 2, 0.0, jnp.cos(theta5), jnp.sin(theta5), 0.0)
+def _links45(theta4: Scalar, theta5: Scalar) -> tuple[Transform, ...]:
+    return _turned(0.0, theta4, D4), _turned(PI / 2, theta5)
 
 
 def _chain(*links: Transform) -> Transform:
@@ -233,47 +211,43 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the same as `kinematics.forward_pose`."""
     theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     th = _thetas(arm, Vec((*jpos[:5], theta6)))
-    links = (
-        _link1(arm, th[0]),
-        _link2(jnp.cos(th[1]), jnp.sin(th[1])),
-        _link3(arm, th[2]),
-        _link4(th[3]),
-        _link5(th[4]),
-    )
-    tip = _chain(*links, _link(PI / 2, LW, jnp.cos(th[5]), jnp.sin(th[5]), 0.0))
+    tip = _chain(*_links123(arm, *th[:3]), *_links45(*th[3:5]), _turned(PI / 2, th[5], a=LW))
     return Pose(tip.origin, tip.rotation)
 
 
-def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
+def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> kinematics.IK:
     """Return the same as `kinematics.inverse_joints`."""
     measured = _thetas(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
-    least = NO_SOLUTION_COST
+    least = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
         turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
-        far = jnp.abs(measured[3] - theta[3]) > ROLLOVER
+        far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
-        cost = reduce(add, (gap * gap for gap in gaps.replace(2, gaps[2] * INSERTION_WEIGHT)))
+        cost = reduce(
+            add, (gap * gap for gap in gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT))
+        )
         nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
     joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
     status = jnp.where(
-        least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK)
+        least > kinematics.COST_LIMIT,
+        kinematics.REJECTED,
+        jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK),
     )
-    return IK(
+    return kinematics.IK(
         Vec((*joints[:5], *jaw_angles(joints[5], grasp_rad))), joints[5], least, as_int(status)
     )
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
-    """Return all eight solutions in the original's order: DH variables (6) and validity.
+    """Return all eight solutions in the original's order (6 DH variables, validity), and `stopped`.
 
-    Returns also whether a wrist is at the remote centre. In that case the original stops before the
-    first angle, and all angles are zero. It has marked that side invalid; the other side counts as
-    valid. The insertion of side 0 is known by then.
+    A wrist at the remote centre stops the original before the first angle: all angles are zero. It
+    has marked that side invalid; the other one counts as valid. The insertion of side 0 is known.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
@@ -303,34 +277,34 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
-    cosine = mul(-_ARMS[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
-    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + CLAMP), 1.0, cosine)
-    return jnp.where((cosine < -1.0) & (cosine > -1.0 - CLAMP), -1.0, cosine)
+    cosine = mul(-GEOMETRY[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
+    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
+    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
-    t03 = _chain(_link1(arm, theta1), _link2(cos2, sin2), _link3(arm, d3))
+    t03 = _chain(*_links123(arm, theta1, theta2, d3))
     (_, _, r02), (_, _, r12), (r20, r21, r22) = (
         t36 := multiply_literally(inverse_transform(t03), tip)
     ).rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
-    bent = jnp.abs(c5) > SINGULAR
+    bent = jnp.abs(c5) > kinematics.SINGULAR
     c4 = jnp.where(bent, t36.origin[0] / (LW * c5), r02 / s5)
     s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
 
-    t05 = multiply_literally(t03, _chain(_link4(theta4), _link5(theta5)))
+    t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
     turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
-    crossed = jnp.abs(s5) > SINGULAR
+    crossed = jnp.abs(s5) > kinematics.SINGULAR
     c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
     return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
-    side = _ARMS[arm].side
+    side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
     cosine, sine, _ = scale(1.0 / d, matvec(inverse_matrix(b), Vec((wrist[0], wrist[1], 0.0))))
@@ -348,18 +322,18 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts them.
     """
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
-    t01, t12, t23 = _link1(arm, theta1), _link2(jnp.cos(theta2), jnp.sin(theta2)), _link3(arm, d3)
+    t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
-    centres, (_, m2, m3) = CENTRES[arm], MASSES
+    centres, (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
     com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
     in_frame1 = (Vec(centres.link1), transform_point(t12, com2), transform_point(t12, com3))
 
-    g1 = matvec(inverse_matrix(t01.rotation), Vec((-GRAVITY_AS_STORED, 0.0, 0.0)))
+    g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
 
     shoulder = reduce(
-        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, MASSES, strict=True))
+        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, gravity.MASSES, strict=True))
     )
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
     efforts = Vec((shoulder, elbow, m3 * g3[2]))
@@ -377,7 +351,7 @@ class Evaluation(NamedTuple):
     """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
 
     forward: Callable[[str, Vec, Scalar], Pose]
-    inverse: Callable[[str, Pose, Scalar, Vec], IK]
+    inverse: Callable[[str, Pose, Scalar, Vec], kinematics.IK]
     gravity_torque: Callable[[str, Vec], Vec]
     quat_from_matrix: Callable[[Vec], Vec]
 

@@ -20,12 +20,13 @@ step. It is solved with the step's other implicit forces: Newton's first step of
 This is stable for any stiffness, with an error of second order.
 """
 
+import functools
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
@@ -116,25 +117,23 @@ def jaw_tips(
     arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
 ) -> tuple[TipContact, ...]:
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
-    return tuple(_tip(arm, params, tip, jvel, dt) for tip in instrument.jaw_tips(arm, jpos))
 
+    def touch(tip: instrument.InstrumentPoint) -> TipContact:
+        surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
+        rise = surface.rise
+        closing = -dot(rise, velocity)
+        depth = jnp.maximum(surface.depth + closing * dt, 0.0)
+        root = jnp.sqrt(depth)
+        k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
+        normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
+        steep = dot(rise, rise)
+        inverse = 1.0 / steep
+        sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
+        level = params.friction * normal.force
+        drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
+        return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
 
-def _tip(
-    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float
-) -> TipContact:
-    surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
-    rise = surface.rise
-    closing = -dot(rise, velocity)
-    depth = jnp.maximum(surface.depth + closing * dt, 0.0)
-    root = jnp.sqrt(depth)
-    k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
-    normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
-    steep = dot(rise, rise)
-    inverse = 1.0 / steep
-    sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
-    level = params.friction * normal.force
-    drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
-    return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
+    return tuple(map(touch, instrument.jaw_tips(arm, jpos)))
 
 
 def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
@@ -154,17 +153,14 @@ def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
 class Meeting(NamedTuple):
     """Two instruments at the points where they are nearest, over the coming step."""
 
-    # 7 each: speed at which each joint at unit speed moves them apart
-    ways: tuple[Vec, Vec]
+    ways: Sequence[Vec]  # 7 each: speed at which each joint at unit speed moves them apart
     normal: Law
-    # 3 each, direction of the force in frame 0 of each arm, a unit vector
-    apart: tuple[Vec, Vec]
+    apart: Sequence[Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
 
-    def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
+    def solved(self, gained: Sequence[Vec], yielding: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, never below 0.
 
-        gained: speeds that the joints gain under `normal.force`; yielding: additional speeds (7)
-        per additional N.
+        gained: speeds that joints gain under `normal.force`; yielding: more speed (7) per N.
         """
         lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
         gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
@@ -173,10 +169,10 @@ class Meeting(NamedTuple):
 
 
 def instruments_meeting(
-    arms: tuple[ArmName, ArmName],
+    arms: Sequence[ArmName],
     params: ContactParams,
-    jpos: tuple[Vec, Vec],
-    jvel: tuple[Vec, Vec],
+    jpos: Sequence[Vec],
+    jvel: Sequence[Vec],
     dt: float,
 ) -> Meeting:
     """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
@@ -184,12 +180,8 @@ def instruments_meeting(
         instrument.instrument_line(arm, joints) for arm, joints in zip(arms, jpos, strict=True)
     )
     pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
-    best: _Pair | None = None
-    for one in pieces[0]:
-        for other in pieces[1]:
-            pair = _nearest(one, other)
-            best = pair if best is None else where(pair.depth > best.depth, pair, best)
-    assert best is not None
+    pairs = itertools.starmap(_nearest, itertools.product(*pieces))
+    best = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
     ways, frames = [], []
     for i, sense in enumerate((1.0, -1.0)):
@@ -204,7 +196,7 @@ def instruments_meeting(
     k = params.instrument_stiffness
     slope = jnp.where(depth > 0.0, k, 0.0)
     normal = spring_law(k * depth, slope, params.instrument_damping, closing, dt)
-    return Meeting((ways[0], ways[1]), normal, (frames[0], frames[1]))
+    return Meeting(ways, normal, frames)
 
 
 class _Piece(NamedTuple):
@@ -223,8 +215,7 @@ class _Pair(NamedTuple):
     distance: Scalar  # m, distance between their axes
     away: Vec  # m, vector from the second's axis to the first's
     at: tuple[Vec, Vec]  # m, the point on each axis, world
-    # for each, 0 on a shaft; on jaws the fraction from wrist to end
-    beyond: tuple[Scalar, Scalar]
+    beyond: tuple[Scalar, Scalar]  # for each, 0 on a shaft; on jaws the fraction from wrist to end
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
@@ -236,19 +227,19 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
     )
 
 
-def _nearest(one: _Piece, other: _Piece) -> _Pair:
+def _nearest(first: _Piece, second: _Piece) -> _Pair:
     """Return the nearest points (C. Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
-    between = one.begin - other.begin
-    a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
-    c, f = dot(one.way, between), dot(other.way, between)
+    between = first.begin - second.begin
+    a, b, e = dot(first.way, first.way), dot(first.way, second.way), dot(second.way, second.way)
+    c, f = dot(first.way, between), dot(second.way, between)
     s = _share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
     t = _share((b * s + f) / e)
     s = _share((b * t - c) / a)
-    points = one.begin + one.way * s, other.begin + other.way * t
+    points = first.begin + first.way * s, second.begin + second.way * t
     away = points[0] - points[1]
     distance = norm(away)
-    beyond = s if one.jaws else s * 0.0, t if other.jaws else t * 0.0
-    return _Pair(one.radius + other.radius - distance, distance, away, points, beyond)
+    beyond = s if first.jaws else s * 0.0, t if second.jaws else t * 0.0
+    return _Pair(first.radius + second.radius - distance, distance, away, points, beyond)
 
 
 def _share(x: Scalar) -> Scalar:

@@ -10,8 +10,8 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cache
 
+from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, dot, mul, sub
-from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 
@@ -22,22 +22,21 @@ AS_DRAWN = Vec.full(N, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """`T[i] = own[i] + ratio[i] * own[Z]`.
+    """`T[i] = rows[i] + ratio[i] * rows[Z]`.
 
-    `own` is lower triangular; `ratio` is zero for the positioning motors.
+    `rows` is lower triangular; `ratio` is zero for the positioning motors.
     """
 
-    own: tuple[Vec, ...]  # rad/rad or rad/m
+    rows: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    # Motion of each joint per motion by its drum's drawing: T diag(1 / gain); a literal 1 drops out
-    gain: Vec = AS_DRAWN
+    gain: Vec = AS_DRAWN  # motion of each joint per motion by its drum's drawing; 1 drops out
 
     def motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint angles (or speeds)."""
         joints = joints.map(_divide, self.gain)
-        along = dot(self.own[Z], joints)
+        along = dot(self.rows[Z], joints)
         return Vec(
-            along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along))
+            along if i == Z else add(dot(self.rows[i], joints), mul(self.ratio[i], along))
             for i in range(N)
         )
 
@@ -47,8 +46,8 @@ class Coupling:
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
-                rest = sub(rest, mul(self.own[i][j], angles[j]))
-            angles.append(rest * (1.0 / self.own[i][i]))
+                rest = sub(rest, mul(self.rows[i][j], angles[j]))
+            angles.append(rest * (1.0 / self.rows[i][i]))
         return Vec(angles).map(mul, self.gain)
 
     def loads(self, forces: Vec) -> Vec:
@@ -57,7 +56,7 @@ class Coupling:
         for i in range(N):
             along = add(along, mul(self.ratio[i], forces[i]))
         effective = [along if i == Z else forces[i] for i in range(N)]
-        columns = zip(*self.own, strict=True)
+        columns = zip(*self.rows, strict=True)
         torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
         return torques.map(_divide, self.gain)
 
@@ -71,7 +70,7 @@ class Coupling:
         """Return T^T diag(w) T with the lower triangle filled (entry [i][j] with j <= i)."""
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
-            inner[i][i] = add(inner[i][i], weights[i])
+            inner[i][i] = weights[i]
             if i > Z:
                 shared = mul(self.ratio[i], weights[i])
                 inner[i][Z] = shared
@@ -79,7 +78,7 @@ class Coupling:
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             for j in range(i + 1):
-                for row, column, factor in _terms(self.own, i, j):
+                for row, column, factor in _terms(self.rows, i, j):
                     outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
         inverse = [_divide(1.0, gain) for gain in self.gain]
         return [
@@ -92,13 +91,13 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
     return a if type(b) in (int, float) and b == 1 else a / b
 
 
-def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return where inner[i][j] enters the lower half of own^T inner own: row, column, factor."""
+def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
+    """Return where inner[i][j] enters the lower half of rows^T inner rows: row, column, factor."""
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):
             for column in range(row + 1):
-                factor = own[a][row] * own[b][column]
+                factor = rows[a][row] * rows[b][column]
                 factors[row, column] = factors.get((row, column), 0.0) + factor
     return [(row, column, factor) for (row, column), factor in factors.items() if factor != 0.0]
 
@@ -108,14 +107,14 @@ def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     """Return the coupling of an arm with a tool; `software` decides the sign of the first jaw."""
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
-    own = tuple(
+    rows = tuple(
         Vec(
             _clean(matrix[i][j] - ratio[i] * matrix[Z][j], matrix[i][j]) if i > Z else matrix[i][j]
             for j in range(N)
         )
         for i in range(N)
     )
-    return Coupling(own=own, ratio=ratio)
+    return Coupling(rows=rows, ratio=ratio)
 
 
 def _clean(value: float, scale: float) -> float:

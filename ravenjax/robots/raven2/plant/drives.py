@@ -34,19 +34,17 @@ releases some time after the PLC's command, adds dry friction of its holding tor
 that. No source gives their data.
 
 **Hard stops** are one-sided stiff springs at the positions against which the control software homes
-(raven2: defines.h, homing.cpp, tools.cpp): shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, and
-the tool's own angles. The other ends of the first three joints are not published. They are taken as
-the soft limit plus the margin that the published end of elbow and insertion has. The stiffness is
-*assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
+(raven2: defines.h, homing.cpp, tools.cpp). They are shoulder 0 deg, elbow 137.5 deg, insertion
+0.562 m, and the tool's own angles. The other ends of the first three joints are not published. They
+are taken as the soft limit plus the margin that the published end of elbow and insertion has. The
+stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
 
 import math
 
+from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, jnp, record
 from ravenjax.numbers.algebra import add, mul
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record
-from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
@@ -63,8 +61,7 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
 
-COUNTS_PER_RAD = 4000.0 / (2.0 * math.pi)
-RAD_PER_COUNT = (2.0 * math.pi) / 4000.0
+COUNTS_PER_RAD = transmission.ENCODER_COUNTS / (2.0 * math.pi)
 
 
 @record
@@ -79,19 +76,19 @@ def at_angle(angle: Scalar) -> Angle:
     """Return an angle (rad) as whole counts and a fraction."""
     counts = angle * COUNTS_PER_RAD
     whole = jnp.floor(counts + 0.5)
-    return Angle(count=as_int(whole), fraction=counts - whole)
+    return Angle(as_int(whole), counts - whole)
 
 
 def advance_angle(angle: Angle, turned: Scalar) -> Angle:
     """Return the angle after turning by `turned` (rad)."""
     moved = angle.fraction + turned * COUNTS_PER_RAD
     whole = jnp.floor(moved + 0.5)
-    return Angle(count=angle.count + as_int(whole), fraction=moved - whole)
+    return Angle(angle.count + as_int(whole), moved - whole)
 
 
 def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
     """Return the angle in rad; it is rounded to `dtype` once, so no error accumulates."""
-    return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
+    return (angle.count.astype(dtype) + angle.fraction) * transmission.ENCODER_RAD
 
 
 @record
@@ -117,10 +114,8 @@ def linearise_cable(
     """Return force and implicit damping over `dt` (s). arm: lever (m/rad); stretch: rad."""
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
-    return Linear(
-        force=(2.0 * arm) * stiffness * _sinh(delta),
-        damping=(arm * arm) * (dt * slope + 2.0 * damping),
-    )
+    force = (2.0 * arm) * stiffness * _sinh(delta)
+    return Linear(force, (arm * arm) * (dt * slope + 2.0 * damping))
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
@@ -174,12 +169,10 @@ class Eliminated:
 def limit_torque(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """Return the part of a commanded `torque` (N m) that amplifier and supply allow at `speed`
-    (rad/s).
+    """Return the part of a commanded `torque` (N m) that the motor gives at `speed` (rad/s).
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
-    limit. The current limit also holds for a motor that is driven faster than the supply could turn
-    it.
+    limit. The current limit also holds for a motor that turns faster than the supply could do.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -198,8 +191,7 @@ def eliminate_motor(
 ) -> Eliminated:
     """Solve one motor's step for its link's speed.
 
-    `inertia_rate` is Im/dt; `speed`, `link_speed` (rad/s, both in motor angle) are those at the
-    start of the step.
+    inertia_rate: Im/dt. speed, link_speed: rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
     push = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
@@ -222,8 +214,7 @@ def eliminate_motor(
 @describe_fields
 @record
 class BrakeParams:
-    # N m; assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-    holding_torque: Scalar = 0.4 * 12.25
+    holding_torque: Scalar = 0.4 * 12.25  # N m; assumed: maxon AB 28, 0.4 N m at the shaft
     engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
     release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 
@@ -231,8 +222,7 @@ class BrakeParams:
 @record
 class BrakeState:
     engaged: Scalar  # 1: engaged, int32
-    # ms for which the command has differed from the brake's state, int32
-    pending_ticks: Scalar
+    pending_ticks: Scalar  # ms for which the command has differed from the brake's state, int32
 
 
 def step_brakes(
@@ -247,7 +237,7 @@ def step_brakes(
     delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
     moves = pending > delay
     engaged = jnp.where(moves, commanded, state.engaged)
-    state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
+    state = BrakeState(as_int(engaged), as_int(jnp.where(moves, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
 
 
@@ -276,10 +266,8 @@ def stop_params(tool: str) -> StopParams:
     instrument = find_tool(tool)
     low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
     return StopParams(
-        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
-        upper=Vec(
-            (high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)
-        ),
+        lower=Vec((*(Vec(low) - (0.0, *_MARGIN[1:])), *instrument.hard_min)),
+        upper=Vec((*(Vec(high) + _MARGIN), *instrument.hard_max)),
         stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
     )
 
@@ -288,4 +276,4 @@ def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float
     """Return the stop force on joint `i` over `dt` (s). It is zero within the range."""
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
-    return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)
+    return StopForce(-params.stiffness[i] * beyond - damping * jvel, damping)

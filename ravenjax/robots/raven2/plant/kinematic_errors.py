@@ -1,5 +1,4 @@
-"""Kinematic errors: joints, cable drums and links off their drawings, which make a healthy robot's
-report wrong.
+"""Kinematic errors: joints, drums and links off their drawings, which falsify reports.
 
 - The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
   which they were built.
@@ -16,10 +15,8 @@ Cable stretch is added. Every error that is 0 drops out of the traced code.
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
 `registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
-at POSES by least squares (Gauss-Newton; each step solves for a small rotation and a displacement).
+at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a displacement.
 """
-
-from __future__ import annotations
 
 import functools
 import itertools
@@ -27,13 +24,9 @@ import math
 
 import numpy as np
 
-from ravenjax.numbers import tree
+from ravenjax.numbers import Scalar, Vec, at_once, describe_fields, jnp, record, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
-from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
-from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
 _DEG = math.pi / 180.0
 
@@ -46,8 +39,16 @@ class KinematicErrors:
     scale: Scalar
     joint_offset: Vec  # rad; m
     ratio_error: Vec
-    links: LinkErrors
+    links: built_links.LinkErrors
     registered: Scalar  # int32
+
+
+@record
+class Registration:
+    """A rigid motion from frame 0 of the true arm to frame 0 of the reported arm."""
+
+    rotation: Vec  # 3 rows
+    translation: Vec  # m, 3
 
 
 MEASURED = {
@@ -74,15 +75,14 @@ Their relative sizes are *assumed*: homing against stops leaves larger errors th
 common factor is fitted to the first half of a recording,
 `analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
 cannot separate the errors; it shows the tip's error after registration. The shoulder has no offset,
-because an offset would only turn the frame. The jaws have none, because they do not move their
-axis.
+because it would only turn the frame. The jaws have none, because they do not move their axis.
 """
 
 
 def no_errors() -> KinematicErrors:
     """Return zero errors."""
     zero = Vec.full(7, 0.0)
-    return KinematicErrors(1.0, zero, zero, LinkErrors(*(0.0,) * 7), np.int32(0))
+    return KinematicErrors(1.0, zero, zero, built_links.LinkErrors(*(0.0,) * 7), np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
@@ -93,13 +93,12 @@ def is_exact(errors: KinematicErrors) -> bool:
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
-    out = []
-    for joint, home, offset, error in zip(
-        reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True
-    ):
+
+    def true(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
         moved = mul(mul(errors.scale, error), joint - home)
-        out.append(add(joint, add(moved, mul(errors.scale, offset))))
-    return Vec(out)
+        return add(joint, add(moved, mul(errors.scale, offset)))
+
+    return reported.map(true, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
 
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
@@ -149,14 +148,6 @@ POSES = tuple(
 """Eight of all 32 corners: any two joints have all four combinations of their ends."""
 
 
-@record
-class Registration:
-    """A rigid motion from frame 0 of the true arm to frame 0 of the reported arm."""
-
-    rotation: Vec  # 3 rows
-    translation: Vec  # m, 3
-
-
 def in_registered_frame(frame: Registration, point: Vec) -> Vec:
     """Return a point (3, m) of the true arm's frame 0 in the registered frame."""
     return matvec(frame.rotation, point) + frame.translation
@@ -173,10 +164,10 @@ def fit_registration(arm: str, true: list[Vec]) -> Registration:
             for x in Vec(r) - in_registered_frame(frame, p)
         )
         small = Vec(dot(Vec(row), residual) for row in solve)
-        turn = mapping.matrix_from_quat(Vec((small[0] * 0.5, small[1] * 0.5, small[2] * 0.5, 1.0)))
+        turn = mapping.matrix_from_quat(Vec((*(Vec(small[:3]) * 0.5), 1.0)))
         frame = Registration(
             matmul(turn, frame.rotation),
-            matvec(turn, frame.translation) + Vec((small[3], small[4], small[5])),
+            matvec(turn, frame.translation) + small[3:],
         )
     return frame
 

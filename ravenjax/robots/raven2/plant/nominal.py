@@ -1,5 +1,4 @@
-"""The nominal model: the instrument's motion if nothing went wrong. Euler-Lagrange at joint torque
-level.
+"""The nominal model: the instrument's motion if nothing went wrong, at joint torque level.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
     tau = kp (q_d - q) - kd q' + G(q)             insertion: + ki times the integral of (q_d - q)
@@ -30,17 +29,15 @@ import math
 
 import numpy as np
 
+from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.algebra import mul, solve_spd
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
+from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 TICK_S = 1e-3
 LAGRANGE = 5  # joints of the Euler-Lagrange equation; the two jaws are double integrators
@@ -48,9 +45,6 @@ INSERTION = 2
 
 # Diagonal of M at the home pose (kg m2; insertion kg), both arms; unit inertia for the jaws.
 INERTIA = (0.21635879, 0.10039008, 0.407, 6.5508e-7, 1.13110e-6, 1.0, 1.0)
-# raven2: params/r2params.yaml, gold, N m after gearbox per motor rad and per motor rad/s.
-KP = (0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)
-KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
@@ -70,8 +64,7 @@ class TargetParams:
 class Clean:
     """The operator's command to one arm in this tick, as the console makes it, before any fault."""
 
-    # 3, um, int32: ITP-frame increment, or position in frame 0 with Setup.console "absolute"
-    delta_um: Vec
+    delta_um: Vec  # 3, um, int32: ITP-frame increment, or position in frame 0 (absolute)
     quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
     grasp_mrad: Scalar  # mrad, int32: increment (positive closes), or opening
     engaged: Scalar  # 1: pedal down, int32 or bool
@@ -94,8 +87,7 @@ class NominalParams:
     kv: Vec  # N m s/rad; insertion N s/m; 5, without the jaws
     kc: Vec  # N m; insertion N; 5, without the jaws
     mass_scale: Scalar
-    # int32; 1: the model follows the robot's measured pose while the pedal is up
-    resync: Scalar
+    resync: Scalar  # int32; 1: the model follows the robot's measured pose while the pedal is up
     target: TargetParams
 
 
@@ -124,23 +116,17 @@ def params(
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
-    inertia, share = motor.inertia, motor.reaction_scale
-    dry, viscous = motor.coulomb, motor.viscous
-    link_dry, link_viscous = values.link_coulomb, values.link_viscous
-    link_inertia = [*INERTIA[:LAGRANGE], 0.0, 0.0]
-
-    kp, kd, kv, kc = [], [], [], []
-    for i, ratio in enumerate(transmission.TR):
-        similar = INERTIA[i] / (inertia[i] + share[i] * link_inertia[i] / ratio**2)
-        kp.append(similar * KP[i] * gain[i])
-        kd.append(similar * KD[i] * gain[i])
-        kv.append(similar * (viscous[i] + share[i] * link_viscous[i] / ratio**2))
-        kc.append(similar * (dry[i] + share[i] * link_dry[i] / ratio) / ratio)
-    for jaw in range(LAGRANGE, 7):
-        kd[jaw] += kv[jaw]
+    share, ratio = motor.reaction_scale, transmission.TR
+    square = ratio.map(lambda r: r**2)
+    link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
+    similar = Vec(INERTIA) / (motor.inertia + share * link_inertia / square)
+    kp = similar * stored.KP * gain
+    kd = similar * stored.KD * gain
+    kv = similar * (motor.viscous + share * values.link_viscous / square)
+    kc = similar * (motor.coulomb + share * values.link_coulomb / ratio) / ratio
     return NominalParams(
-        kp=Vec(kp),
-        kd=Vec(kd),
+        kp=kp,
+        kd=kd + (*(0.0,) * LAGRANGE, *kv[LAGRANGE:]),
         ki=INTEGRAL_RATE * kp[INSERTION],
         kv=Vec(kv[:LAGRANGE]),
         kc=Vec(kc[:LAGRANGE]),
@@ -153,9 +139,7 @@ def params(
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
     jpos, still = cast_to_real(setup, (jpos0, Vec.full(7, 0.0)))
-    return NominalState(
-        jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
-    )
+    return NominalState(jpos, still, still[0], init_target(arm, jpos))
 
 
 def step(
@@ -166,13 +150,11 @@ def step(
     clean: Clean,
     measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
-    """Compute one tick (1 ms) under the operator's clean command; the model holds while the pedal
-    is up.
+    """Compute one tick (1 ms) under the clean command; the model holds while the pedal is up.
 
     measured: the robot's joints as its control software has them (rad, m). The measured pose is a
     little below the desired one. At each lift of the pedal the robot takes the measured pose as the
-    desired one, and sinks further. `NominalParams.resync` lets the model follow, so that clutching
-    alone adds no error.
+    desired one, and sinks further. `resync` lets the model follow: clutching adds no error.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = replace(state, jpos=where(stands, measured, state.jpos))
@@ -228,7 +210,7 @@ def track_target(
 # --- target ---
 
 
-def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
+def init_target(arm: ArmName, jpos: Vec) -> TargetState:
     """Return a target at the joints' own pose."""
     pose = kinematics.forward_pose(arm, jpos)
     return TargetState(
@@ -262,7 +244,7 @@ def step_target(
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
     fresh = TargetState(position_um, quat, grasp_mrad, jpos_d)
     restarted = replace(
-        init_target(setup, arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
+        init_target(arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
     )
     return where(~engaged | (reachable & clamped), restarted, fresh)
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.plant.drives import ActuatorParams
 
 Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global"]
@@ -58,8 +58,7 @@ def _file() -> dict[str, Any]:
 
 
 def nominal_set(name: str) -> str:
-    """Return the set from which the nominal model of a robot with set `name` takes gains and
-    friction.
+    """Return the set from which the nominal model of set `name` takes gains and friction.
 
     The authors' sets differ as robots of one kind do, and share one model.
     """
@@ -67,8 +66,7 @@ def nominal_set(name: str) -> str:
 
 
 def tells_tension(name: str) -> bool:
-    """Return whether the cable forces of this set agree with statics, so that they have a meaning
-    in N.
+    """Return whether the cable forces of this set agree with statics: then they are real ones, N.
 
     Only such forces can be compared with a strength. With the authors' law a motor pulls twelve
     times as hard at its cable as a real motor.

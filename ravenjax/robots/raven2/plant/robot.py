@@ -19,24 +19,22 @@ large numbers is ever formed, so float32 loses nothing that an encoder can resol
 
 import dataclasses
 import functools
+import itertools
 
 import numpy as np
 
-from ravenjax.numbers import counter_random, tree
+from ravenjax.numbers import cast_to_real, counter_random, describe_fields, jnp, per_arm, tree
 from ravenjax.numbers.algebra import add, mul, solve_spd, sub
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, arm_coupling
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 
 TICK_S = 1e-3
 N = 7
+_ONES = Vec.full(N, 1.0)
 POSITIONING = 3
 TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
@@ -56,14 +54,14 @@ class PlantParams:
     link_viscous: Vec  # N m s/rad; insertion N s/m
     stops: drives.StopParams
     kinematic_errors: kinematic_errors.KinematicErrors
-    friction_scale: Scalar
-    cable_stiffness_scale: Scalar
-    motor_constant_scale: Scalar
-    mass_scale: Scalar
-    gravity: Vec  # m/s2; 3
-    encoder_noise: Scalar  # counts rms
-    torque_noise: Scalar  # N m rms
-    noise_key: Scalar  # uint32; a run and its golden run share it
+    friction_scale: Scalar = 1.0
+    cable_stiffness_scale: Scalar = 1.0
+    motor_constant_scale: Scalar = 1.0
+    mass_scale: Scalar = 1.0
+    gravity: Vec = Vec((-9.81, 0.0, 0.0))  # m/s2; 3; size of Li_DYN, direction of grav_comp.cpp too
+    encoder_noise: Scalar = 0.0  # counts rms
+    torque_noise: Scalar = 0.0  # N m rms
+    noise_key: Scalar = np.uint32(0)  # uint32; a run and its golden run share it
 
 
 @record
@@ -73,11 +71,9 @@ class PlantState:
     mvel: Vec  # rad/s
     jvel: Vec  # rad/s; insertion m/s
     brakes: drives.BrakeState
-    # 1: whole, 0: the cable is broken; only if Setup.cables is "break"
-    intact: Vec | None
+    intact: Vec | None  # 1: whole, 0: the cable is broken; only if Setup.cables is "break"
     tick: Scalar  # ms, int32: counter of the noise
-    # Joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
-    jpos_ref: Vec
+    jpos_ref: Vec  # rad; insertion m; joints at the reference counts, cables unstretched; constant
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
     # Registration of the true arm; constant in a run; None: frame 0 is where the software assumes
     # it
@@ -88,11 +84,11 @@ class PlantState:
 class PlantSignal:
     current_cmd: Vec  # DAC counts as written to USB, int32
     brakes: Scalar  # 1: brakes commanded on, int32 or bool
-    torque_scale: Vec  # 1, nominally 1.0: factor on each motor's torque constant
-    # 1, nominally 1.0: factor on stiffness and damping of each cable
-    cable_scale: Vec
-    friction_scale: Vec  # 1, nominally 1.0: factor on friction of each motor and link
-    external_torque: Vec  # N m; insertion N, nominally 0.0: load on each joint
+    # The literal ones and zeros of a robot without a fault drop out of the traced code
+    torque_scale: Vec = _ONES  # 1, factor on each motor's torque constant
+    cable_scale: Vec = _ONES  # 1, factor on stiffness and damping of each cable
+    friction_scale: Vec = _ONES  # 1, factor on friction of each motor and link
+    external_torque: Vec = Vec.full(N, 0.0)  # N m; insertion N, load on each joint
 
 
 @record
@@ -104,38 +100,24 @@ class PlantOutput:
     mvel: Vec  # rad/s
     stretch: Vec  # rad of motor angle
     tension: Vec  # N, static tension difference of each cable at this stretch
-    # N, largest magnitude of each cable's tension difference in this tick, with damping
-    carried: Vec
+    carried: Vec  # N, largest magnitude of each cable's tension difference in this tick
     brakes: Scalar  # 1: brakes are engaged, int32
     touch: contact.Touch | None = None  # forces in this tick; only with contact
-
-
-def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
-    """Return a signal without any fault; the literal ones and zeros drop out of the traced code."""
-    one = Vec.full(N, 1.0)
-    return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
 
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
     """Return the documented values; `parameter_set` is one of `parameter_sets.Name`."""
-    # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
     return PlantParams(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.no_errors(),
-        friction_scale=1.0,
-        cable_stiffness_scale=1.0,
-        motor_constant_scale=1.0,
-        mass_scale=1.0,
-        gravity=Vec((-9.81, 0.0, 0.0)),
         # Assumed if noise is drawn: an edge's jitter as large as a count's rounding, and one count
         # of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
-        noise_key=np.uint32(0),
     )
 
 
@@ -164,7 +146,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     motors = tuple(
         drives.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
     )
-    fractions = Vec(motor.fraction * drives.RAD_PER_COUNT for motor in motors)
+    fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
         motors=tuple(
@@ -192,8 +174,7 @@ def step(
 ) -> tuple[PlantState, PlantOutput]:
     """Compute one tick (1 ms, `setup.substeps` steps) under the DAC command just written.
 
-    The next tick reads `PlantOutput`. touched: parameters of what the instrument touches; None: it
-    touches nothing.
+    The next tick reads `PlantOutput`. touched: what the instrument touches; None: nothing.
     """
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
@@ -220,18 +201,18 @@ def step_all(
             for i, arm in enumerate(arms)
         )
     both = [_ArmTick(setup, arms[i], params[i], states[i], signals[i], touched) for i in (0, 1)]
-    one, other = both
+    left, right = both
     for _ in range(setup.substeps):
-        jpos, jvel = (one.jpos(), other.jpos()), (one.state.jvel, other.state.jvel)
-        pair = contact.instruments_meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
+        jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
+        pair = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
         ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
         yielding = [arm.solve(ready[i][0], pair.ways[i]) for i, arm in enumerate(both)]
         gained = [arm.solve(*equations) for arm, equations in zip(both, ready, strict=True)]
-        force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
+        force = pair.solved(gained, yielding)
         for i, arm in enumerate(both):
             speeds = gained[i] + yielding[i] * (force - pair.normal.force)
             arm.move(speeds, (pair.apart[i], force))
-    return one.end(), other.end()
+    return left.end(), right.end()
 
 
 @dataclasses.dataclass
@@ -303,9 +284,9 @@ class _ArmTick:
         self._tips = ()
         if self.touched is not None:
             self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
-            for one in self._tips:
-                one.stiffen(system)
-                loads = loads + one.tip.along(one.force())
+            for contact_point in self._tips:
+                contact_point.stiffen(system)
+                loads = loads + contact_point.tip.along(contact_point.force())
         if pushed is not None:
             loads = loads + pushed
         right: list[Scalar] = []
@@ -396,10 +377,10 @@ def observe_robot(
     arm: ArmName,
     params: PlantParams,
     state: PlantState,
-    cable_scale: Vec | None = None,
+    cable_scale: Vec = _ONES,
 ) -> PlantOutput:
-    """Return the outputs of a state. cable_scale: as in `PlantSignal`; None: whole cables."""
-    scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
+    """Return the outputs of a state. cable_scale: as in `PlantSignal`."""
+    scale = _whole(state, cable_scale)
     tension = Vec(
         drives.cable_tension(
             _stiffness(params, i, scale[i]),
@@ -412,27 +393,24 @@ def observe_robot(
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
-    counts = [
-        motor.count + reference
-        for motor, reference in zip(state.motors, state.count_ref, strict=True)
-    ]
+    counts = Vec(motor.count for motor in state.motors) + state.count_ref
     if setup.noise:
         errors = (
             params.encoder_noise
             * counter_random.random_normal(params.noise_key, state.tick, _channel(arm, i))
             for i in range(N)
         )
-        counts = [
+        counts = Vec(
             count + as_int(jnp.floor(error + 0.5))
             for count, error in zip(counts, errors, strict=True)
-        ]
+        )
     return PlantOutput(
-        enc_val=Vec(mul(int(sign), count) for sign, count in zip(signs, counts, strict=True)),
+        enc_val=counts.map(lambda count, sign: mul(int(sign), count), signs),
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
-        mpos=Vec(
-            turn + reference.astype(dtype) * drives.RAD_PER_COUNT
-            for turn, reference in zip(turned, state.count_ref, strict=True)
+        mpos=turned.map(
+            lambda turn, count: turn + count.astype(dtype) * transmission.ENCODER_RAD,
+            state.count_ref,
         ),
         mvel=state.mvel,
         stretch=state.stretch,

@@ -42,8 +42,7 @@ class Outputs:
 
     dac: np.ndarray  # [cycles, arms, 7] int32, signed counts, as written to USB
     output_pins: np.ndarray  # [cycles] int32, bytes to the PLC
-    # All signals at the seams of the control software, each number an array [cycles]
-    signals: control.ControlSignals
+    signals: control.ControlSignals  # at the seams of the software, each number an array [cycles]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,12 +77,10 @@ def software_code(
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()
 
-    def run_cycle(params: Any, state: Any, inputs: control.Inputs) -> Any:
-        return control.control_cycle(setup, params, state, inputs)
-
     def receive(params: Any, state: Any, inputs: control.Inputs) -> Any:
         return control.receive_packet(setup, params, state, inputs.packet)
 
+    run_cycle = functools.partial(control.control_cycle, setup)
     with traced.x64_context(setup):
         cycle, (_, signals) = traced.trace_function(run_cycle, *shapes, functions="library")
         reception, _ = traced.trace_function(receive, *shapes, functions="library")

@@ -1,5 +1,4 @@
-"""The control software driven alone: encoders, packets and PLC pins in, DAC commands and output
-pins out.
+"""The control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
 
     software = ControlSoftware(tools=("r_grasper", "r_grasper"))
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
@@ -30,15 +29,14 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind
 from ravenjax.errors import UserError, format_value
+from ravenjax.numbers import Vec, replace
 from ravenjax.numbers.setup import ORIGINAL, Precision
-from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, software_code
 from ravenjax.robots.raven2.software.rows import InputRows
@@ -261,8 +259,8 @@ class ControlSoftware:
             self._receive()
 
     def _packets(self, given: Any) -> list[Datagram | Packet | None]:
-        many: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
-        return [self._packet(one) for one in many] or [None]
+        packets = given if isinstance(given, list | tuple) else [given]
+        return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
         if given is None:
@@ -281,20 +279,20 @@ class ControlSoftware:
         return given
 
 
-def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
+def _changed(params: control.ControlParams, change: Any) -> control.ControlParams:
     """Return the parameters that `change` returns, each number in its own type."""
     if not callable(change):
         raise UserError(
             f"params is {format_value(change)}, expected a function that takes the ControlParams"
             " and returns changed ones"
         )
-    new = change(own)
+    new = change(params)
     if not isinstance(new, control.ControlParams):
         raise UserError(
             f"params returned {format_value(new)}, expected the ControlParams it was given, with"
             " numbers replaced"
         )
-    return checked.record_like("params", new, own, finite=True)
+    return checked.record_like("params", new, params, finite=True)
 
 
 # --- start state at given encoder counts ---
@@ -323,10 +321,7 @@ def _encoders_at(
 def _standing(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """Return `state` with the arms at rest where they were measured in one cycle in E-stop.
-
-    after, signals: state and signals after that cycle.
-    """
+    """Return `state` with the arms at rest where one cycle in E-stop measured them."""
     places = [arm.pos for arm in after.cartesian]
     return replace(
         state,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError, format_value, suggest_name
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, empty_packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
@@ -57,10 +57,10 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
 
 def require_list(what: str, given: Any, count: int, expected: str) -> Any:
     """Return the list if it has `count` entries."""
-    is_list = isinstance(given, list | tuple | np.ndarray)
-    if not is_list or len(given) != count:
-        got = f"has {len(given)} entries" if is_list else f"is {format_value(given)}"
-        raise UserError(f"{what} {got}, expected {expected}")
+    if not isinstance(given, list | tuple | np.ndarray):
+        raise UserError(f"{what} is {format_value(given)}, expected {expected}")
+    if len(given) != count:
+        raise UserError(f"{what} has {len(given)} entries, expected {expected}")
     return given
 
 
@@ -172,11 +172,10 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
         kind: Any = type(example)
         if type(given) is not kind:
             raise UserError(f"{what} is {format_value(given)}, expected a {kind.__name__}")
-        names = [field.name for field in dataclasses.fields(example)]
         return kind(
             *(
-                record_like(f"{what}.{name}", getattr(given, name), getattr(example, name), finite)
-                for name in names
+                record_like(f"{what}.{name}", getattr(given, name), like, finite)
+                for name, like in vars(example).items()
             )
         )
     if isinstance(example, tuple):

@@ -9,8 +9,7 @@ import numpy as np
 
 from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.cpu.transition import RecordKind
-from ravenjax.numbers import tree
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers import Vec, tree
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console.packet import (
     MOVES,

@@ -1,5 +1,4 @@
-"""Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits ->
-jpos_d.
+"""Cartesian control: measured and desired tip pose, inverse kinematics with limits -> jpos_d.
 
 raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order. If an arm has no
 acceptable solution, it and the arms after it keep their last jpos_d, and nothing stops. A target
@@ -11,31 +10,27 @@ from operator import or_
 
 import numpy as np
 
+from ravenjax.numbers import cast_to_real, describe_fields, narrow_numbers, per_arm, widen_numbers
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, if_rarely, record, replace, to_int32, where
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.geometry import stored_pose
 from ravenjax.robots.raven2.geometry.kinematics import COST_LIMIT, REJECTED
-from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.constants import joint_limits
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 
 @record
 class Arm:
     """One arm's poses and joint targets."""
 
-    pos: StoredPose  # pose measured in the last cycle
-    pos_d: StoredPose
+    pos: stored_pose.StoredPose  # pose measured in the last cycle
+    pos_d: stored_pose.StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
-    ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
+    ik_reject: check.CheckHistory  # margin: pi minus the cost of the best solution
     # margin: distance to the nearer limit as a fraction of the joint's range
-    joint_limit: CheckHistory
+    joint_limit: check.CheckHistory
 
 
 State = PerArm[Arm]
@@ -54,9 +49,8 @@ def params(setup: RavenSetup) -> CartesianParams:
     """Return the software's own limits: those of the first mechanism's tool apply to every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
-    return CartesianParams(
-        Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges)
-    )
+    lower, upper = zip(*ranges, strict=True)
+    return CartesianParams(Vec(map(number, lower)), Vec(map(number, upper)))
 
 
 def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
@@ -71,7 +65,7 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     return per_arm(setup, at_rest)
 
 
-def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
+def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> stored_pose.StoredPose:
     """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
     pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
@@ -115,7 +109,9 @@ def solve_inverse(
         within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
         limited = solved & beyond
 
-        def held(old: Arm = old, within: Vec = within, arm: ArmName = arm) -> StoredPose:
+        def held(
+            old: Arm = old, within: Vec = within, arm: ArmName = arm
+        ) -> stored_pose.StoredPose:
             return stored_pose.store_pose(
                 setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad
             )
@@ -140,10 +136,9 @@ def solve_inverse(
 def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
-    """Clamp shoulder to wrist to their software limits, and the yaw to its lower limit.
+    """Return joints 1-5 and the yaw within their limits, whether any was at one, and its margin.
 
-    Returns the joints; whether any was at or beyond its limit; and the smallest distance to a
-    limit, as a fraction of the joint's range.
+    The margin is the smallest distance to a limit, as a share of the joint's range.
     """
     values, at_limit, spares = [], [], []
     _, lowest_yaw = joint_limits(setup)

@@ -3,12 +3,10 @@
 raven2: t_to_DAC_val.cpp, utils.cpp.
 """
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.vec import Scalar, Vec, to_int32
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.numbers import Scalar, Vec, jnp, to_int32
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 HIGHEST, LOWEST = 32767, -32768
 
@@ -18,12 +16,10 @@ def step(
 ) -> Vec:
     """Return DAC counts (7 int32) of capstan torques (N m) if `enabled`, else `otherwise`."""
     amps = stored.amps_per_torque(arm, tool, setup.software)
-
-    def command(i: int) -> Scalar:
-        value = to_int32(tau_d[i] * amps[i] * transmission.COUNTS_PER_AMP[i])
-        return _stored(value, enabled, otherwise[i])
-
-    return Vec(command(i) for i in range(7))
+    return tau_d.map(
+        lambda tau, amp, counts, rest: _stored(to_int32(tau * amp * counts), enabled, rest),
+        *(amps, transmission.COUNTS_PER_AMP, otherwise),
+    )
 
 
 def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:

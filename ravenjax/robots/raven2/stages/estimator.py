@@ -1,5 +1,4 @@
-"""Estimates motor positions and velocities from encoder counts, and joints by forward cable
-coupling.
+"""Estimates motor positions and velocities from encoder counts, and joints from motors.
 
 raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The 2015
 fork first filters them by a third-order Butterworth low-pass of 120 Hz.
@@ -7,13 +6,11 @@ fork first filters them by a third-order Butterworth low-pass of 120 Hz.
 
 import numpy as np
 
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
+from ravenjax.numbers import describe_fields, narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 RAD_PER_COUNT = 2.0 * stored.PI * (1.0 / transmission.ENCODER_COUNTS)
 
@@ -34,13 +31,11 @@ class EstimatorParams:
 @record
 class EstimatorState:
     started: Scalar  # int32 flag; the first sample fills the history
-    # unfiltered motor angles, rad, latest first; one of them in raven2, three in the fork
-    inputs: tuple[Vec, ...]
-    # filtered motor angles, rad, latest first; none in raven2, three in the fork
-    outputs: tuple[Vec, ...]
+    inputs: tuple[Vec, ...]  # unfiltered motor angles, rad, newest first; raven2: 1, fork: 3
+    outputs: tuple[Vec, ...]  # filtered motor angles, rad, newest first; raven2: 0, fork: 3
 
 
-def params(setup: RavenSetup, arm: ArmName) -> EstimatorParams:
+def params() -> EstimatorParams:
     """Return the parameters of encoders that read 0 at motor angle 0."""
     return EstimatorParams(Vec.full(7, np.int32(0)))
 
@@ -71,29 +66,22 @@ def step(
     filled = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
         (previous,) = filled
-        return (
-            EstimatorState(state.started | 1, (angle,), ()),
-            angle,
-            (angle - previous) / stored.PERIOD,
-        )
+        state = EstimatorState(state.started | 1, (angle,), ())
+        return state, angle, (angle - previous) / stored.PERIOD
     inputs, outputs = filled[:3], filled[3:]
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
         position = position + history * gain
     velocity = (position - outputs[0]) / stored.PERIOD
-    return (
-        EstimatorState(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])),
-        position,
-        velocity,
-    )
+    inputs, outputs = (angle, *inputs[:2]), (position, *outputs[:2])
+    return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
 
 def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """Return joint positions (rad, m).
 
     Products with a reciprocal ratio, and sums, are computed in the wide type. Products of a
-    coupling constant and a rounded joint are computed in the narrow type. Each joint is rounded
-    once.
+    coupling constant and a rounded joint are narrow. Each joint is rounded once.
     """
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)

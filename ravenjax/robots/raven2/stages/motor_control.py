@@ -6,15 +6,12 @@ In the 2015 fork the gravity torque never reaches tau_d.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import narrow_numbers, widen_numbers
+from ravenjax.numbers import describe_fields, jnp, narrow_numbers, widen_numbers
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 
 @describe_fields
@@ -47,8 +44,8 @@ def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
         return Vec(number(value) for value in values)
 
     return MotorControlParams(
-        kp=gains(0.3, 0.3, 0.15, 0.09, 0.05, jaw_kp, jaw_kp),
-        kd=gains(0.008, 0.008, damping, 0.001, 0.0, 0.0, 0.0),
+        kp=gains(*stored.KP[:5], jaw_kp, jaw_kp),
+        kd=gains(*stored.KD[:2], damping, *stored.KD[3:]),
         ki=gains(0.0, 0.0, 0.0, 0.05, 0.05, jaw_ki, jaw_ki),
         mvel_d=gains(*(0.0,) * 7),
     )

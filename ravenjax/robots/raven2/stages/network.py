@@ -1,5 +1,4 @@
-"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
-network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and number (raven2: network_layer.cpp).
 
 The sequence number is unsigned on the wire. Here it is an int32 whose bits are compared as
 unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and
@@ -8,9 +7,7 @@ accepted; a shorter one is dropped.
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import cast_to_real
-from ravenjax.numbers.vec import INT32_MIN, Scalar, record
+from ravenjax.numbers import INT32_MIN, Scalar, cast_to_real, jnp, record
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
@@ -27,14 +24,13 @@ class NetworkState:
     zero: CheckHistory  # trips on sequence number 0, which is reserved
     skip: CheckHistory  # trips on a gap: this packet is lost as well
     duplicate: CheckHistory
-    # far behind: the stream is considered restarted; this packet is lost
-    reset: CheckHistory
+    reset: CheckHistory  # far behind: the stream is considered restarted; this packet is lost
     out_of_sequence: CheckHistory  # behind, but not far
 
 
 def init(setup: RavenSetup) -> NetworkState:
     """Return the state before any packet: the first accepted packet is number 1."""
-    return NetworkState(np.int32(0), *(check.init(setup) for _ in range(6)))
+    return NetworkState(np.int32(0), *(check.init(setup),) * 6)
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
@@ -62,15 +58,13 @@ def step(
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, cast_to_real(setup, spare), np.inf)
-    return (
-        NetworkState(
-            new_last,
-            check.update_check(state.size, tick, short, margin),
-            check.update_check(state.zero, tick, zero),
-            check.update_check(state.skip, tick, skip),
-            check.update_check(state.duplicate, tick, duplicate),
-            check.update_check(state.reset, tick, reset),
-            check.update_check(state.out_of_sequence, tick, behind & ~far),
-        ),
-        accepted,
+    state = NetworkState(
+        new_last,
+        check.update_check(state.size, tick, short, margin),
+        check.update_check(state.zero, tick, zero),
+        check.update_check(state.skip, tick, skip),
+        check.update_check(state.duplicate, tick, duplicate),
+        check.update_check(state.reset, tick, reset),
+        check.update_check(state.out_of_sequence, tick, behind & ~far),
     )
+    return state, accepted

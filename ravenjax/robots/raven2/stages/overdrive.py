@@ -14,14 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
+from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
-from ravenjax.robots.raven2.arms import PerArm
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
@@ -52,10 +48,11 @@ class OverdriveParams:
 @record
 class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
-    instant: CheckHistory  # margin: counts below the instant limit
-    # Trips in a tick in which some command was clipped; margin: counts below the joint limit
-    clip: CheckHistory
-    hard: CheckHistory  # the shared counter tripped; margin: samples left
+    instant: check.CheckHistory  # margin: counts below the instant limit
+    clip: (
+        check.CheckHistory
+    )  # trips in a tick that clips a command; margin: counts below the joint limit
+    hard: check.CheckHistory  # the shared counter tripped; margin: samples left
 
 
 def params(
@@ -69,7 +66,7 @@ def params(
 
 def init(setup: RavenSetup) -> OverdriveState:
     """Return the state before the first tick."""
-    return OverdriveState(np.int32(0), *(check.init(setup) for _ in range(3)))
+    return OverdriveState(np.int32(0), *(check.init(setup),) * 3)
 
 
 def step(
@@ -127,10 +124,7 @@ def step(
 
 
 def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the shared counter after one joint, and whether it trips on this joint.
-
-    Under the other policies a joint over its limit resets the counter.
-    """
+    """Return the shared counter after one joint, and whether it trips on this joint."""
     counting = over & hard
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)

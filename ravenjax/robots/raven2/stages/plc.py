@@ -1,5 +1,4 @@
-"""The programmable logic controller between control computer and motor power. A documented
-assumption.
+"""The programmable logic controller between computer and motor power. An assumption.
 
 No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
 watchdog time-out. The control software implies the following (raven2: defines.h, state_machine.cpp,
@@ -16,24 +15,25 @@ update_atmel_io.cpp), or it is assumed here.
   50 ms periods, or by the E-stop button. A trip latches: a person must press start.
 - It reads the output pins of each USB board. It trips if the watchdog of any board is missing;
   pedal and READY count if all boards report them.
-- It commands the brakes on in E-STOP and PEDAL_UP. Their relay delay is part of the virtual robot's
-  brakes.
+- It commands the brakes on in E-STOP and PEDAL_UP. The robot's brakes include the relay's delay.
 """
 
 import operator
 from functools import reduce
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.setup import cast_to_real
-from ravenjax.numbers.vec import Scalar, as_int, record
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+from ravenjax.numbers import Scalar, as_int, cast_to_real, describe_fields, jnp, record
+from ravenjax.robots.raven2.run_levels import (
+    E_STOP,
+    INIT,
+    PEDAL_DOWN,
+    PEDAL_UP,
+    PIN_FP,
+    PIN_READY,
+    PIN_WATCHDOG,
+)
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
-# Output byte of the control computer, bit numbers (raven2: defines.h).
-PIN_FP, PIN_READY, PIN_WATCHDOG = 2, 3, 4
 # Input byte: the run level is in bits 6 and 7.
 PIN_RUNLEVEL = 6
 
@@ -55,10 +55,8 @@ class PlcState:
     watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
     quiet_ticks: tuple[Scalar, ...]  # ms since the last edge of each watchdog pin, int32
     alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
-    # CAUSE_* of the first trip since start was pressed, latched; int32
-    trip_cause: Scalar
-    # trips by the watchdog; margin: ms left before one, negative: tripped
-    watchdog_lost: CheckHistory
+    trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
+    watchdog_lost: check.CheckHistory  # trips by the watchdog; margin: ms left, negative: tripped
 
 
 @record
@@ -74,11 +72,8 @@ class PlcOutput:
     brakes: Scalar  # 1: brakes commanded on, int32
 
 
-def init(
-    setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1
-) -> PlcState:
-    """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP for one just
-    switched on.
+def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
+    """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
 
     boards: number of boards whose pins may differ; 1 if all are written alike.
     """
@@ -151,4 +146,4 @@ def step(
             jnp.where(watched, cast_to_real(setup, margin), jnp.inf),
         ),
     )
-    return state, PlcOutput(runlevel=runlevel, brakes=brakes_commanded(runlevel))
+    return state, PlcOutput(runlevel, brakes_commanded(runlevel))

@@ -10,13 +10,10 @@ from functools import reduce
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
-from ravenjax.numbers.vec import Scalar, as_int, record, replace
+from ravenjax.numbers import Scalar, as_int, describe_fields, jnp, record, replace
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
 """Cycles with another level on the pins before it is adopted; raven2: state_machine.cpp."""
@@ -39,8 +36,8 @@ class StateMachineState:
     soft_estopped: Scalar  # int32 flag: DACs are 0 and the watchdog is silent
     mismatches: Scalar  # int32 cycles, never reset by matching cycles
     settling: Scalar  # int32 cycles spent in sublevel 2, kept when it is left early
-    estop: CheckHistory  # trips when run level 0 is entered
-    soft_estop: CheckHistory  # trips when the soft E-stop is raised
+    estop: check.CheckHistory  # trips when run level 0 is entered
+    soft_estop: check.CheckHistory  # trips when the soft E-stop is raised
 
 
 def params(setup: RavenSetup) -> StateMachineParams:
@@ -89,8 +86,7 @@ def advance_sublevel(
 ) -> tuple[StateMachineState, Scalar]:
     """Advance the sublevels.
 
-    Returns the state, and whether the desired pose follows the last measured one in this cycle
-    (bool).
+    Returns the state, and whether (bool) the desired pose follows the measured one.
     """
     level, sub = state.runlevel, state.sublevel
     in_init = level == INIT
@@ -104,17 +100,14 @@ def advance_sublevel(
     after = jnp.where(start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sub)))
     ready = jnp.where(in_init & (sub == 3), 1, jnp.where(level == E_STOP, 0, state.initialized))
     follow = settle | (prepare & (state.initialized == 0))
-    return (
-        replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)),
-        follow,
-    )
+    settling = jnp.where(settled, 0, settling)
+    return replace(state, sublevel=after, initialized=ready, settling=settling), follow
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
     """Set the soft E-stop flag.
 
-    It acts on the watchdog immediately, and on the DACs from the next cycle until run level 0 is
-    entered.
+    It acts on the watchdog at once, and on the DACs from the next cycle until run level 0.
     """
     return replace(
         state,

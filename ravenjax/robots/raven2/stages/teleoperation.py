@@ -1,28 +1,23 @@
-"""Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp,
-mapping.cpp).
+"""Teleoperation: the sum of packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
 
 Increments add up at every run level. In pedal-down the device takes over the sum whenever the
 update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
-initialisation), the accumulator's origin is reset to that pose. The console's pose therefore slips
-instead of jumping.
+initialisation), the accumulator's origin is reset to that pose. The console's pose then slips.
 """
 
 import math
 
 import numpy as np
 
+from ravenjax.numbers import INT32_MIN, Scalar, Vec, as_int, describe_fields, record, replace, where
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_numbers
-from ravenjax.numbers.vec import INT32_MIN, Scalar, Vec, as_int, record, replace, where
-from ravenjax.robots.raven2.arms import ArmName, PerArm
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.original.literal import select_evaluation
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
-from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
 """More than 45 deg (785.4 mrad) off, the opening is reset; raven2: local_io.cpp."""
@@ -45,19 +40,17 @@ class Accumulator:
     """Commands of the console to one arm, accumulated."""
 
     pose: StoredPose
-    # (x, y, z, w), orientation in the wide type, never re-normalised
-    quaternion: Vec
+    quaternion: Vec  # (x, y, z, w), orientation in the wide type, never re-normalised
 
 
 @record
 class TeleoperationState:
     arms: PerArm[Accumulator]
-    # int32 flag: the accumulator has changed since the device last read it
-    updated: Scalar
+    updated: Scalar  # int32 flag: the accumulator has changed since the device last read it
     age_ticks: Scalar  # int32 cycles since the last update
     surgeon_mode: Scalar  # int32, 1 engaged
     last_seq: Scalar  # int32, sequence number of the last accepted packet
-    timeout: CheckHistory  # margin: cycles left
+    timeout: check.CheckHistory  # margin: cycles left
 
 
 def params(setup: RavenSetup) -> TeleoperationParams:
@@ -91,8 +84,34 @@ def accumulate_increments(
     packet: Packet,
 ) -> TeleoperationState:
     """Add the increments of an accepted packet, or take over its absolute poses."""
-    take = _taken_absolute if setup.console == "absolute" else _added
-    after = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
+
+    def take(i: int, arm: ArmName) -> Accumulator:
+        old, quaternion = state.arms[i], widen_numbers(setup, packet.quat[i])
+        if setup.console == "absolute":
+            rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
+            pose = StoredPose(packet.delta[i], rotation, packet.grasp[i])
+            return Accumulator(pose, old.quaternion)
+        increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(quaternion))
+        # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN,
+        # which is cast to INT32_MIN.
+        moves = mapping.position_from_itp(arm, packet.delta[i])
+        moves = moves.map(
+            lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN),
+            increment,
+        )
+        quaternion = mapping.quat_mul(
+            select_evaluation(setup).quat_from_matrix(increment), old.quaternion
+        )
+        opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
+        opening = jnp.where(
+            opening > params.grasp_max_mrad,
+            params.grasp_max_mrad,
+            jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
+        )
+        rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
+        return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
+
+    after = per_arm(setup, take)
     return replace(
         state,
         arms=where(accepted, after, state.arms),
@@ -100,48 +119,6 @@ def accumulate_increments(
         surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
         last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
     )
-
-
-def _added(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TeleoperationParams,
-    old: Accumulator,
-    packet: Packet,
-    i: int,
-) -> Accumulator:
-    increment = mapping.rotation_from_itp(
-        arm, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i]))
-    )
-    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, which
-    # is cast to INT32_MIN.
-    moves = mapping.position_from_itp(arm, packet.delta[i])
-    moves = moves.map(
-        lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment
-    )
-    quaternion = mapping.quat_mul(
-        select_evaluation(setup).quat_from_matrix(increment), old.quaternion
-    )
-    opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
-    opening = jnp.where(
-        opening > params.grasp_max_mrad,
-        params.grasp_max_mrad,
-        jnp.where(opening < params.grasp_min_mrad, params.grasp_min_mrad, opening),
-    )
-    rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
-    return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
-
-
-def _taken_absolute(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TeleoperationParams,
-    old: Accumulator,
-    packet: Packet,
-    i: int,
-) -> Accumulator:
-    rotation = narrow_numbers(setup, mapping.matrix_from_quat(widen_numbers(setup, packet.quat[i])))
-    return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
 
 
 def hand_over(

@@ -1,5 +1,4 @@
-"""USB transfers between control software and boards (raven2: get_USB_packet.cpp,
-put_USB_packet.cpp).
+"""USB transfers between software and boards (raven2: get_USB_packet.cpp, put_USB_packet.cpp).
 
 The loop ignores failed transfers. After a failed read it uses the last delivered values again;
 after a failed write the board keeps the last written values. DAC commands and output pins travel in
@@ -10,10 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ravenjax.numbers.setup import per_arm
-from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import PerArm
-from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.numbers import Scalar, Vec, for_each_arm, record, where
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 
 AnyUsb = TypeVar("AnyUsb", "UsbIn", "UsbOut")
 
@@ -36,9 +33,8 @@ class UsbOut:
 
 def init(setup: RavenSetup) -> UsbIn:
     """Return the values of boards that have delivered nothing."""
-    return UsbIn(
-        per_arm(setup, lambda *_: Vec.full(7, np.int32(0))), per_arm(setup, lambda *_: np.int32(0))
-    )
+    zero = np.int32(0)
+    return UsbIn(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero))
 
 
 def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.console import motions, operator
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -22,7 +22,7 @@ def make_setup(console="increments", precision=CAMPAIGN) -> RavenSetup:
 def packets(setup, motion, scale):
     """Every packet of a motion, arrays [T]."""
     table = tuple(jnp.asarray(column) for column in motion.table().T)
-    params = operator.params(setup, motion.start_jpos, scale)
+    params = replace(operator.params(setup, motion.start_jpos), scale=scale)
 
     def one(k):
         return operator.make_packet(setup, params, table, operator.row_by_row(k))
@@ -120,7 +120,7 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
     setup = make_setup(precision=REFERENCE)
     with jax.enable_x64(True):
         table = tuple(jnp.asarray(column) for column in motion.table().T)
-        params = operator.params(setup, motion.start_jpos, 0.1)
+        params = operator.params(setup, motion.start_jpos)
         hands, total, rng = operator.at_plan(setup), np.zeros((2, 3)), np.random.default_rng(4)
         for k in range(300, 330):
             stray = rng.uniform(-50.0, 50.0, (2, 3))

@@ -37,7 +37,7 @@ def felt(
 def after_pull(action, **changes):
     """State at tick 400, packet 390, of an operator who felt a pull in tick 100."""
     asked = params(action, **changes)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(SETUP), felt(0.01, 100))
+    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(0.01, 100))
     return asked, reaction.react_to_cue(SETUP, asked, state, jnp.int32(400), jnp.int32(390))
 
 
@@ -47,7 +47,7 @@ def deviation(asked, state, row):
 
 def test_the_action_begins_after_the_reaction_time():
     asked = params("release", delay_ms=250.0)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(SETUP), felt(0.01, 100))
+    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(0.01, 100))
     state, _ = reaction.feel_cue(SETUP, asked, state, felt(0.02, 101))
     assert int(state.felt) == 100
     early = reaction.react_to_cue(SETUP, asked, state, jnp.int32(349), jnp.int32(349))
@@ -61,7 +61,7 @@ def test_the_action_begins_after_the_reaction_time():
 @pytest.mark.parametrize("force, down", [(0.0, True), (0.005, True), (0.02, False)])
 def test_what_is_too_weak_or_comes_with_the_pedal_up_is_not_felt(force, down):
     asked = params("release", felt_force=0.005)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(SETUP), felt(force, 100, down=down))
+    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(force, 100, down=down))
     assert int(state.felt) == -1
 
 

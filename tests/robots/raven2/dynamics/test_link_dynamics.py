@@ -164,7 +164,7 @@ def test_an_arm_without_cables_moves_as_by_the_implicit_integrator_of_mujoco(arm
         state = robot.init(setup, arm, params, HOME_JPOS)
         loose = {"cable_stiffness": none, "cable_damping": none, "link_coulomb": none}
         params = replace(params, **loose, link_viscous=Vec(viscous))
-        signal = robot.nominal_signal(Vec((jnp.int32(0),) * 7), jnp.int32(1))
+        signal = robot.PlantSignal(Vec((jnp.int32(0),) * 7), jnp.int32(1))
         step = jax.jit(lambda state: robot.step(setup, arm, params, state, signal))
         for _ in range(100):
             state, out = step(state)

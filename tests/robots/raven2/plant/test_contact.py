@@ -112,7 +112,7 @@ def stepper(arms: tuple[ArmName, ...], ticks: int):
     one = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms), precision=REFERENCE)
 
     def run(params, states, touched, command):
-        load = robot.nominal_signal(Vec(command), jnp.int32(0))
+        load = robot.PlantSignal(Vec(command), jnp.int32(0))
 
         def tick(states, _):
             moved = robot.step_all(one, params, states, (load,) * len(arms), touched)

@@ -44,7 +44,7 @@ def drive(
 
 
 def test_power_up_to_pedal_down_and_back() -> None:
-    state = plc.init(SETUP, PARAMS, run_levels.E_STOP)
+    state = plc.init(SETUP, run_levels.E_STOP)
     state, outs = drive(state, 150, pins=0)
     levels = [int(out.runlevel) for out in outs]
     assert (
@@ -63,7 +63,7 @@ def test_power_up_to_pedal_down_and_back() -> None:
 
 @pytest.mark.parametrize("level", [0, 16])
 def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
-    state, _ = drive(plc.init(SETUP, PARAMS), 100, pins=READY | PEDAL)
+    state, _ = drive(plc.init(SETUP), 100, pins=READY | PEDAL)
     assert int(state.runlevel) == run_levels.PEDAL_DOWN
     quiet = (
         int(state.quiet_ticks[0]) if level == 0 else -1
@@ -79,14 +79,14 @@ def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int)
 
 
 def test_button_trips_at_once_and_the_trip_latches() -> None:
-    state, outs = drive(plc.init(SETUP, PARAMS), 1, estop=True)
+    state, outs = drive(plc.init(SETUP), 1, estop=True)
     assert int(outs[0].runlevel) == run_levels.E_STOP and int(state.trip_cause) == plc.CAUSE_BUTTON
     state, outs = drive(state, 400)
     assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP}
 
 
 def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
-    state, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
+    state, _ = drive(plc.init(SETUP), 10, estop=True)
     state, outs = drive(state, 1, start=True)
     assert int(outs[0].runlevel) == run_levels.INIT and int(state.trip_cause) == plc.CAUSE_NONE
     state, outs = drive(state, 100, pins=READY | PEDAL)
@@ -98,7 +98,7 @@ def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
 @pytest.mark.parametrize("held", [READY | PEDAL, READY | PEDAL | 16])
 def test_the_watchdog_of_every_board_is_missed(held: int) -> None:
     both = lambda tick: READY | PEDAL | watchdog(tick)  # noqa: E731
-    state, outs = drive(plc.init(SETUP, PARAMS, boards=2), 300, pins=READY | PEDAL, second=both)
+    state, outs = drive(plc.init(SETUP, boards=2), 300, pins=READY | PEDAL, second=both)
     assert int(outs[-1].runlevel) == run_levels.PEDAL_DOWN
     state, outs = drive(state, 120, pins=READY | PEDAL, second=lambda _: held)
     assert (
