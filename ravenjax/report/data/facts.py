@@ -115,8 +115,8 @@ def define_facts(
     hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
     did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    For counting: distinct is equal for runs that differ only in seed or crossed parameters. Runs
-    with the same seed whose faults draw numbers themselves are distinct. action is an index into
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters, unless
+    their faults draw numbers themselves: each copy of such a fault is distinct. action is an index into
     ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every operator reacts.
     `sample` marks the first valid plain run of each distinct input whose fault, if any, changed a
     bit. Rates, intervals and tests take these runs as their draws.
@@ -262,9 +262,8 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     if drawn:
-        # Copies of a fault that draws numbers itself are further faults. Repeats are not.
-        seed = ", seed" if "seed" in types else ""
-        copy = f"row_number() OVER (PARTITION BY {key}{seed} ORDER BY row)"
+        # Copies of a fault that draws numbers itself are further faults, also with other seeds.
+        copy = f"row_number() OVER (PARTITION BY {key} ORDER BY row)"
         key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
     keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
     (unique,) = table.row(
