@@ -94,7 +94,7 @@ class FolderComparison(NamedTuple):
     configuration: Sequence[Change]
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
-    rates: Sequence[RateChange]
+    rates: Sequence[RateChange]  # empty without a compared pair
     # for each key of WORDS: all transitions that occurred
     transitions: dict[str, Sequence[Transition]]
     changed: Sequence[RunChange]  # the most changed first
@@ -136,7 +136,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             manifest.find_changes(records[0].config, records[1].config),
             manifest.find_changes(*map(_describe_origin, records)),
             pairs,
-            [_rate(table, name, records, among) for name in RATES],
+            [_rate(table, name, records, among) for name in RATES if len(faults)],
             {word: _transitions(table, word) for word in WORDS},
             _changed(records[0].robot, table, most),
         )

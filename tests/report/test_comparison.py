@@ -150,6 +150,10 @@ def test_folders_that_share_nothing_are_refused(tmp_path, folders):
             pair=np.arange((other["fault0_site"] != "").sum()),
         ),
     )
+    free = FIRST[FIRST["fault0_site"] == ""].reset_index(drop=True)
+    free = folder(tmp_path / "free", free.assign(index=range(len(free)), pair=range(len(free))))
+    alone = comparison.compare_folders(free, free)
+    assert not alone.rates and "Run one campaign with faults twice" in alone.sentences()[-1]
     with pytest.raises(UserError, match="share no fault"):
         comparison.compare_folders(folders[0], place)
     with pytest.raises(UserError, match="--most -1"):
