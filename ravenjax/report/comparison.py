@@ -257,11 +257,7 @@ def _rate(
     return RateChange(
         name,
         events.event_meaning(name, records[0].rules),
-        pair_intervals.pair_rate(first, among),
-        pair_intervals.pair_rate(second, among),
-        pair_intervals.rate_difference(second, first, among),
-        int((first & ~second).sum()),
-        int((second & ~first).sum()),
+        *pair_intervals.compare_rates(second, first, among)[:-1],
     )
 
 

@@ -115,11 +115,11 @@ def define_facts(
     hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
     did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    For counting: distinct is equal for runs that differ only in seed or crossed parameters, unless
-    their faults draw numbers themselves: each copy of such a fault is distinct. action is an index into
-    ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every operator reacts.
-    `sample` marks the first valid plain run of each distinct input whose fault, if any, changed a
-    bit. Rates, intervals and tests take these runs as their draws.
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters. Each
+    copy of a fault that draws numbers itself is distinct. action is an index into ACTIONS. `plain`
+    marks runs in which nobody reacts, or all runs if every operator reacts. `sample` marks the
+    first valid plain run of each distinct input whose fault, if any, changed a bit. Rates,
+    intervals and tests take these runs as their draws.
 
     Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the

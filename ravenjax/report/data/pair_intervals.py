@@ -4,6 +4,7 @@ All pairs of one drawn fault count together as one unit. Enumerated faults have 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,17 @@ from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_inte
 RESAMPLES = 1000
 DRAWS = 20_000_000
 """Units drawn for one confidence band of a mean, over all resamples."""
+
+
+class PairedRates(NamedTuple):
+    """The rate of one event in the runs of each side of some pairs."""
+
+    before: Rate
+    after: Rate
+    change: Estimate  # after minus before, a fraction
+    before_only: int  # pairs in which only the run before has it
+    after_only: int
+    p: float  # exact p-value that both are alike; NaN if nothing was drawn
 
 
 def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
@@ -31,7 +43,26 @@ def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
     return units.rate_band(hit, among, resamples=_resamples(among.count))
 
 
-def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
+def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) -> PairedRates:
+    """Compare bool [pairs] of both sides."""
+    return PairedRates(
+        pair_rate(before, among),
+        pair_rate(after, among),
+        _rate_difference(after, before, among),
+        int((before & ~after).sum()),
+        int((after & ~before).sum()),
+        _p_value(after, before, among),
+    )
+
+
+def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
+    """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
+    if among is None or len(after) < 2:
+        return Estimate(_mean(after - before), math.nan, math.nan)
+    return _resampled(after - before, among)
+
+
+def _rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
     """Return the rate of `after` minus that of `before`.
 
     The interval is Bonett and Price's if every pair has a different fault. It is the same interval,
@@ -46,15 +77,7 @@ def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
     return _resampled(after.astype(float) - before, among)
 
 
-def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
-    if among is None or len(after) < 2:
-        return Estimate(_mean(after - before), math.nan, math.nan)
-    return _resampled(after - before, among)
-
-
-def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    """Return the exact p-value that both are alike; NaN if nothing was drawn."""
+def _p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
     if among is None:
         return math.nan
     if among.count == len(after):

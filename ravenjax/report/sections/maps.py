@@ -1,8 +1,8 @@
 """Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
 that matter most.
 
-The axes of a map are the two inputs that explain most of the variance of the outcomes. Faults of one
-site and effect have their own map if there are enough of them.
+The axes of a map are the two inputs that explain most of the variance of the outcomes. Faults of
+one site and effect have their own map if there are enough of them.
 """
 
 import itertools
