@@ -7,8 +7,8 @@ import numpy as np
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, SETTLING, Calibration
 from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.tables import PER_UNIT, UNITS
-from ravenjax.analyses.panels import save_panels
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
+from ravenjax.report.drawing import save_panels
 from ravenjax.robots.raven2.arms import JOINTS
 
 LOG, ROBOT = "same", "cue"

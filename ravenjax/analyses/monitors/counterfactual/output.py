@@ -14,12 +14,12 @@ from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
-from ravenjax.analyses.panels import save_panels
 from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.fault_free import rounded_up
+from ravenjax.report.drawing import save_panels
 from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 

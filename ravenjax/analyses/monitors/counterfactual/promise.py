@@ -24,14 +24,11 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate
 
 
-def select_greedily(
-    covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0
-) -> list[int]:
+def select_greedily(covered: np.ndarray, most: int, least: float = 0.0) -> list[int]:
     """Return the numbers of at most `most` candidates by greedy selection.
 
-    `covered`: bool [runs, candidates]. `weight`: of each run, at least 0; None: 1. Of candidates
-    with equal gain the earlier is taken. A candidate is not taken if it adds nothing, or less than
-    the share `least` of all weight.
+    `covered`: bool [runs, candidates]. Of candidates with equal gain the earlier is taken. A
+    candidate is not taken if it adds nothing, or less than the share `least` of all runs.
 
     Each step takes the candidate that covers most of the runs that are still uncovered. Coverage is
     submodular, so a greedy set of k covers at least 1 - 1/e of the best set of k (Nemhauser,
@@ -39,26 +36,18 @@ def select_greedily(
     superfluous are removed.
     """
     runs, candidates = covered.shape
-    value = np.ones(runs) if weight is None else np.asarray(weight, float)
-    left = value.copy()
-    picks: list[int] = []
+    left, picks = np.ones(runs, bool), []
     while len(picks) < min(most, candidates):
-        gain = left @ covered
+        gain = covered[left].sum(axis=0)
         best = int(np.argmax(gain))
-        if not gain[best] > 0 or gain[best] < least * value.sum():
+        if not gain[best] or gain[best] < least * runs:
             break
         picks.append(best)
-        left[covered[:, best]] = 0.0
-    return _pruned(covered, picks, value)
-
-
-def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """Return the picks without those that the others make superfluous, from the last on."""
+        left &= ~covered[:, best]
     rest = list(picks)
-    for one in reversed(picks):
-        others = [other for other in rest if other != one]
-        alone = covered[:, one] & ~covered[:, others].any(axis=1)
-        if others and not value[alone].sum() > 0:
+    for pick in reversed(picks):
+        others = [other for other in rest if other != pick]
+        if others and not (covered[:, pick] & ~covered[:, others].any(axis=1)).any():
             rest = others
     return rest
 
