@@ -18,7 +18,7 @@ from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, format_value
 from ravenjax.store import files
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 
 if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults

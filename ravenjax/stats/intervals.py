@@ -41,11 +41,9 @@ class Estimate(NamedTuple):
     high: Any
 
 
-def wilson_interval(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Return a rate with its Wilson score interval. Raises ValueError unless 0 <= k <= n and 0 <
-    confidence < 1.
-    """
-    return rates_with_intervals([k], [n], confidence, "wilson")[0]
+def wilson_interval(k: int, n: int) -> Rate:
+    """Return a rate with its 95 % Wilson score interval. Raises ValueError unless 0 <= k <= n."""
+    return rates_with_intervals([k], [n])[0]
 
 
 def clopper_pearson(k: int, n: int) -> Rate:

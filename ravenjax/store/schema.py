@@ -165,19 +165,15 @@ def arrow_schema(shape: Shape) -> pa.Schema:
         [
             pa.field(
                 c.name,
-                _arrow_type(c.dtype),
+                pa.dictionary(pa.int32(), pa.string())
+                if c.dtype == "category"
+                else pa.type_for_alias(c.dtype),
                 nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in table_columns(shape)
         ],
         metadata={"ravenjax.schema_version": str(VERSION)},
-    )
-
-
-def _arrow_type(dtype: str) -> pa.DataType:
-    return (
-        pa.dictionary(pa.int32(), pa.string()) if dtype == "category" else pa.type_for_alias(dtype)
     )
 
 

@@ -10,8 +10,7 @@ import synthetic_results as synthetic
 
 from ravenjax.cli import console, running
 from ravenjax.robots.raven2.declaration import SITES
-from ravenjax.store.access.results import Results
-from ravenjax.store.folder import ResultFolder
+from ravenjax.store.folder import ResultFolder, Results
 from ravenjax.vocabulary.effects import EFFECTS
 
 

@@ -8,7 +8,7 @@ from cue_results import FRAME, ROWS, RUNS, TABLE
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import cues
-from ravenjax.stats.sample_size.planning import hours_to_bound
+from ravenjax.stats.alarms.false_alarms import hours_to_bound
 
 
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap as rows_bootstrap
 
-from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.bootstrap.units import bootstrap
 
 X = np.random.default_rng(0).exponential(1.0, 60)
 

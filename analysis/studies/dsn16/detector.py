@@ -24,7 +24,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.campaign.trace import trace_series
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.bootstrap.units import bootstrap
 from ravenjax.store import manifest
 from studies.dsn16.attacks import VariantCase, VariantRuns, holds, other_jump_rules, read_runs
 from studies.study import Line, Published, StudyEstimate, Variant

@@ -77,7 +77,8 @@ def question_plan(config: CampaignConfig) -> Plan:
     }
     for full, own in paths.path_leaves(program.params, program.setup):
         path = paths.without_arm(full, program.setup.arms)
-        if not _asked(path) or full in covered:
+        starts = [start for start in WORDS["parameters"] if f"{path}.".startswith(f"{start}.")]
+        if not starts or full in covered:
             continue
         of_path = paths.named_numbers(program.params, program.setup, path)
         covered.update(of_path)
@@ -92,10 +93,6 @@ def question_plan(config: CampaignConfig) -> Plan:
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
     return dataclasses.replace(ready, program=program, varied=values)
-
-
-def _asked(path: str) -> bool:
-    return any(path == start or path.startswith(f"{start}.") for start in WORDS["parameters"])
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:

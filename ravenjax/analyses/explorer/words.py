@@ -19,7 +19,7 @@ from ravenjax.report.data.facts import OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.store import schema
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
@@ -117,11 +117,6 @@ def _varied(config: CampaignConfig) -> list[str]:
     ]
 
 
-def _file(value: Any) -> str:
-    assert isinstance(value, Path), value
-    return value.name
-
-
 def _toml(config: CampaignConfig) -> str:
     """Return the campaign's file without cues, groups and varied parameters, which a page adds.
     Files that it reads lie beside it.
@@ -130,7 +125,7 @@ def _toml(config: CampaignConfig) -> str:
     """
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
-    tables = json.loads(json.dumps(content, default=_file))
+    tables = json.loads(json.dumps(content, default=lambda path: path.name))
     varied = _varied(config)
     tables["parameters"] = {
         path: one for path, one in tables.get("parameters", {}).items() if path not in varied

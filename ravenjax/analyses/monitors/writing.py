@@ -242,8 +242,12 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
     }
     raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
     raw["campaign"] = own["campaign"] | settings
+    # Parameters that are a single number, and of the arm that is kept.
+    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
     raw["parameters"] = {
-        path: value for path, value in own["parameters"].items() if _is_plain(config, path)
+        path: value
+        for path, value in own["parameters"].items()
+        if config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)
     }
     raw["detector"] = [
         {
@@ -254,9 +258,3 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
         }
     ]
     return validate_tables(raw)
-
-
-def _is_plain(config: CampaignConfig, path: str) -> bool:
-    """Return whether a parameter is a single number, and of the arm that is kept."""
-    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
-    return config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)

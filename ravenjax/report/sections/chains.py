@@ -223,7 +223,9 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
 
     harm = mine["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
-    leads = _leads(seams, harm)
+    # How long before harm each seam showed each run, ms [seams, runs]; 0: not before.
+    leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
+    leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
     best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(mine), int)
     carriers = [
@@ -267,15 +269,6 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
         )
         for name, arms in by_seam.items()
     ]
-
-
-def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not before."""
-    if not seams:
-        return np.zeros((0, len(harm)), np.int64)
-    return np.stack(
-        [np.where((one.leaves >= 0) & (one.leaves < harm), harm - one.leaves, 0) for one in seams]
-    )
 
 
 SECTIONS = (Section("chains", "Chains", 150, _content),)

@@ -142,7 +142,9 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     for name in names[sizes >= MIN_RUNS]:
         mine = swept.block == name
         part = swept._replace(faults=swept.faults.loc[mine], block=swept.block[mine])
-        if ranked := _ranked_pairs(part, _axes(part, runs.robot.joints)):
+        axes = _axes(part, runs.robot.joints)
+        pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
+        if ranked := _ranked([_counts(part, *pair) for pair in pairs]):
             items.append(_map(part, str(name), ranked, runs.sampled(groups.get(str(name)))))
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
     whole = [_map(swept, WHOLE, _by_block(swept), runs.sampled())] if len(names) > 1 else []
@@ -243,11 +245,6 @@ def _by_block(swept: Sweep) -> list[PairCounts]:
     return _ranked([_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)])
 
 
-def _ranked_pairs(swept: Sweep, axes: Sequence[MapAxis]) -> list[PairCounts]:
-    pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-    return _ranked([_counts(swept, *pair) for pair in pairs])
-
-
 def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
     """Return the pairs, those that explain most first."""
     return sorted(pairs, key=explained_share, reverse=True)
@@ -315,9 +312,11 @@ def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
     return content | {"panels": panels, "axes": pairs}
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any]:
-    maps = all_maps(runs)
-    return {"maps": maps, "map_least": MIN_RUNS, "map_most": MOST}
-
-
-SECTIONS = (Section("maps", "Maps", 30, _content),)
+SECTIONS = (
+    Section(
+        "maps",
+        "Maps",
+        30,
+        lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST},
+    ),
+)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.analyses.monitors.counterfactual.candidates import (
-    CONFIDENCE,
     MARGINS,
     PROPOSED,
     Question,
@@ -198,12 +197,7 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     over = motions.peaks > np.float32(margin)
     count, hours = int(over.sum()), float(motions.hours.sum())
     if runs == 1:
-        return alarm_rate(count, hours, CONFIDENCE)
-    high = alarm_rate(int(over.any(axis=1).sum()), hours / runs, CONFIDENCE).high
-    low = alarm_rate(count // runs, hours / runs, CONFIDENCE).low
+        return alarm_rate(count, hours)
+    high = alarm_rate(int(over.any(axis=1).sum()), hours / runs).high
+    low = alarm_rate(count // runs, hours / runs).low
     return AlarmRate(count, hours, count / hours, low, high)
-
-
-def hours_to_show(per_hour: float) -> float:
-    """Return the hours without any alarm whose interval ends at a rate."""
-    return alarm_rate(0, 1.0, CONFIDENCE).high / per_hour
