@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import difflib
 import functools
 import itertools
 import re
@@ -22,7 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from ravenjax import robots
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, suggest_name
 from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
@@ -227,9 +226,8 @@ def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> s
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")
-    for name in unknown[:6]:
-        near = difflib.get_close_matches(name, missing or known, n=1)
-        parts.append(
-            f"unknown result column {name!r}" + (f", did you mean {near[0]!r}?" if near else "")
-        )
+    parts += [
+        f"unknown result column {name!r}{suggest_name(name, missing or known)}"
+        for name in unknown[:6]
+    ]
     return "; ".join(parts)

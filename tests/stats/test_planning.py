@@ -27,8 +27,7 @@ def test_hours_without_an_alarm_by_hand():
 def test_more_runs_are_the_fewest_whatever_is_asked(rate, n, half_width, confidence):
     k = round(rate * n)
     total = n + more_runs(k, n, half_width, confidence).expected
-    low, high = rate_bounds(
-        k / n * np.array([total, total - 1.0]), np.array([total, total - 1.0]), confidence
-    )
+    runs = np.array([total, total - 1.0])
+    low, high = rate_bounds(k / n * runs, runs, 1 - confidence)
     enough, fewer = (high - low) / 2
     assert enough <= half_width * (1 + 1e-8) and (total == n or fewer > half_width * (1 - 1e-8))

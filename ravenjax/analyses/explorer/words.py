@@ -95,20 +95,13 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
     values: dict[str, list[float]] = {}
-    for group in config.model_dump(mode="json")["group"]:
-        for fault in group.get("fault") or ():
-            effects = fault["effect"] if isinstance(fault["effect"], list) else [fault["effect"]]
-            for effect in effects:
-                numbers = values.setdefault(f"{fault['site']}/{effect}", [])
-                numbers += map(float, _numbers(fault.get("value")))
-    return {name: [min(numbers), max(numbers)] for name, numbers in values.items() if numbers}
-
-
-def _numbers(value: Any) -> list[Any]:
-    if isinstance(value, dict | list):
-        parts = value.values() if isinstance(value, dict) else value
-        return [number for part in parts for number in _numbers(part)]
-    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else []
+    for group in config.group:
+        for run in group.run or [None]:
+            for fault in group.fault if run is None else group.faults_of(run):
+                for effect in fault.effect.listed if fault.value is not None else ():
+                    drawn = fault.value.listed or fault.value.extent
+                    values.setdefault(f"{fault.site}/{effect}", []).extend(map(float, drawn))
+    return {name: [min(numbers), max(numbers)] for name, numbers in values.items()}
 
 
 def _varied(config: CampaignConfig) -> list[str]:

@@ -32,14 +32,15 @@ def _draws(group: Mapping[str, Any]) -> bool:
         return False
     sampled = group.get("design") in SAMPLED
     return any(
-        _is_random(fault.get("effect")) or any(_varies(value, sampled) for value in fault.values())
+        _is_random(fault.get("effect", ""))
+        or any(_varies(value, sampled) for value in fault.values())
         for fault in group.get("fault", ())
     )
 
 
 def _is_random(effect: Any) -> bool:
     """Return whether each run of a fault with this effect, or list of effects, draws its own."""
-    return bool(effect) and set([effect] if isinstance(effect, str) else effect) <= set(RANDOM)
+    return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 
 def _varies(value: Any, sampled: bool) -> bool:

@@ -44,45 +44,34 @@ def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
 
 
 def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) -> PairedRates:
-    """Compare bool [pairs] of both sides."""
-    return PairedRates(
-        pair_rate(before, among),
-        pair_rate(after, among),
-        _rate_difference(after, before, among),
-        int((before & ~after).sum()),
-        int((after & ~before).sum()),
-        _p_value(after, before, among),
-    )
+    """Compare bool [pairs] of both sides.
+
+    If every pair has a different fault, the interval of the change is Bonett and Price's. It is the
+    same interval, with as many pairs as there are faults, if nothing differs. Otherwise faults are
+    resampled.
+    """
+    difference = after.astype(float) - before
+    if among is None:
+        change, p = Estimate(_mean(difference)), math.nan
+    elif among.count == len(after):
+        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before).p
+    else:
+        p = clustered.exchange_p(after, before, among.unit)
+        alike = not difference.any() and among.count >= units.FEWEST
+        change = (
+            paired.difference_of_counts(0, 0, among.count)
+            if alike
+            else _resampled(difference, among)
+        )
+    only, other = int((before & ~after).sum()), int((after & ~before).sum())
+    return PairedRates(pair_rate(before, among), pair_rate(after, among), change, only, other, p)
 
 
 def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
     """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
     if among is None or len(after) < 2:
-        return Estimate(_mean(after - before), math.nan, math.nan)
+        return Estimate(_mean(after - before))
     return _resampled(after - before, among)
-
-
-def _rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Return the rate of `after` minus that of `before`.
-
-    The interval is Bonett and Price's if every pair has a different fault. It is the same interval,
-    with as many pairs as there are faults, if nothing differs. Otherwise faults are resampled.
-    """
-    if among is None:
-        return Estimate(_mean(after.astype(float) - before), math.nan, math.nan)
-    if among.count == len(after):
-        return paired.rate_difference(after, before)
-    if (after == before).all() and among.count >= units.FEWEST:
-        return paired.difference_of_counts(0, 0, among.count)
-    return _resampled(after.astype(float) - before, among)
-
-
-def _p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    if among is None:
-        return math.nan
-    if among.count == len(after):
-        return paired.mcnemar_test(after, before).p
-    return clustered.exchange_p(after, before, among.unit)
 
 
 def _resampled(difference: np.ndarray, among: Units) -> Estimate:

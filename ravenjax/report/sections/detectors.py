@@ -123,21 +123,13 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     return result
 
 
-def knowledge_sql(runs: Runs) -> str:
+def knowledge_sql(runs: Runs, leading: bool = False) -> str:
     """Return SQL for the time at which anyone could first know of each run's fault, -1 if never:
     by the cue, a check, or a detector at its lowest threshold without a false alarm.
+
+    `leading`: leave out alarms that cannot come before the motion by definition, cues and tip
+    errors at its limit or beyond.
     """
-    return _first_alarm(runs)
-
-
-def before_motion(runs: Runs) -> str:
-    """Return the SQL of `knowledge_sql` without alarms that cannot come before the motion by
-    definition: cues and tip errors at its limit or beyond.
-    """
-    return _first_alarm(runs, leading=True)
-
-
-def _first_alarm(runs: Runs, leading: bool = False) -> str:
     trusted = [
         f"({after_onset(alarms.column)})"
         for alarms in runs.once(list_alarms)

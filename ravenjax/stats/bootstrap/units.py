@@ -125,7 +125,7 @@ def ratio_band(
         total = sums.sum(axis=1)
         value = total[0] / total[1]
         if among.count < FEWEST:
-            return Estimate(value, np.nan, np.nan)
+            return Estimate(value)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
     low, high = band_ends(np.where(np.isfinite(samples), samples, np.nan))
@@ -147,12 +147,12 @@ def rate_band(
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
     if not n:
-        return Rate(0, 0, np.nan, np.nan, np.nan)
+        return Rate()
     if 0 < k < n:
         band = ratio_band(hits, 1.0, among, resamples=resamples, seed=seed)
         return Rate(k, n, k / n, float(band.low), float(band.high))
     if among.count < FEWEST:
-        return Rate(k, n, k / n, np.nan, np.nan)
+        return Rate(k, n, k / n)
     low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count))
     return Rate(k, n, k / n, float(low), float(high))
 
@@ -171,7 +171,7 @@ def statistic_band(
     """
     whole = float(value(np.ones((1, len(among.unit))))[0])
     if among.count < FEWEST:
-        return Estimate(whole, np.nan, np.nan)
+        return Estimate(whole)
     # Resamples without a value sort last, like an event that never comes.
     values = np.sort(among.resampled(value, RESAMPLES, seed))
     return Estimate(whole, *(float(values[round(q * RESAMPLES)]) for q in (0.025, 0.975)))

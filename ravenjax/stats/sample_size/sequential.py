@@ -225,7 +225,7 @@ class Sequential:
             for r, rate in enumerate(self.rates)
             for name, found in zip(
                 names,
-                rates_with_intervals(k[r, there], n[there], self.each, "clopper_pearson"),
+                rates_with_intervals(k[r, there], n[there], self.each, "beta"),
                 strict=True,
             )
         ]
@@ -238,7 +238,7 @@ class Sequential:
         weight = self.size[there] * n[there] / taken[there]
         rows = []
         for r, rate in enumerate(self.rates):
-            found = Rate(0, 0, math.nan, math.nan, math.nan)
+            found = Rate()
             if known:
                 hits, runs = k[r, there], n[there]
                 estimate = stratified_rate(hits, runs, weight, self.each)
@@ -293,12 +293,13 @@ def stratified_rate(
 
     hits, runs, weights = np.asarray(k), np.asarray(n), np.asarray(weight, float)
     share = weights / weights.sum()
-    z = norm.isf(alpha_of(confidence) / 2)
+    alpha = alpha_of(confidence)
+    z = norm.isf(alpha / 2)
     centre = (hits + z**2 / 2) / (runs + z**2)
     overall = share @ centre
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
-    low, high = rate_bounds(np.array(value * effective), np.array(effective), confidence, "wilson")
+    low, high = rate_bounds(np.array(value * effective), np.array(effective), alpha)
     return Estimate(value, float(low), float(high))
 
 

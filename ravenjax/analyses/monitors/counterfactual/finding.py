@@ -236,7 +236,7 @@ def confirm_checks(
     anew = _rate(in_time[new])
     gap = rate_difference(anew.k, anew.n, promised.k, promised.n)
     if one.grounds.hazards.robots:
-        gap = Estimate(gap.value, math.nan, math.nan)
+        gap = Estimate(gap.value)
     return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
 
 

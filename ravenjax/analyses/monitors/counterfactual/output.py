@@ -4,7 +4,6 @@ The figure shows the share of faults that are detected at least a given number o
 before harm.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -129,13 +128,12 @@ COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
 def finding_sentences(one: Counterfactual) -> list[str]:
     """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
-    templates.filters |= {"quantile": np.quantile, "listed": _list_names}
+    templates.filters |= {
+        "quantile": np.quantile,
+        "listed": lambda names: " and ".join(filter(None, [", ".join(names[:-1]), names[-1]])),
+    }
     text = templates.get_template("sentences.txt.j2")
     return text.render(one=one, hours_needed=hours_needed).splitlines()
-
-
-def _list_names(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
