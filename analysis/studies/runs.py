@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ravenjax.outcomes import verdict
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.stats import latency
@@ -73,11 +74,17 @@ def read(path: Path) -> Runs:
     injury-capable motion) are added. Raises StoreError.
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
-    facts = run_facts.derive_from_manifest(frame, made)
+    facts = run_facts.derive_facts(frame, run_facts.recorded_choices(made))
     frame[EXCURSION] = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
     frame["injury"] = severity.injury_capable(frame)
     plain = frame.drop(columns=frame.columns.intersection(facts.columns))
     return Runs(pd.concat([plain, facts], axis=1), made)
+
+
+def warning_times(runs: Runs, cue: int) -> np.ndarray:
+    """Return when each run had a cue that its golden run did not have, ms [runs]; -1: never."""
+    times = (runs[f"{prefix}cue{cue}_first_ms"] for prefix in ("", "golden_"))
+    return verdict.beyond_golden(*times)
 
 
 def changed_a_bit(runs: Runs) -> np.ndarray:

@@ -259,7 +259,6 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    """Return a program for one robot at a time that outputs some time series in each tick."""
     rows = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]

@@ -178,7 +178,6 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs have at most one fault, of an offered effect and in one time window."""
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

@@ -66,7 +66,6 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
-    """Return the tables of monitor.toml that depend only on the result."""
     tested, monitor = result.test, result.monitor
     return {
         "monitor": {
@@ -228,7 +227,6 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """Return a short campaign of one arm, whose only detector shows the score of each tick."""
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:

@@ -118,7 +118,6 @@ class Evaluator:
         )
 
     def _run(self, rows: pd.DataFrame) -> None:
-        """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [

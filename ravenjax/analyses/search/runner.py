@@ -109,7 +109,6 @@ def _into(
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    """Return everything that decides the result, as JSON values."""
     return files.json_values(
         {
             "config": config.resolved(),
@@ -152,9 +151,6 @@ def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    """Write all files of a search, each atomically, and return the sentences of its page. Raises
-    StoreError if the disk refuses.
-    """
     (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))
     templates = wording.text_templates(__package__)

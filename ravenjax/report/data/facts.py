@@ -56,11 +56,6 @@ def recorded_choices(manifest: Manifest) -> Choices:
     )
 
 
-def derive_from_manifest(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """Call `derive_facts` with the choices of the campaign that a manifest describes."""
-    return derive_facts(frame, recorded_choices(manifest))
-
-
 USUAL = Choices()
 """Choices of a campaign that leaves all defaults unchanged."""
 
@@ -152,7 +147,7 @@ def define_facts(
         "response_ms": "response_ms",
         "told_ms": "told_ms",
         "cue_ms": f"cue{rules.cue}_first_ms",
-        "warned_ms": warned_sql(rules.cue),
+        "warned_ms": events.beyond_golden_sql(f"cue{rules.cue}_first_ms"),
         **{
             name: f"CASE WHEN {valid} AND hazard = '{hazard}' THEN {column} ELSE -1 END"
             for name, hazard, column in (
@@ -221,11 +216,6 @@ def action_sql(names: Sequence[str], usual: int) -> str:
         return str(usual)
     own = quote_name(ACTION)
     return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
-
-
-def warned_sql(cue: int) -> str:
-    """Return SQL for the time of a cue that the golden run did not have by then, else -1."""
-    return events.beyond_golden_sql(f"cue{cue}_first_ms")
 
 
 def first_sql(*times_ms: str) -> str:
@@ -308,8 +298,3 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
 
 def _listed(columns: Mapping[str, str]) -> str:
     return ", ".join(f"{sql} AS {quote_name(name)}" for name, sql in columns.items())
-
-
-def warning_times(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
-    return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])

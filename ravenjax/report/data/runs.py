@@ -226,7 +226,10 @@ def _more(manifest: Manifest) -> dict[str, str]:
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
     and the times at which runs ended if these differ.
     """
-    warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
+    warned = {
+        f"warned{k}_ms": events.beyond_golden_sql(f"cue{k}_first_ms")
+        for k in range(len(manifest.cues))
+    }
     alarms = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
         for d, detector in enumerate(manifest.detectors)

@@ -153,7 +153,6 @@ def _note(
     colour: str,
     **look: Any,
 ) -> None:
-    """Write text beside a place, `offset` in points; the y of `at` is a share of the height."""
     look = {"xycoords": ("data", "axes fraction")} | look
     axes.annotate(
         text, at, xytext=offset, textcoords="offset points", fontsize=8, color=colour, **look

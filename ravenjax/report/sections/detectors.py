@@ -233,7 +233,6 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
-    """Return curves with bands, and marks for the thresholds."""
     areas = {
         number: getattr(row, kind).area.value
         for number, row in enumerate(rows)

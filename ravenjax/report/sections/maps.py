@@ -246,7 +246,6 @@ def _by_block(swept: Sweep) -> list[PairCounts]:
 
 
 def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
-    """Return the pairs, those that explain most first."""
     return sorted(pairs, key=explained_share, reverse=True)
 
 

@@ -130,12 +130,6 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 
 
-def has_pairs(runs: pd.DataFrame) -> bool:
-    """Return whether somebody reacts in some runs and nobody in others."""
-    actions = runs["action"].unique().tolist()
-    return ACTION in runs and len(actions) > 1 and 0 in actions
-
-
 def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     """Return every run with this action and its partner in which nobody reacts.
 
@@ -287,10 +281,8 @@ def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
 
 def compare_actions(runs: Runs) -> list[Difference]:
     """Return the comparisons of a campaign; none if it has no pairs."""
-    if not runs.manifest.shape.reacts:
-        return []
-    both = runs.once(sample_runs)
-    return compare_pairs(both, runs.sampled) if has_pairs(both) else []
+    reacts = runs.manifest.shape.reacts
+    return compare_pairs(runs.once(sample_runs), runs.sampled) if reacts else []
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

@@ -174,7 +174,6 @@ def find_checks(
 
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
-    """Raise UserError if no fault remains to select from, or to state coverage on."""
     for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
         if not rows.any():
             raise UserError(

@@ -235,7 +235,6 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
-        """Return the channel that a slot's fault acts on, and its effect."""
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

@@ -123,9 +123,6 @@ class SessionWriter:
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        """Yield the standard topics that the channels allow, and their numbers from rows [n,
-        names].
-        """
         series = {}
         for arm in ARM_TOPICS:
             own = {
