@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.analyses.monitors import calibration, code, score_folder, writing
+from ravenjax.analyses.monitors import code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.analyses.monitors.writing import SCORE
@@ -55,7 +55,9 @@ def check_exchangeability(
     results = {}
     for name in fresh.columns.drop(["unit", "hours"]):
         before, after = (
-            calibration.infinite_if_none(one[name].to_numpy()) for one in (reference, first)
+            # An operation that failed ranks above all others.
+            some_scores[name].fillna(np.inf).to_numpy()
+            for some_scores in (reference, first)
         )
         both = np.concatenate([before, after])
         if (both != both[0]).any():  # a constant score has nothing to compare

@@ -23,6 +23,7 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError, UserError
 from ravenjax.report import wording
+from ravenjax.stats.conformal import threshold
 from ravenjax.store import files, manifest
 
 SCORE = "score"
@@ -152,7 +153,7 @@ def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
-    joint = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
+    joint = threshold.joint_scores(peak, np.array(monitor.scales))
     return {SCORE: joint, **dict(zip(names, peak.T, strict=True))}
 
 

@@ -124,9 +124,10 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
 
 
 def knowledge_sql(runs: Runs, leading: bool = False) -> str:
-    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never:
-    by the cue, a check, or a detector at its lowest threshold without a false alarm.
+    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
 
+    The sources are the cue, the checks, and detectors at their lowest threshold without a false
+    alarm.
     `leading`: leave out alarms that cannot come before the motion by definition, cues and tip
     errors at its limit or beyond.
     """
