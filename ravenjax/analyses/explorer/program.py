@@ -23,12 +23,12 @@ in base64. `static/engine.js` reads the object of `describe_program`:
 import base64
 import dataclasses
 import fnmatch
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file import bounds
@@ -49,7 +49,7 @@ from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+WORDS = resources.read_tables(__file__, "words.toml")
 """Lists of parameters and series, and names that a reader understands without the manual."""
 
 MOTION_BYTES = 3_000_000

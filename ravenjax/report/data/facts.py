@@ -4,9 +4,7 @@ SQL allows a table that does not fit into memory. `define_facts` creates the tab
 database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.access import query
@@ -23,7 +22,7 @@ from ravenjax.vocabulary.effects import RANDOM
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
-OUTCOME_WORDS = tomllib.loads(Path(__file__).with_name("outcomes.toml").read_text(encoding="utf-8"))
+OUTCOME_WORDS = resources.read_tables(__file__, "outcomes.toml")
 OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.

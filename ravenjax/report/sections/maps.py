@@ -8,15 +8,14 @@ one site and effect have their own map if there are enough of them.
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
@@ -40,7 +39,7 @@ UNTIL_END = -1
 TO_THE_END, UNSET, OTHERS = "to the end", "not set", "others"
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
-_FILE = tomllib.loads(Path(__file__).with_name("maps.toml").read_text(encoding="utf-8"))
+_FILE = resources.read_tables(__file__, "maps.toml")
 SLOT_INPUTS = _FILE["inputs"]
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
 """Inputs that have the same meaning at every site."""
