@@ -55,7 +55,7 @@ class Counterfactual(NamedTuple):
     grounds: Grounds
     promise: Promise  # of the selected set
     alone: tuple[Promise, ...]  # of each candidate
-    best: Promise  # of the best candidate alone
+    best: Promise  # of the candidate alone that covers most of the selection half
     tip_error: Promise | None  # of the built-in detector
     everything: Promise  # of all candidates together
     # Share of faults that each random set of the same size covers.
@@ -156,16 +156,17 @@ def find_checks(
     grounds = Grounds(question, calibration, statement, there, *halves)
     members = grounds.selected()
     _require_cover(grounds, members)
-    names = [part.name for part in parts]
+    alone = tuple(grounds.promise([place]) for place in range(len(parts)))
+    named = {part.name: promise for part, promise in zip(parts, alone, strict=True)}
     return Counterfactual(
         question,
         config,
         tuple(parts),
         grounds,
         grounds.promise(members),
-        tuple(grounds.promise([place]) for place in range(len(parts))),
-        grounds.promise([grounds.best_single()]),
-        grounds.promise([names.index(TIP_ERROR)]) if TIP_ERROR in names else None,
+        alone,
+        max(alone, key=lambda promise: promise.selected.value),
+        named.get(TIP_ERROR),
         grounds.promise(range(len(parts))),
         grounds.at_random(len(members)),
         grounds.of_strangers(),

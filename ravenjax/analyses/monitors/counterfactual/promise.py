@@ -148,12 +148,6 @@ class Grounds(NamedTuple):
             hit[self.statement_half], units.group_units(group[self.statement_half])
         )
 
-    def best_single(self) -> int:
-        """Return the candidate that covers most of the selection half at its own margin."""
-        candidates = range(self.hazards.lead_ms.shape[1])
-        hits = [self.covered([one])[self.selection_half].mean() for one in candidates]
-        return int(np.argmax(hits))
-
     def at_random(self, size: int) -> np.ndarray:
         """Return the share of the statement half that each of RANDOM_SETS random sets covers."""
         rng = np.random.default_rng([self.question.seed, 2])
