@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 Method = Literal["wilson", "beta"]
 """Names in proportion_confint; beta is the exact interval of Clopper and Pearson."""
+ALPHA = 1 - 0.95
+"""Chance to miss of an interval, if no other is asked for."""
 
 
 class Rate(NamedTuple):
@@ -79,7 +81,7 @@ def rates_with_intervals(
 
 
 def rate_bounds(
-    k: np.ndarray, n: np.ndarray, alpha: float = 0.05, method: Method = "wilson"
+    k: np.ndarray, n: np.ndarray, alpha: float = ALPHA, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
     as an expected count.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import clopper_pearson
+from ravenjax.stats.intervals import ALPHA, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
@@ -74,6 +74,6 @@ def rate_bounds(count: ArrayLike, hours: ArrayLike) -> tuple[np.ndarray, np.ndar
     from statsmodels.stats.rates import confint_poisson  # slow to import
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
-    low, high = confint_poisson(counts, times, "exact-c")
+    low, high = confint_poisson(counts, times, "exact-c", ALPHA)
     # confint_poisson returns numbers for a single rate.
     return np.reshape(low, counts.shape), np.reshape(high, counts.shape)
