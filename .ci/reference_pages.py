@@ -21,7 +21,7 @@ from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.campaign.loading import table_header, tables_of
-from ravenjax.document.tables import markdown_table
+from ravenjax.document.html import markdown_table
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
 from ravenjax.robots.raven2 import ROBOT

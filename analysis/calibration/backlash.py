@@ -24,7 +24,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import position_loop, tables
 from ravenjax.analyses.calibration.calibrate import LoggedRobot
-from ravenjax.document.tables import markdown_table
+from ravenjax.document.html import markdown_table
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission

@@ -16,7 +16,7 @@ import virtual_log
 
 from ravenjax.analyses.calibration import parameters
 from ravenjax.analyses.calibration.calibrate import NORMAL_90
-from ravenjax.document.tables import markdown_table
+from ravenjax.document.html import markdown_table
 from ravenjax.robots.raven2.plant import robot
 
 

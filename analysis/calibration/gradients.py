@@ -25,7 +25,7 @@ from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import LoopParams
 from ravenjax.analyses.calibration.replays import ReplayParams, ReplaySetup
-from ravenjax.document.tables import markdown_table
+from ravenjax.document.html import markdown_table
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.numbers.vec import Scalar, Vec, record

@@ -15,7 +15,6 @@ import numpy as np
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
-from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units, group_units
 from studies import runs, study
@@ -119,7 +118,7 @@ def default_sets(faulty: Runs) -> list[int]:
 
 def first_ms(faulty: Runs, k: int) -> np.ndarray:
     """Return when set number k was felt because of the fault, ms [runs]; -1: never."""
-    times = run_facts.warning_times(faulty.frame, k)
+    times = runs.warning_times(faulty, k)
     return np.where(times >= faulty["active_ms"], times, -1)
 
 

@@ -24,7 +24,7 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import nominal, parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.bootstrap.units import bootstrap
 from studies import study
 from studies.dsn16 import recording
 from studies.dsn16.recording import ARM, DATA, TOOL, JointRecording, motors

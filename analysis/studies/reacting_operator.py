@@ -16,7 +16,6 @@ import pandas as pd
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.data import draws
-from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections import reaction as reactions
 from ravenjax.report.sections.reaction import EXCURSION, Pairs
 from ravenjax.robots.raven2.declaration import LAYERS
@@ -31,7 +30,7 @@ from ravenjax.stats.multiplicity import holm_test
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
 from studies import kinds, study
 from studies.kinds import difference
-from studies.runs import SCALE, Runs, read
+from studies.runs import SCALE, Runs, read, warning_times
 from studies.study import Cell, Line, StudyEstimate, own_line, percent_line, read_table
 
 NAME = "reacting_operator"
@@ -192,7 +191,7 @@ def leads_ms(runs: Runs, cue: int, jump: bool = False) -> np.ndarray:
     """Return the time from cue to motion of every run. Negative: the cue came after; NaN: no
     motion; -inf: no cue.
     """
-    cued, began = run_facts.warning_times(runs.frame, cue), began_ms(runs, jump)
+    cued, began = warning_times(runs, cue), began_ms(runs, jump)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ravenjax.outcomes import verdict
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.stats import latency
@@ -71,7 +72,7 @@ def read(path: Path) -> Runs:
     the cue, or without one). Raises StoreError.
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
-    facts = run_facts.derive_from_manifest(frame, made)
+    facts = run_facts.derive_facts(frame, run_facts.recorded_choices(made))
     excursion = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     events = {
@@ -83,6 +84,12 @@ def read(path: Path) -> Runs:
     plain = frame.drop(columns=frame.columns.intersection(facts.columns))
     # A copy is in one piece, so that columns can be added.
     return Runs(pd.concat([plain, pd.DataFrame(events), facts], axis=1).copy(), made)
+
+
+def warning_times(runs: Runs, cue: int) -> np.ndarray:
+    """Return when each run had a cue that its golden run did not have, ms [runs]; -1: never."""
+    times = (runs[f"{prefix}cue{cue}_first_ms"] for prefix in ("", "golden_"))
+    return verdict.beyond_golden(*times)
 
 
 def changed_a_bit(runs: Runs) -> np.ndarray:

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.analyses.calibration.position_loop import RAVEN2
-from ravenjax.document.tables import markdown_table
+from ravenjax.document.html import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import parameter_sets
 from studies import mechanics

@@ -2,7 +2,9 @@
 package.
 """
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 _BUNDLED = Path(__file__).resolve().parent
 _CHECKOUT = _BUNDLED.parents[1]
@@ -25,6 +27,11 @@ def find_resource(kind: str, name: str | Path) -> Path:
             return place.resolve()
     tried = "\n".join(f"  {place}" for place in places)
     raise FileNotFoundError(f"{name}: no such file in {kind}. Looked at:\n{tried}")
+
+
+def read_tables(module: str, name: str) -> dict[str, Any]:
+    """Return the content of a TOML file beside a module, which is given by its `__file__`."""
+    return tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
 
 
 def find_model(name: str | Path) -> Path:

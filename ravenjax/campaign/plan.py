@@ -141,7 +141,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         keys=robot.keys,
         faults=table.fault_arrays(rows, injection),
         varied=values,
-        golden=golden_runs(values, len(rows)),
+        golden=number_golden_runs(values, len(rows)),
     )
 
 
@@ -183,7 +183,7 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
     return filled
 
 
-def golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
+def number_golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
     """Return the number of each run's golden run. Runs whose varied parameters agree share one."""
     golden = np.zeros(runs, np.int64)
     for values in varied.values():

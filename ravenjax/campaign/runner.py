@@ -24,8 +24,7 @@ from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
-from ravenjax.store.access.results import Results
-from ravenjax.store.folder import ResultFolder
+from ravenjax.store.folder import ResultFolder, Results
 
 PART_TICKS, LEAST_ROWS = 2**27, 256
 """Ticks of all rows of a part, so that runs of a long operation are stored before all are computed,

@@ -183,12 +183,7 @@ def calibrate(
     draws
         robots that are written
     """
-    from ravenjax.analyses.calibration import (
-        drawing,
-        joint_log,
-        parameters,
-        position_loop,
-    )
+    from ravenjax.analyses.calibration import joint_log, parameters, position_loop, tables
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
@@ -226,8 +221,8 @@ def calibrate(
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]
-    drawing.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
-    drawing.draw_intervals(pictures[1], calibrated)
+    tables.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
+    tables.draw_intervals(pictures[1], calibrated)
     console.print_text(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
     console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
 

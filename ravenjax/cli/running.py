@@ -17,7 +17,7 @@ from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
-    from ravenjax.store.access.results import Results
+    from ravenjax.store.folder import Results
 
 MOST_ROWS = 40
 """Number of groups that `check` prints; further ones are only counted."""

@@ -4,7 +4,7 @@ without a network.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 
 import jinja2
@@ -12,9 +12,10 @@ from markupsafe import Markup, escape
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart
-from ravenjax.document.tables import with_scopes
 
 _NAME = "<!--drawing-->"
+_TAG = re.compile(r"<(/?)(thead|tbody|tfoot|table|th)\b([^<>]*)>")
+_WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
 _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
@@ -121,3 +122,34 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
 
 def _plain(html: str) -> str:
     return str(Markup(html).striptags())
+
+
+def with_scopes(html: str) -> str:
+    """Return HTML with `scope` in every <th> that has none: a column in thead and tfoot, else a
+    row; a group if the heading spans several.
+    """
+    part = ""
+
+    def heading(tag_match: re.Match[str]) -> str:
+        nonlocal part
+        closing, tag, attributes = tag_match.groups()
+        if tag != "th":
+            part = "" if closing else tag
+            return tag_match[0]
+        if closing or "scope=" in attributes:
+            return tag_match[0]
+        kind = "col" if part in ("thead", "tfoot") else "row"
+        spans = {name: int(number) for name, number in _WIDE.findall(attributes)}
+        group = "group" if spans.get("colspan" if kind == "col" else "rowspan", 1) > 1 else ""
+        return f'<th scope="{kind}{group}"{attributes}>'
+
+    return _TAG.sub(heading, html)
+
+
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    cells = [columns, tuple("---" for _ in columns), *rows]
+    return "\n".join(
+        "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |"
+        for row in cells
+    )

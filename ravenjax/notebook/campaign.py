@@ -18,7 +18,7 @@ from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, format_value
 from ravenjax.store import files
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 
 if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
@@ -69,7 +69,6 @@ class Campaign:
         self._enter(tables, Path.cwd(), loading.from_dict(tables))
 
     def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
-        """Set the tables, the folder of the files that they name, and the checked campaign."""
         loading.check_parameters(config)
         rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
         self.__dict__.update(_tables=rooted, config=config)
@@ -204,7 +203,6 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
-    """Return the tables with `changed` applied to each path of a file."""
     model = config_class_of(robot_of(tables))
     places = {
         (*path, key)

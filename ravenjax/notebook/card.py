@@ -68,11 +68,7 @@ def _environment() -> jinja2.Environment:
     from ravenjax.report import wording
 
     templates = html.template_environment("ravenjax.notebook")
-    templates.filters |= {
-        "percent": wording.format_percent,
-        "interval": wording.format_interval,
-        "count": wording.format_count,
-    }
+    templates.filters |= wording.FILTERS
     assert templates.loader is not None
     style, _, _ = templates.loader.get_source(templates, "card.css")
     templates.globals["style"] = Markup(style)

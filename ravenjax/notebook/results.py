@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
 from ravenjax.report.data import draws, pair_intervals
@@ -94,7 +96,7 @@ class FolderComparison(NamedTuple):
     configuration: Sequence[Change]
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
-    rates: Sequence[RateChange]
+    rates: Sequence[RateChange]  # empty without a compared pair
     # for each key of WORDS: all transitions that occurred
     transitions: dict[str, Sequence[Transition]]
     changed: Sequence[RunChange]  # the most changed first
@@ -119,8 +121,16 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         pairs = _pair(table, (first, second))
         for side, record, key in zip(SIDES, records, _keys(table), strict=True):
             _judge(table, side, record, key)
-        compared = table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")
-        faults, sampled = compared["fault"].to_numpy(), _sampled(table, records)
+        names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
+        listed = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
+        compared = table.frame(
+            f"SELECT a.fault AS fault, {', '.join(listed)} FROM {_JOINED} ORDER BY pairs.first"
+        )
+        faults = compared["fault"].to_numpy()
+        drawn = zip("ab", (draws.drawn_groups(record.config) for record in records), strict=True)
+        sampled = all(
+            groups is None or groups.issuperset(compared[f"{side}_group"]) for side, groups in drawn
+        )
         among = pair_intervals.pair_faults(faults, sampled)
         (inactive,) = table.row(f"SELECT count(*) FROM {_VALID} AND NOT {_ACTING}")
         pairs = pairs._replace(
@@ -136,8 +146,8 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             manifest.find_changes(records[0].config, records[1].config),
             manifest.find_changes(*map(_describe_origin, records)),
             pairs,
-            [_rate(table, name, records, among) for name in RATES],
-            {word: _transitions(table, word) for word in WORDS},
+            [_rate(compared, name, records[0].rules, among) for name in RATES if len(faults)],
+            {word: _transitions(compared, word) for word in WORDS},
             _changed(records[0].robot, table, most),
         )
 
@@ -180,7 +190,6 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Return SQL for each folder's pairing key: columns that distinguish runs and may be shared."""
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
@@ -235,41 +244,21 @@ _ACTING = "(a.activated OR b.activated)"
 _JOINED = f"{_VALID} AND {_ACTING}"
 
 
-def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
-    for side, record in zip("ab", records, strict=True):
-        sources = draws.drawn_groups(record.config)
-        present = {
-            group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')
-        }
-        if sources is not None and not present <= sources:
-            return False
-    return True
-
-
-def _rate(
-    table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None
-) -> RateChange:
-    hits = table.frame(
-        f"SELECT a.{quote_name('is_' + name)} AS first, b.{quote_name('is_' + name)} AS second FROM"
-        f" {_JOINED} ORDER BY pairs.first"
-    )
-    first, second = (hits[side].to_numpy(bool) for side in SIDES)
+def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
+    first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,
-        events.event_meaning(name, records[0].rules),
-        pair_intervals.pair_rate(first, among),
-        pair_intervals.pair_rate(second, among),
-        pair_intervals.rate_difference(second, first, among),
-        int((first & ~second).sum()),
-        int((second & ~first).sum()),
+        events.event_meaning(name, rules),
+        *pair_intervals.compare_rates(second, first, among)[:-1],
     )
 
 
-def _transitions(table: ResultTable, word: str) -> list[Transition]:
-    rows = table.rows(f"SELECT a.{word}, b.{word}, count(*) FROM {_JOINED} GROUP BY ALL")
+def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
+    counts = compared.groupby([f"a_{word}", f"b_{word}"], observed=True).size()
     order = WORDS[word].index
     return [
-        Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))
+        Transition(*words, int(n))
+        for words, n in sorted(counts.items(), key=lambda row: [*map(order, row[0])])
     ]
 
 

@@ -40,15 +40,8 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     require_writable(out)
     paths = []
     with contextlib.closing(Runs.open(folder, manifest)) as runs, matplotlib.rc_context(STYLE):
-        faulty = verdict_figure(runs)
-        figures = {
-            "verdicts": faulty,
-            "time_to_know": how_soon(runs) if faulty else None,
-            "roc": roc_figure(runs),
-            "tradeoff": tradeoff_figure(runs),
-        }
-        for name, figure in figures.items():
-            if figure is not None:
+        for name, draw in FIGURES.items():
+            if (figure := draw(runs)) is not None:
                 for kind in ("svg", "pdf"):
                     paths.append(out / f"{name}.{kind}")
                     save_figure(figure, paths[-1])
@@ -95,3 +88,12 @@ def tradeoff_figure(runs: Runs) -> Figure | None:
     """Return a figure of missed hazards over false cues, by haptic set; None without either."""
     chart = cues.cue_tradeoff(cues.cue_rows(runs))
     return print_figure(chart, WIDTH / 2) if chart else None
+
+
+FIGURES = {
+    "verdicts": verdict_figure,
+    "time_to_know": how_soon,
+    "roc": roc_figure,
+    "tradeoff": tradeoff_figure,
+}
+"""Figures by the name of their file."""

@@ -158,7 +158,6 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    """Write the value of a fault as its effect takes it, with the unit of a known channel."""
     text = format_number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"

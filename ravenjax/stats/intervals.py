@@ -12,23 +12,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-Method = Literal["wilson", "clopper_pearson"]
-
-_NAMES = {"wilson": "wilson", "clopper_pearson": "beta"}  # names in proportion_confint
+Method = Literal["wilson", "beta"]
+"""Names in proportion_confint; beta is the exact interval of Clopper and Pearson."""
+ALPHA = 1 - 0.95
+"""Chance to miss of an interval, if no other is asked for."""
 
 
 class Rate(NamedTuple):
     """k of n with its confidence interval. value, low and high are fractions, NaN if n is 0."""
 
-    k: int
-    n: int
-    value: float
-    low: float
-    high: float
-
-
-# A single object, because tuples with NaN compare unequal.
-_NONE = Rate(0, 0, np.nan, np.nan, np.nan)
+    k: int = 0
+    n: int = 0
+    value: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
 
 
 class Estimate(NamedTuple):
@@ -36,30 +33,28 @@ class Estimate(NamedTuple):
     shape.
     """
 
-    value: Any
-    low: Any
-    high: Any
+    value: Any = math.nan
+    low: Any = math.nan
+    high: Any = math.nan
 
 
-def wilson_interval(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Return a rate with its Wilson score interval. Raises ValueError unless 0 <= k <= n and 0 <
-    confidence < 1.
-    """
-    return rates_with_intervals([k], [n], confidence, "wilson")[0]
+def wilson_interval(k: int, n: int) -> Rate:
+    """Return a rate with its 95 % Wilson score interval. Raises ValueError unless 0 <= k <= n."""
+    return rates_with_intervals([k], [n])[0]
 
 
 def clopper_pearson(k: int, n: int) -> Rate:
     """Return a rate with its exact 95 % interval (Clopper-Pearson). Raises ValueError unless 0 <= k
     <= n.
     """
-    return rates_with_intervals([k], [n], method="clopper_pearson")[0]
+    return rates_with_intervals([k], [n], method="beta")[0]
 
 
 def share_of_cells(k: int, n: int) -> Rate:
     """Return the share k of n cells of a design without an interval, because nothing was sampled.
     Raises ValueError unless 0 <= k <= n.
     """
-    return wilson_interval(k, n)._replace(low=np.nan, high=np.nan)
+    return wilson_interval(k, n)._replace(low=math.nan, high=math.nan)
 
 
 def rates_with_intervals(
@@ -78,36 +73,25 @@ def rates_with_intervals(
         raise ValueError(
             f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}"
         )
-    low, high = rate_bounds(hits, trials, confidence, method)
+    low, high = rate_bounds(hits, trials, alpha_of(confidence), method)
     with np.errstate(invalid="ignore"):
         value = hits / trials
     rows = zip(*(part.tolist() for part in (hits, trials, value, low, high)), strict=True)
-    return [Rate(*row) if row[1] else _NONE for row in rows]
+    return [Rate(*row) if row[1] else Rate() for row in rows]
 
 
 def rate_bounds(
-    k: np.ndarray, n: np.ndarray, confidence: float = 0.95, method: Method = "wilson"
+    k: np.ndarray, n: np.ndarray, alpha: float = ALPHA, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
     as an expected count.
 
-    If k is 0 the lower bound is 0, and if k is n the upper bound is 1.
-    """
-    return bounds_at(k, n, alpha_of(confidence), method)
-
-
-def bounds_at(
-    k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson"
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the result of `rate_bounds` for alpha = 1 - confidence, which may be too small for a
-    confidence below 1 in floating point.
+    `alpha`: 1 - confidence. If k is 0 the lower bound is 0, and if k is n the upper bound is 1.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
-    if method not in _NAMES:
-        raise ValueError(f"unknown method {method!r} of an interval; known are {', '.join(_NAMES)}")
     with np.errstate(all="ignore"):
-        low, high = proportion_confint(np.asarray(k), np.asarray(n), alpha, _NAMES[method])
+        low, high = proportion_confint(np.asarray(k), np.asarray(n), alpha, method)
     none = np.asarray(n) == 0
     low = np.where(none, np.nan, np.where(np.asarray(k) == 0, 0.0, low))
     high = np.where(none, np.nan, np.where(np.asarray(k) == n, 1.0, high))
@@ -133,7 +117,7 @@ def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95
 
     first, second = rates_with_intervals([k1, k2], [n1, n2], confidence)
     if not first.n or not second.n:
-        return Estimate(math.nan, math.nan, math.nan)
+        return Estimate()
     counts = (first.k, first.n, second.k, second.n)
     low, high = confint_proportions_2indep(*counts, "newcomb", "diff", alpha_of(confidence))
     return Estimate(first.value - second.value, float(low), float(high))

@@ -123,7 +123,7 @@ def delay_quantile(
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
-        return Estimate(np.nan, np.nan, np.nan)
+        return Estimate()
     # At equal times, runs with the event come first.
     order = np.lexsort((~came, times))
 

@@ -39,7 +39,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     total, among, count = int(hits.sum()), int(trials.sum()), len(trials)
     value = total / among if among else np.nan
     if count < FEWEST or among <= count:
-        return UnitRate(Rate(total, among, value, np.nan, np.nan), count, np.nan)
+        return UnitRate(Rate(total, among, value), count, np.nan)
     mean, root, weight = _posterior(hits, trials)
     low, high = (_quantile(mean, root, weight, q) for q in (0.025, 0.975))
     if not 0 < total < among:  # the prior alone would decide how units differ

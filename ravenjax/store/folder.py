@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
+
+import pyarrow as pa
 
 from ravenjax import threads
 from ravenjax.errors import StoreError, list_lines
@@ -20,7 +24,6 @@ from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
 Measured = TypeVar("Measured")
 
@@ -196,6 +199,45 @@ def read_parts(
         sorted(record.parts, key=lambda part: part.first),
         READERS,
     )
+
+
+@dataclass(frozen=True)
+class Results:
+    """A result table with one row per run, ordered by `index`, and the columns of `schema`."""
+
+    shape: schema.Shape  # which repeated columns the table has
+    path: Path  # result folder
+
+    def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return the table, or some of its columns. Raises StoreError as `read_all`."""
+        return read_all(self.path, columns)
+
+    def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return the table, or some of its columns, as Arrow. Raises StoreError as
+        `read_all`.
+        """
+        tables = read_parts(self.path, columns, lambda table: table)
+        return pa.concat_tables(tables).unify_dictionaries()
+
+    def verdicts(self, acted: bool = True) -> dict[str, int]:
+        """Return how many of the faulty runs have each verdict, most frequent first; "" means
+        failed runs. acted: of runs whose fault changed at least one bit, else of all others.
+
+        Parts are counted one by one, so that memory does not grow with the table. Raises StoreError
+        as `read_all`.
+        """
+        sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
+
+        def count(table: pa.Table) -> dict[str, int]:
+            frame = table.to_pandas()
+            counted = (frame["activated"] | (frame["verdict"] == "")) == acted
+            faulty = (frame[sites] != "").any(axis=1)
+            return frame.loc[faulty & counted, "verdict"].value_counts().to_dict()
+
+        counts: Counter[str] = Counter()
+        for part in read_parts(self.path, ["activated", "verdict", *sites], count):
+            counts.update(part)
+        return {verdict: number for verdict, number in counts.most_common() if number}
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:

@@ -389,8 +389,9 @@ def package_versions() -> dict[str, str]:
 def code_hash(robot: Robot = robots.USUAL) -> str:
     """Return the sha256 over the names and contents of the files that decide an outcome.
 
-    These are the files of _DECIDING, the robot's module with the modules beside it that it imports,
-    or its package, and the files that the robot declares, as they were at the first call.
+    These are the files of _DECIDING and those that the robot declares, as they were at the first
+    call. The robot's package belongs to them, or its module with the modules beside it that it
+    imports.
     """
     package = Path(__file__).resolve().parents[1]
     contents = {

@@ -199,8 +199,22 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             metadata = file.schema_arrow.metadata or {}
-            _require_known_version(path, metadata)
-            _require_campaign(path, metadata, config_hash)
+            version, actual = (
+                metadata.get(f"ravenjax.{name}".encode(), b"").decode()
+                for name in ("schema_version", "config_hash")
+            )
+            if not version.isdigit():
+                raise ForeignPart(
+                    f"{path}: is Parquet, but not a ravenjax result part (it names no schema"
+                    " version)"
+                )
+            require_version(path, int(version))
+            if config_hash not in (None, actual):
+                raise ForeignPart(
+                    f"{path}: belongs to another campaign (config hash {actual[:16]}, expected"
+                    f" {config_hash[:16]}). Move it away, or choose another output folder with"
+                    " --out."
+                )
             yield file
     # ValueError: text in a damaged footer.
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -302,15 +316,6 @@ def _require_unchanged(path: Path, recorded: Part) -> None:
         )
 
 
-def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
-    version = metadata.get(b"ravenjax.schema_version", b"").decode()
-    if not version.isdigit():
-        raise ForeignPart(
-            f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)"
-        )
-    require_version(path, int(version))
-
-
 def require_version(path: Path, version: int) -> None:
     """Raise StoreError if `path` was written with a schema version that this reader does not
     know.
@@ -320,15 +325,6 @@ def require_version(path: Path, version: int) -> None:
             f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"
             " is fine: read it with the ravenjax that wrote it (versions in manifest.json), or"
             " upgrade ravenjax."
-        )
-
-
-def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str | None) -> None:
-    actual = metadata.get(b"ravenjax.config_hash", b"").decode()
-    if config_hash is not None and actual != config_hash:
-        raise ForeignPart(
-            f"{path}: belongs to another campaign (config hash {actual[:16]}, expected"
-            f" {config_hash[:16]}). Move it away, or choose another output folder with --out."
         )
 
 

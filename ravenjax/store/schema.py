@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import difflib
 import functools
 import itertools
 import re
@@ -22,7 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from ravenjax import robots
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, suggest_name
 from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
@@ -165,19 +164,15 @@ def arrow_schema(shape: Shape) -> pa.Schema:
         [
             pa.field(
                 c.name,
-                _arrow_type(c.dtype),
+                pa.dictionary(pa.int32(), pa.string())
+                if c.dtype == "category"
+                else pa.type_for_alias(c.dtype),
                 nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in table_columns(shape)
         ],
         metadata={"ravenjax.schema_version": str(VERSION)},
-    )
-
-
-def _arrow_type(dtype: str) -> pa.DataType:
-    return (
-        pa.dictionary(pa.int32(), pa.string()) if dtype == "category" else pa.type_for_alias(dtype)
     )
 
 
@@ -231,9 +226,8 @@ def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> s
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")
-    for name in unknown[:6]:
-        near = difflib.get_close_matches(name, missing or known, n=1)
-        parts.append(
-            f"unknown result column {name!r}" + (f", did you mean {near[0]!r}?" if near else "")
-        )
+    parts += [
+        f"unknown result column {name!r}{suggest_name(name, missing or known)}"
+        for name in unknown[:6]
+    ]
     return "; ".join(parts)

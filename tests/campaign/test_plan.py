@@ -34,7 +34,7 @@ def test_runs_share_a_golden_run_exactly_where_all_parameters_agree(rows):
     varied = {
         str(k): np.array(column, np.float32) for k, column in enumerate(zip(*rows, strict=True))
     }
-    golden = plan.golden_runs(varied, len(rows))
+    golden = plan.number_golden_runs(varied, len(rows))
     first = {row: i for i, row in reversed(list(enumerate(rows)))}
     numbered = sorted(set(first.values()))
     assert golden.tolist() == [numbered.index(first[row]) for row in rows], "numbered as they come"

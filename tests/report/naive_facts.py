@@ -143,7 +143,7 @@ def distinct(frame: pd.DataFrame) -> pd.Series:
     inputs = [name for name in frame if name == "operator" or name.startswith(("param:", "fault"))]
     effects = frame.filter(regex=r"^fault\d+_effect$")
     draws = effects.isin(["random", "lose"]).any(axis=1)
-    copy = frame.groupby([*inputs, "seed"], observed=True, dropna=False).cumcount()
+    copy = frame.groupby(inputs, observed=True, dropna=False).cumcount()
     table = frame[inputs].assign(copy=copy.where(draws, 0))
     number = table.groupby([*inputs, "copy"], observed=True, dropna=False, sort=False).ngroup()
     return number.groupby(frame["pair"]).transform("min")

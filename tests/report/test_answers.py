@@ -15,7 +15,7 @@ from ravenjax.stats.intervals import wilson_interval
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
-SAID, EARLY = detectors.knowledge_sql(RUNS), detectors.before_motion(RUNS)
+SAID, EARLY = detectors.knowledge_sql(RUNS), detectors.knowledge_sql(RUNS, leading=True)
 KNOWN, TOLD = (
     RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
     for sql in (SAID, EARLY)

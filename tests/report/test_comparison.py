@@ -140,16 +140,14 @@ def test_what_differs_is_named(found):
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):
-    other = synthetic.frame(RUNS, seed=9)
-    place = folder(
-        tmp_path / "b",
-        other[other["fault0_site"] != ""]
-        .reset_index(drop=True)
-        .assign(
-            index=np.arange((other["fault0_site"] != "").sum()),
-            pair=np.arange((other["fault0_site"] != "").sum()),
-        ),
-    )
+    def part(name, frame, faulty):
+        rows = frame[(frame["fault0_site"] != "") == faulty].reset_index(drop=True)
+        numbers = np.arange(len(rows))
+        return folder(tmp_path / name, rows.assign(index=numbers, pair=numbers))
+
+    place, free = part("b", synthetic.frame(RUNS, seed=9), True), part("free", FIRST, False)
+    alone = comparison.compare_folders(free, free)
+    assert not alone.rates and "Run one campaign with faults twice" in alone.sentences()[-1]
     with pytest.raises(UserError, match="share no fault"):
         comparison.compare_folders(folders[0], place)
     with pytest.raises(UserError, match="--most -1"):

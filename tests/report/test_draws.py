@@ -47,6 +47,8 @@ def test_a_group_draws_its_faults_or_enumerates_them():
         ),
         ({"design": "list", "fault": [{"value": 1}], "run": [{"fault": [{"value": 2}]}]}, False),
         ({"design": "grid", "fault": []}, False),
+        ({"design": "grid", "fault": [{"effect": "lose", "value": [0.01, 0.1]}]}, True),
+        ({"design": "grid", "fault": [{"effect": ["lose", "drop"], "value": 0.1}]}, False),
     ],
 )
 def test_what_is_drawn(group, drawn):

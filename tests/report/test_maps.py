@@ -138,3 +138,21 @@ def test_of_many_inputs_those_that_decide_are_the_axes():
     (item,) = made(frame)
     panel = panel_of(item)
     assert {panel["across"], panel["up"]} == {"value", "p6"}
+
+
+def test_a_weak_pair_is_found_too_and_its_share_named():
+    """Adjusted R2 by hand, for the two inputs among three on which the rate depends a little."""
+    x, y, z = np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])
+    inputs = {f"param:p{k}": np.repeat(v.ravel(), 6) for k, v in enumerate((x, y, z))}
+    hits = np.array([2 if a == b else 4 for a, b in zip(y.ravel(), z.ravel(), strict=True)])
+    frame = moving(swept(48, **inputs), np.arange(48) % 6 < np.repeat(hits, 6))
+    (item,) = made(frame)
+    assert item["axes"][0]["inputs"] == ["p2", "p1"]
+    told = [MEASURES[one["name"]](frame).to_numpy(float) for one in item["rates"]]
+    cells = 2 * inputs["param:p1"] + inputs["param:p2"]
+    within = sum(
+        ((h[cells == c] - h[cells == c].mean()) ** 2).sum() for h in told for c in range(4)
+    )
+    whole = sum(((h - h.mean()) ** 2).sum() for h in told)
+    assert item["axes"][0]["share"] == pytest.approx(1 - within / 44 / (whole / 47))
+    assert item["axes"][0]["share"] > item["axes"][1]["share"]

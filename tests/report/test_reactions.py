@@ -75,6 +75,24 @@ def test_pairs_of_one_fault_count_as_one_unit():
     assert whole.p == pytest.approx(once.p)  # one step of three pairs exchanges as one of one
 
 
+def test_rates_by_the_value_of_a_crossed_parameter():
+    """With twice the friction, no fault in three moves the tip; who reacts is left out."""
+    name = "param:plant.friction_scale"
+    stiff = FRAME.assign(**{name: 2.0}, hazard=FRAME["hazard"].where(FRAME["pair"] % 3 > 0, "none"))
+    both = pd.concat([FRAME.assign(**{name: 1.0}), stiff], ignore_index=True)
+    first, other = reaction.crossed_rows(drawn(both), lambda groups: True)
+    plain = FRAME[(FRAME["param:reaction.action"] == 0) & (FRAME["fault0_site"] != "")]
+    plain = plain[plain["failed"] == ""]
+    before = (plain["hazard"] == "unintended motion").to_numpy()
+    after = before & (plain["pair"] % 3 > 0).to_numpy()
+    for row, value, hits in ((first, 1.0, before), (other, 2.0, after)):
+        rates = row.events["unintended motion"]
+        assert (row.first, row.value, row.n) == (1.0, value, len(plain))
+        assert rates.after == wilson_interval(int(hits.sum()), len(hits))
+        assert rates.change == rate_difference(hits, before)
+    assert other.events["unintended motion"].p == mcnemar_test(after, before).p
+
+
 def test_enumerated_faults_have_no_interval_and_no_test():
     for row in differences(FRAME, sampled=False):
         drawn_row = next(one for one in ROWS if (one.action, one.among) == (row.action, row.among))

@@ -20,7 +20,7 @@ from ravenjax.store.folder import ResultFolder
 FRAME = synthetic.frame(3000)
 MANIFEST = synthetic.manifest(3000)
 RUNS = Runs.of(FRAME, MANIFEST)
-FACTS = run_facts.derive_from_manifest(FRAME, MANIFEST)
+FACTS = run_facts.derive_facts(FRAME, run_facts.recorded_choices(MANIFEST))
 
 
 def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
@@ -31,7 +31,7 @@ def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
     stored = schema.conform_table(
         FRAME, MANIFEST.shape
     ).to_pandas()  # in the precision of the table
-    told = run_facts.derive_from_manifest(stored, MANIFEST)
+    told = run_facts.derive_facts(stored, run_facts.recorded_choices(MANIFEST))
     found = runs.table.frame("SELECT * FROM facts ORDER BY row")
     runs.close()
     for name in told.columns.drop("run_id"):

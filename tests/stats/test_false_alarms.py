@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from ravenjax.stats.alarms.false_alarms import alarm_rate, ending_rate
+from ravenjax.stats.alarms.false_alarms import alarm_rate, ending_rate, hours_to_bound
 
 
 def test_known_poisson_interval():
@@ -43,3 +43,9 @@ def test_no_hours_have_no_rate_and_alarms_alone_an_infinite_one():
     assert np.isnan(ending_rate(np.zeros(0, bool), np.zeros(0)).per_hour)
     rate = ending_rate(np.ones(5, bool), np.full(5, 0.1))
     assert rate.per_hour == rate.high == np.inf and 0 < rate.low < np.inf
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+@pytest.mark.parametrize("per_hour", [0.5, 10])
+def test_hours_to_bound_are_those_in_which_the_interval_ends_there(per_hour, count):
+    assert alarm_rate(count, hours_to_bound(per_hour, count)).high == pytest.approx(per_hour)

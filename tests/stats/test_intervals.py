@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from ravenjax.stats.intervals import rate_bounds, rates_with_intervals, wilson_interval
+from ravenjax.stats.intervals import (
+    rate_bounds,
+    rate_difference,
+    rates_with_intervals,
+    wilson_interval,
+)
 
 
-@pytest.mark.parametrize(("method", "name"), [("wilson", "wilson"), ("clopper_pearson", "exact")])
+@pytest.mark.parametrize(("method", "name"), [("wilson", "wilson"), ("beta", "exact")])
 def test_many_rates_at_once_are_scipys_one_by_one(method, name):
     k, n = np.arange(0, 300, 7), 300
     for rate in rates_with_intervals(k, n, 0.9, method):
@@ -18,14 +23,14 @@ def test_many_rates_at_once_are_scipys_one_by_one(method, name):
 def exact_coverage(method, n, chances):
     """Chance that the interval holds p, for each p: a sum over all outcomes, no sampling error."""
     k = np.arange(n + 1)
-    low, high = rate_bounds(k, np.full(n + 1, n), 0.95, method)
+    low, high = rate_bounds(k, np.full(n + 1, n), method=method)
     return [float(binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum()) for p in chances]
 
 
 @pytest.mark.parametrize("n", [20, 170])
 def test_coverage(n):
     chances = np.linspace(0.02, 0.98, 49)
-    exact, score = (exact_coverage(name, n, chances) for name in ("clopper_pearson", "wilson"))
+    exact, score = (exact_coverage(name, n, chances) for name in ("beta", "wilson"))
     assert min(exact) >= 0.95
     assert np.mean(score) == pytest.approx(0.95, abs=0.01) and min(score) > 0.83
 
@@ -46,4 +51,21 @@ def test_no_trials_have_no_rate():
 @pytest.mark.parametrize("confidence", [0, 1, 95])
 def test_impossible_confidence_is_refused(confidence):
     with pytest.raises(ValueError, match=str(confidence)):
-        wilson_interval(1, 2, confidence)
+        rates_with_intervals(1, 2, confidence)
+
+
+def test_published_difference():
+    # Newcombe 1998, table II: 56/70 - 48/80, method 10: 0.0524 to 0.3339
+    assert rate_difference(56, 70, 48, 80) == pytest.approx((0.2, 0.0524, 0.3339), abs=5e-5)
+
+
+def test_a_difference_covers_over_all_outcomes():
+    """Chance that the interval holds the truth, a sum over all pairs of outcomes."""
+    n1, n2 = 30, 40
+    for p1, p2 in ((0.1, 0.4), (0.5, 0.5), (0.05, 0.05)):
+        chance = np.outer(binom.pmf(range(n1 + 1), n1, p1), binom.pmf(range(n2 + 1), n2, p2))
+        held = 0.0
+        for k1, k2 in np.argwhere(chance > 1e-4):
+            difference = rate_difference(k1, n1, k2, n2)
+            held += chance[k1, k2] * (difference.low <= p1 - p2 <= difference.high)
+        assert 0.935 < held / chance[chance > 1e-4].sum() < 0.995, (p1, p2, held)

@@ -121,3 +121,29 @@ def test_one_row_a_unit_is_mcnemars_exact_test():
             mcnemar_test(first, second).p
         )
     assert math.isnan(exchange_p(first, first, np.arange(50)))
+
+
+X = np.random.default_rng(0).exponential(1.0, 60)
+
+
+def mean(index):
+    return X[index].mean(axis=-1)
+
+
+def test_the_plain_bootstrap_is_scipys_on_rows():
+    band = units.bootstrap(60, mean, 0.9, resamples=2000, seed=4)
+    theirs = stats.bootstrap(
+        (X,),
+        np.mean,
+        confidence_level=0.9,
+        n_resamples=2000,
+        method="percentile",
+        rng=np.random.default_rng(4),
+    )
+    assert (band.low, band.high) == pytest.approx(tuple(theirs.confidence_interval), rel=1e-9)
+    assert band.value == pytest.approx(X.mean())
+
+
+def test_one_unit_is_refused():
+    with pytest.raises(ValueError, match="at least 2 independent units, got 1"):
+        units.bootstrap(1, mean)

@@ -96,11 +96,11 @@ class Calibration:
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
-    def draws(self, number: int, seed: int = 0) -> np.ndarray:
+    def draws(self, number: int) -> np.ndarray:
         """Return [number, k] robots that the log leaves likely, in spreads from the values
         before.
         """
-        return np.random.default_rng(seed).multivariate_normal(
+        return np.random.default_rng(0).multivariate_normal(
             self.fit.steps, self.fit.covariance, number
         )
 

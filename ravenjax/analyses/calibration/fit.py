@@ -101,7 +101,6 @@ def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np
 
 
 def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
-    """Return the best of the prior values and of some draws from narrowed beliefs."""
     samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
     draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
     return draws[int(np.argmin(_blind(measured, predict_in_batches(predict, draws, rows), draws)))]

@@ -322,7 +322,6 @@ def _samples(
     desired: np.ndarray,
     measured: np.ndarray,
 ) -> Samples:
-    """Return joints [n, 7] as the columns of a table."""
     names = [f"{name}_{word}" for name in ("jpos_d", "jpos") for word in JOINTS]
     table = pd.DataFrame(np.hstack([desired, measured]), columns=names, index=messages.number)
     time_s = (messages.time_ns - begin_ns) * 1e-9

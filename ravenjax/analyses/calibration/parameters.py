@@ -185,14 +185,6 @@ def format_robot_file(
             cycles = np.clip(np.round(draws), 0, LONGEST_DELAY_MS).astype(int)
             rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
         elif path != SETPOINT_DELAY:
-            listed = ", ".join(map(_decimal, draws.tolist()))
-            rows.append(
-                f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}'
-            )
+            listed = [float(f"{value:.6g}") for value in draws.tolist()]
+            rows.append(f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = {listed} }}')
     return "\n".join(rows) + "\n"
-
-
-def _decimal(value: float) -> str:
-    """Write a number so that TOML reads it as a float."""
-    word = f"{value:.6g}"
-    return word if "." in word or "e" in word else f"{value:.1f}"

@@ -132,9 +132,9 @@ def make_predictor(
     """Return a predictor that replays a log from its beginning. The robot starts at the joints
     first measured.
     """
-    return _Replays(
-        setup, base, tuple(parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))), log
-    ).steps(wanted)
+    varied = parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))
+    replays = _Replays(setup, base, tuple(varied), log)
+    return lambda steps: replays.run(parameters.values_by_path(base, wanted, steps), len(steps))
 
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
@@ -156,8 +156,10 @@ class _Replays:
         self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
     ) -> None:
         first = np.where(np.isnan(log.start), log.desired[0], log.start)
-        params = ReplayParams(_plain(base), Vec(np.float32(x) for x in first))
-        self._base, self._log, self._varied = base, log, varied
+        # A program cannot hold JAX arrays.
+        plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)
+        params = ReplayParams(plain, Vec(np.float32(x) for x in first))
+        self._log, self._varied = log, varied
         self._program = TickProgram(
             __name__,
             setup,
@@ -167,11 +169,6 @@ class _Replays:
         )
         self._motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
         self._kernel: Kernel | None = None
-
-    def steps(self, wanted: Sequence[Unknown]) -> Predictor:
-        return lambda steps: self.run(
-            parameters.values_by_path(self._base, wanted, steps), len(steps)
-        )
 
     def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Return joints [count, n, 7] for parameters [count] by path."""
@@ -196,8 +193,3 @@ class _Replays:
             Block({path: column[lanes] for path, column in columns.items()}, (), None), self._motion
         )
         return np.moveaxis(result.reference[self._log.cycles, :, :rows], -1, 0).astype(np.float64)
-
-
-def _plain(base: LoopParams) -> LoopParams:
-    """Return parameters as Python numbers, because a program cannot hold JAX arrays."""
-    return jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

@@ -1,18 +1,29 @@
-"""Makes the tables of a calibration: following errors of the robots, and the parameters before and
-after the log.
+"""Makes the tables and figures of a calibration: following errors of the robots, and the parameters
+before and after the log.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration.calibrate import Calibration, FollowingError
+from ravenjax.analyses.calibration.calibrate import (
+    NORMAL_90,
+    SETTLING,
+    Calibration,
+    FollowingError,
+)
+from ravenjax.analyses.calibration.joint_log import JointLog
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
+from ravenjax.report.drawing import save_panels
 from ravenjax.robots.raven2.arms import JOINTS
 
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
 """Factors from rad and m to deg and mm for display."""
 UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
+LOG, ROBOT = "same", "cue"
+"""Colours."""
 MOST_SPREAD_LEFT = 0.5
 """A parameter counts as determined if its spread after the log is at most this share of before."""
 
@@ -75,3 +86,45 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
         for unknown, before, after, lower, upper, spread_left in rows
     ]
     return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)
+
+
+def draw_errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
+    """Write following errors by joint as SVG. `replayed`: [n, 7] of the calibrated robot; `until`:
+    last cycle that was fitted to.
+    """
+    seconds, desired = log.cycles * 1e-3, log.desired[log.cycles]
+    time = f"s; fitted from {SETTLING * 1e-3:g} s to the line"
+    across = ChartAxis(time, 0.0, float(seconds[-1]), line=until * 1e-3)
+    charts = []
+    for joint in log.joints:
+        errors = [
+            (joints[:, joint] - desired[:, joint]) * PER_UNIT[joint]
+            for joints in (log.measured, replayed)
+        ]
+        curves = (
+            Curve("log", LOG, seconds, errors[0]),
+            Curve("calibrated robot", ROBOT, seconds, errors[1]),
+        )
+        up = ChartAxis(UNITS[joint], float(np.nanmin(errors)), float(np.nanmax(errors)))
+        title = f"{JOINTS[joint].replace('_', ' ')}, measured minus desired"
+        charts.append(Chart(title, across, up, curves, height=130))
+    save_panels(path, charts, columns=1)
+
+
+def draw_intervals(path: Path, calibrated: Calibration) -> None:
+    """Write 90 % intervals of the parameters before and after the log as SVG."""
+    names = tuple(
+        unknown.path.replace("_", " ").replace(".", ", ") for unknown in calibrated.unknowns
+    )
+    places, steps = np.arange(len(names), dtype=float), calibrated.fit.steps
+    half, before = NORMAL_90 * calibrated.told, np.full(len(names), NORMAL_90)
+    end = max(NORMAL_90, float((np.abs(steps) + half).max()))
+    dots = (
+        Dots("before the log", LOG, 0.0 * before, places, -before, before),
+        Dots("after it", ROBOT, steps, places, steps - half, steps + half),
+    )
+    across = ChartAxis(
+        "standard deviations of the belief before, from its middle; 90 % intervals", -end, end
+    )
+    up = ChartAxis("", 0.0, len(names), names=names)
+    save_panels(path, [Chart("", across, up, dots, height=60 + 22 * len(names))])

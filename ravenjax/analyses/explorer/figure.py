@@ -38,7 +38,11 @@ def describe_figure() -> dict[str, Any]:
     return {
         "steps": STEPS,
         "bodies": [_body(model, body, joints) for body in range(model.nbody)],
-        "cameras": {name: _camera(name) for name in scene_views.VIEWS},
+        "cameras": {
+            name: {"place": place.tolist(), "focus": focus.tolist(), "fov": fov}
+            for name in scene_views.VIEWS
+            for place, focus, fov in [scene_views.view_pose(name)]
+        },
     }
 
 
@@ -86,8 +90,3 @@ def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
 def _words(numbers: np.ndarray) -> str:
     assert numbers.min() >= 0 and numbers.max() <= STEPS, numbers.max()
     return base64.b64encode(np.ascontiguousarray(numbers, "<u2").tobytes()).decode()
-
-
-def _camera(name: str) -> dict[str, Any]:
-    place, focus, fov = scene_views.view_pose(name)
-    return {"place": place.tolist(), "focus": focus.tolist(), "fov": fov}

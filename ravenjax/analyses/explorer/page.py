@@ -82,14 +82,10 @@ def import_map(folder: Traversable) -> str:
     The map names each module's text as a data URL. Imports of `./name.js`, and
     `import.meta.resolve` of it, are replaced by such names.
     """
-    modules = {
-        PREFIX + file.name: _url(file.read_text(encoding="utf-8"))
-        for file in sorted(folder.iterdir(), key=lambda file: file.name)
-        if file.name.endswith(".js")
-    }
+    modules = {}
+    for file in sorted(folder.iterdir(), key=lambda file: file.name):
+        if file.name.endswith(".js"):
+            text = _IMPORT.sub(rf'\1"{PREFIX}\2"', file.read_text(encoding="utf-8"))
+            content = base64.b64encode(text.encode()).decode()
+            modules[PREFIX + file.name] = f"data:text/javascript;charset=utf-8;base64,{content}"
     return json.dumps({"imports": modules})
-
-
-def _url(source: str) -> str:
-    text = _IMPORT.sub(lambda found: f'{found[1]}"{PREFIX}{found[2]}"', source)
-    return "data:text/javascript;charset=utf-8;base64," + base64.b64encode(text.encode()).decode()

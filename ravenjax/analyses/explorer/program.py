@@ -23,12 +23,12 @@ in base64. `static/engine.js` reads the object of `describe_program`:
 import base64
 import dataclasses
 import fnmatch
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file import bounds
@@ -49,7 +49,7 @@ from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+WORDS = resources.read_tables(__file__, "words.toml")
 """Lists of parameters and series, and names that a reader understands without the manual."""
 
 MOTION_BYTES = 3_000_000
@@ -75,7 +75,8 @@ def question_plan(config: CampaignConfig) -> Plan:
     }
     for full, own in paths.path_leaves(program.params, program.setup):
         path = paths.without_arm(full, program.setup.arms)
-        if not _asked(path) or full in covered:
+        starts = [start for start in WORDS["parameters"] if f"{path}.".startswith(f"{start}.")]
+        if not starts or full in covered:
             continue
         of_path = paths.named_numbers(program.params, program.setup, path)
         covered.update(of_path)
@@ -93,12 +94,8 @@ def question_plan(config: CampaignConfig) -> Plan:
         ready,
         program=program,
         varied=values,
-        golden=plan.golden_runs(values, ready.runs),
+        golden=plan.number_golden_runs(values, ready.runs),
     )
-
-
-def _asked(path: str) -> bool:
-    return any(path == start or path.startswith(f"{start}.") for start in WORDS["parameters"])
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
@@ -265,7 +262,6 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    """Return a program for one robot at a time that outputs some time series in each tick."""
     rows = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]

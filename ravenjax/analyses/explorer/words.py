@@ -19,7 +19,7 @@ from ravenjax.report.data.facts import OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.store import schema
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
@@ -95,31 +95,19 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
     values: dict[str, list[float]] = {}
-    for group in config.model_dump(mode="json")["group"]:
-        for fault in group.get("fault") or ():
-            effects = fault["effect"] if isinstance(fault["effect"], list) else [fault["effect"]]
-            for effect in effects:
-                numbers = values.setdefault(f"{fault['site']}/{effect}", [])
-                numbers += map(float, _numbers(fault.get("value")))
-    return {name: [min(numbers), max(numbers)] for name, numbers in values.items() if numbers}
-
-
-def _numbers(value: Any) -> list[Any]:
-    if isinstance(value, dict | list):
-        parts = value.values() if isinstance(value, dict) else value
-        return [number for part in parts for number in _numbers(part)]
-    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else []
+    for group in config.group:
+        for run in group.run or [None]:
+            for fault in group.fault if run is None else group.faults_of(run):
+                for effect in fault.effect.listed if fault.value is not None else ():
+                    drawn = fault.value.listed or fault.value.extent
+                    values.setdefault(f"{fault.site}/{effect}", []).extend(map(float, drawn))
+    return {name: [min(numbers), max(numbers)] for name, numbers in values.items()}
 
 
 def _varied(config: CampaignConfig) -> list[str]:
     return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
         *config.cross
     ]
-
-
-def _file(value: Any) -> str:
-    assert isinstance(value, Path), value
-    return value.name
 
 
 def _toml(config: CampaignConfig) -> str:
@@ -130,7 +118,7 @@ def _toml(config: CampaignConfig) -> str:
     """
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
-    tables = json.loads(json.dumps(content, default=_file))
+    tables = json.loads(json.dumps(content, default=lambda path: path.name))
     varied = _varied(config)
     tables["parameters"] = {
         path: one for path, one in tables.get("parameters", {}).items() if path not in varied
@@ -190,7 +178,6 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs have at most one fault, of an offered effect and in one time window."""
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

@@ -120,7 +120,7 @@ def calibrate_thresholds(
         )
     shape = (-1, len(terms), segments.count)
     scale = threshold.signal_scales(peaks.peak[valid].reshape(shape))
-    score = joint_scores(peaks.peak, scale)
+    score = threshold.joint_scores(peaks.peak, scale)
     whole = OperationScores(peaks.unit, score, peaks.hours)
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
     try:
@@ -144,16 +144,6 @@ def calibrate_thresholds(
         len(np.unique(peaks.unit[by.scale])),
         count_test_alarms(tested, result.value),
     )
-
-
-def joint_scores(peak: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation. `peak`: of `Peaks`; `scale`: [terms, segments]."""
-    return infinite_if_none(threshold.joint_scores(peak.reshape(len(peak), *scale.shape), scale))
-
-
-def infinite_if_none(scores: np.ndarray) -> np.ndarray:
-    """Return infinity for NaN: an operation that failed ranks above all others."""
-    return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
 def count_test_alarms(operations: OperationScores, limit: float) -> Test:

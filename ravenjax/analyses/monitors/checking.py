@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.analyses.monitors import calibration, code, score_folder, writing
+from ravenjax.analyses.monitors import code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.analyses.monitors.writing import SCORE
@@ -55,7 +55,9 @@ def check_exchangeability(
     results = {}
     for name in fresh.columns.drop(["unit", "hours"]):
         before, after = (
-            calibration.infinite_if_none(one[name].to_numpy()) for one in (reference, first)
+            # An operation that failed ranks above all others.
+            some_scores[name].fillna(np.inf).to_numpy()
+            for some_scores in (reference, first)
         )
         both = np.concatenate([before, after])
         if (both != both[0]).any():  # a constant score has nothing to compare
@@ -129,7 +131,6 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
 def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
-    """Read a folder with operations of operators that the calibration did not use."""
     place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
     before, design = score_folder.read_design(own), score_folder.read_design(place)
     for key in ("signals", "segments", "code"):
@@ -222,7 +223,6 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
-    """Return the table of `_fresh`. `peak`: largest value of each term in each segment."""
     columns = writing.score_columns(monitor, peak)
     table = pd.DataFrame({"unit": unit, "hours": hours, **columns})
     table.attrs["origin"] = origin
@@ -230,7 +230,6 @@ def _table(
 
 
 def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
-    """Raise UserError if two sources have the same operators, whose units would count twice."""
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
         origin = one.attrs["origin"]

@@ -61,7 +61,6 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    """Return the variables of the templates. `state`: remembered field -> its next value."""
     rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
     return {
         "terms": [

@@ -155,7 +155,11 @@ class OperationRunner:
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
         """Yield the scores of these operators in order. Closing the iterator cancels the rest."""
-        threads = self._side_by_side() + 1  # one thread more plans while the others run
+        # As many operators at a time as the engine takes, or more to fill it. One thread more plans
+        # while the others run.
+        lanes = self._kernel(self._first).branches
+        some = min(MOST_AT_A_TIME, -(-lanes // self.design.robots))
+        threads = 1 + max(self._engine.threads, some)
         with ThreadPoolExecutor(threads) as pool:
             coming: deque[Future[OperatorScores]] = deque()
             rest = iter(numbers)
@@ -169,11 +173,6 @@ class OperationRunner:
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-
-    def _side_by_side(self) -> int:
-        """Return how many operators run at a time: as the engine takes, or more to fill it."""
-        lanes = self._kernel(self._first).branches
-        return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
 
     def _operator(self, number: int) -> OperatorScores:
         ready = plan.make_plan(of_operator(self.config, self.design, number))

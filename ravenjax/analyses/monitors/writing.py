@@ -23,6 +23,7 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError, UserError
 from ravenjax.report import wording
+from ravenjax.stats.conformal import threshold
 from ravenjax.store import files, manifest
 
 SCORE = "score"
@@ -66,7 +67,6 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
-    """Return the tables of monitor.toml that depend only on the result."""
     tested, monitor = result.test, result.monitor
     return {
         "monitor": {
@@ -153,7 +153,7 @@ def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
-    joint = calibration.joint_scores(peak, np.array(monitor.scales, np.float32))
+    joint = threshold.joint_scores(peak, np.array(monitor.scales))
     return {SCORE: joint, **dict(zip(names, peak.T, strict=True))}
 
 
@@ -228,7 +228,6 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """Return a short campaign of one arm, whose only detector shows the score of each tick."""
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:
@@ -242,8 +241,12 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
     }
     raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
     raw["campaign"] = own["campaign"] | settings
+    # Parameters that are a single number, and of the arm that is kept.
+    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
     raw["parameters"] = {
-        path: value for path, value in own["parameters"].items() if _is_plain(config, path)
+        path: value
+        for path, value in own["parameters"].items()
+        if config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)
     }
     raw["detector"] = [
         {
@@ -254,9 +257,3 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
         }
     ]
     return validate_tables(raw)
-
-
-def _is_plain(config: CampaignConfig, path: str) -> bool:
-    """Return whether a parameter is a single number, and of the arm that is kept."""
-    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
-    return config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)

@@ -221,7 +221,6 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
-    """Return the list of numbers along which to tabulate: durations, else the longest list."""
     numeric = {
         name: len({cell[name] for cell in told})
         for name in told[0]

@@ -118,7 +118,6 @@ class Evaluator:
         )
 
     def _run(self, rows: pd.DataFrame) -> None:
-        """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [
@@ -159,12 +158,7 @@ class Evaluator:
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream_keys(rows["run_id"].to_numpy(), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
-        golden = np.zeros(len(rows), np.int32)
-        if varied:
-            different = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
-            golden = (
-                np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
-            )
+        golden = plan.number_golden_runs(varied, len(rows))
         order = np.argsort(golden, kind="stable")
         own = np.arange(len(rows), dtype=np.int32)
         rows = rows.take(order).assign(index=own, pair=own)

@@ -83,7 +83,6 @@ def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
-    """Return points of the unit cube [points, inputs], and the analysis of their outcomes."""
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:

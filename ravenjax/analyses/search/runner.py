@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.analyses import panels
 from ravenjax.analyses.search import boundary, indices, rare
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading
@@ -29,6 +28,7 @@ from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.document import html
 from ravenjax.errors import UserError, list_lines
 from ravenjax.report import wording
+from ravenjax.report.drawing import save_panels
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 
@@ -109,7 +109,6 @@ def _into(
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    """Return everything that decides the result, as JSON values."""
     return files.json_values(
         {
             "config": config.resolved(),
@@ -152,11 +151,8 @@ def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    """Write all files of a search, each atomically, and return the sentences of its page. Raises
-    StoreError if the disk refuses.
-    """
     (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
-    panels.save_panels(out / figure, kind.draw(record["result"]))
+    save_panels(out / figure, kind.draw(record["result"]))
     templates = wording.text_templates(__package__)
     templates.filters |= FILTERS
     templates.globals |= {"series": group_series}

@@ -23,7 +23,7 @@ from ravenjax.errors import UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 
 
 def run_adaptively(

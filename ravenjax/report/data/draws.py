@@ -7,13 +7,15 @@ sampled.
 from collections.abc import Mapping
 from typing import Any
 
+from ravenjax.vocabulary.effects import RANDOM
+
 SAMPLED = ("random", "lhs", "sobol")
 """Designs in which a list of values is sampled too, not enumerated."""
 
 
 def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
     """Return the names of groups in which every fault has at least one drawn value, even if only
-    its onset is drawn.
+    its onset is drawn, or an effect that draws numbers itself.
 
     `config` has the form stored in a manifest, in which no group names hazards. Return None if it
     has no groups. Drawn parameters of the robot or operator do not count, because they do not
@@ -30,8 +32,15 @@ def _draws(group: Mapping[str, Any]) -> bool:
         return False
     sampled = group.get("design") in SAMPLED
     return any(
-        _varies(value, sampled) for fault in group.get("fault", ()) for value in fault.values()
+        _is_random(fault.get("effect", ""))
+        or any(_varies(value, sampled) for value in fault.values())
+        for fault in group.get("fault", ())
     )
+
+
+def _is_random(effect: Any) -> bool:
+    """Return whether each run of a fault with this effect, or list of effects, draws its own."""
+    return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 
 def _varies(value: Any, sampled: bool) -> bool:

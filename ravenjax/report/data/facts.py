@@ -4,9 +4,7 @@ SQL allows a table that does not fit into memory. `define_facts` creates the tab
 database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.store.access import query
@@ -23,7 +22,7 @@ from ravenjax.vocabulary.effects import RANDOM
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
-OUTCOME_WORDS = tomllib.loads(Path(__file__).with_name("outcomes.toml").read_text(encoding="utf-8"))
+OUTCOME_WORDS = resources.read_tables(__file__, "outcomes.toml")
 OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
@@ -54,11 +53,6 @@ def recorded_choices(manifest: Manifest) -> Choices:
         manifest.robot,
         manifest.duration_ms,
     )
-
-
-def derive_from_manifest(frame: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """Call `derive_facts` with the choices of the campaign that a manifest describes."""
-    return derive_facts(frame, recorded_choices(manifest))
 
 
 USUAL = Choices()
@@ -115,11 +109,11 @@ def define_facts(
     hazard; halted, a loss of motion because the robot was not live; cued, a cue that the golden run
     did not have; jump, of the reported tip; outcome, one of OUTCOMES.
 
-    For counting: distinct is equal for runs that differ only in seed or crossed parameters. Runs
-    with the same seed whose faults draw numbers themselves are distinct. action is an index into
-    ACTIONS. `plain` marks runs in which nobody reacts, or all runs if every operator reacts.
-    `sample` marks the first valid plain run of each distinct input whose fault, if any, changed a
-    bit. Rates, intervals and tests take these runs as their draws.
+    For counting: distinct is equal for runs that differ only in seed or crossed parameters. Each
+    copy of a fault that draws numbers itself is distinct. action is an index into ACTIONS. `plain`
+    marks runs in which nobody reacts, or all runs if every operator reacts. `sample` marks the
+    first valid plain run of each distinct input whose fault, if any, changed a bit. Rates,
+    intervals and tests take these runs as their draws.
 
     Of the first fault: site, layer, block (site and effect), onset_ms, length_ms, magnitude. Times
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
@@ -152,7 +146,7 @@ def define_facts(
         "response_ms": "response_ms",
         "told_ms": "told_ms",
         "cue_ms": f"cue{rules.cue}_first_ms",
-        "warned_ms": warned_sql(rules.cue),
+        "warned_ms": events.beyond_golden_sql(f"cue{rules.cue}_first_ms"),
         **{
             name: f"CASE WHEN {valid} AND hazard = '{hazard}' THEN {column} ELSE -1 END"
             for name, hazard, column in (
@@ -223,11 +217,6 @@ def action_sql(names: Sequence[str], usual: int) -> str:
     return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
 
 
-def warned_sql(cue: int) -> str:
-    """Return SQL for the time of a cue that the golden run did not have by then, else -1."""
-    return events.beyond_golden_sql(f"cue{cue}_first_ms")
-
-
 def first_sql(*times_ms: str) -> str:
     """Return SQL for the earliest of several times. Each time, and the result, is -1 for never."""
     came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
@@ -262,9 +251,8 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     if drawn:
-        # Copies of a fault that draws numbers itself are further faults. Repeats are not.
-        seed = ", seed" if "seed" in types else ""
-        copy = f"row_number() OVER (PARTITION BY {key}{seed} ORDER BY row)"
+        # Copies of a fault that draws numbers itself are further faults, also with other seeds.
+        copy = f"row_number() OVER (PARTITION BY {key} ORDER BY row)"
         key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
     keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
     (unique,) = table.row(
@@ -309,8 +297,3 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
 
 def _listed(columns: Mapping[str, str]) -> str:
     return ", ".join(f"{sql} AS {quote_name(name)}" for name, sql in columns.items())
-
-
-def warning_times(frame: pd.DataFrame, cue: int) -> np.ndarray:
-    """Return the same times as `warned_sql`, for a result table in memory; shape [rows]."""
-    return verdict.beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"])

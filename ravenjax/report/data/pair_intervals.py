@@ -4,6 +4,7 @@ All pairs of one drawn fault count together as one unit. Enumerated faults have 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,17 @@ from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_inte
 RESAMPLES = 1000
 DRAWS = 20_000_000
 """Units drawn for one confidence band of a mean, over all resamples."""
+
+
+class PairedRates(NamedTuple):
+    """The rate of one event in the runs of each side of some pairs."""
+
+    before: Rate
+    after: Rate
+    change: Estimate  # after minus before, a fraction
+    before_only: int  # pairs in which only the run before has it
+    after_only: int
+    p: float  # exact p-value that both are alike; NaN if nothing was drawn
 
 
 def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
@@ -31,35 +43,35 @@ def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
     return units.rate_band(hit, among, resamples=_resamples(among.count))
 
 
-def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Return the rate of `after` minus that of `before`.
+def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) -> PairedRates:
+    """Compare bool [pairs] of both sides.
 
-    The interval is Bonett and Price's if every pair has a different fault. It is the same interval,
-    with as many pairs as there are faults, if nothing differs. Otherwise faults are resampled.
+    If every pair has a different fault, the interval of the change is Bonett and Price's. It is the
+    same interval, with as many pairs as there are faults, if nothing differs. Otherwise faults are
+    resampled.
     """
+    difference = after.astype(float) - before
     if among is None:
-        return Estimate(_mean(after.astype(float) - before), math.nan, math.nan)
-    if among.count == len(after):
-        return paired.rate_difference(after, before)
-    if (after == before).all() and among.count >= units.FEWEST:
-        return paired.difference_of_counts(0, 0, among.count)
-    return _resampled(after.astype(float) - before, among)
+        change, p = Estimate(_mean(difference)), math.nan
+    elif among.count == len(after):
+        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before).p
+    else:
+        p = clustered.exchange_p(after, before, among.unit)
+        alike = not difference.any() and among.count >= units.FEWEST
+        change = (
+            paired.difference_of_counts(0, 0, among.count)
+            if alike
+            else _resampled(difference, among)
+        )
+    only, other = int((before & ~after).sum()), int((after & ~before).sum())
+    return PairedRates(pair_rate(before, among), pair_rate(after, among), change, only, other, p)
 
 
 def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
     """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
     if among is None or len(after) < 2:
-        return Estimate(_mean(after - before), math.nan, math.nan)
+        return Estimate(_mean(after - before))
     return _resampled(after - before, among)
-
-
-def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    """Return the exact p-value that both are alike; NaN if nothing was drawn."""
-    if among is None:
-        return math.nan
-    if among.count == len(after):
-        return paired.mcnemar_test(after, before).p
-    return clustered.exchange_p(after, before, among.unit)
 
 
 def _resampled(difference: np.ndarray, among: Units) -> Estimate:

@@ -165,12 +165,12 @@ class Runs:
         if not rows:
             return []
         listed = ", ".join(map(str, rows))
-        own = [name for name in self.facts if name not in self.names]
-        raw = self.table.frame(f"SELECT * FROM {RESULTS} WHERE row IN ({listed})").set_index("row")
-        facts = self.table.frame(
-            f"SELECT row, {', '.join(map(quote_name, own))} FROM {FACTS} WHERE row IN ({listed})"
+        more = ", ".join(quote_name(name) for name in self.facts if name not in self.names)
+        frame = self.table.frame(
+            f"SELECT {RESULTS}.*, {more} FROM {RESULTS} JOIN {FACTS} USING (row) WHERE row IN"
+            f" ({listed})"
         )
-        return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
+        return frame.set_index("row").loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
     def drawn(self, columns: str, where: str, most: int, by: str = "row") -> pd.DataFrame:
         """Return joined rows of `results` and `facts` in order: all rows that fulfil a condition,
@@ -226,7 +226,10 @@ def _more(manifest: Manifest) -> dict[str, str]:
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
     and the times at which runs ended if these differ.
     """
-    warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
+    warned = {
+        f"warned{k}_ms": events.beyond_golden_sql(f"cue{k}_first_ms")
+        for k in range(len(manifest.cues))
+    }
     alarms = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
         for d, detector in enumerate(manifest.detectors)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from ravenjax import robots
 from ravenjax.document.figure_style import INK, STYLE
 from ravenjax.report.drawing import save_figure
+from ravenjax.report.run.summary import active_spans
 from ravenjax.vocabulary.robot import Robot
 
 ARM_COLOURS = ("#b8860b", "#117a52", "#0072b2", "#8b2a6b")
@@ -71,13 +72,12 @@ def trace_plot(
         state.set_yticks(range(len(robot.run_levels)))
         _add_legend(state)
         marks = {name: ms for name, ms in (events or {}).items() if ms >= 0}
-        active = np.asarray(arrays.get("fault_active", ()), bool).reshape(-1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
-        for start, end in edges.reshape(-1, 2) / 1000.0:
+        spans = active_spans(np.ravel(arrays.get("fault_active", ())))
+        for start, end in spans:
             for axes in panels:
-                axes.axvspan(start, end, color=FAULT, alpha=0.13, lw=0, zorder=0)
-        if len(edges) and "fault" not in marks:
-            _note(error, "fault", (edges[0] / 1000.0, 1), (2, -2), FAULT, va="top")
+                axes.axvspan(start / 1000.0, end / 1000.0, color=FAULT, alpha=0.13, lw=0, zorder=0)
+        if spans and "fault" not in marks:
+            _note(error, "fault", (spans[0][0] / 1000.0, 1), (2, -2), FAULT, va="top")
         for number, (label, ms) in enumerate(sorted(marks.items(), key=lambda item: item[1])):
             colour = MARKERS[number % len(MARKERS)]
             for axes in panels:
@@ -153,7 +153,6 @@ def _note(
     colour: str,
     **look: Any,
 ) -> None:
-    """Write text beside a place, `offset` in points; the y of `at` is a share of the height."""
     look = {"xycoords": ("data", "axes fraction")} | look
     axes.annotate(
         text, at, xytext=offset, textcoords="offset points", fontsize=8, color=colour, **look

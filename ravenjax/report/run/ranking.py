@@ -1,11 +1,11 @@
 """Ranks the runs of a result table from worst to least bad."""
 
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -26,9 +26,7 @@ class Ranking(NamedTuple):
 
 RANKINGS = {
     name: Ranking(name, **measure)
-    for name, measure in tomllib.loads(
-        Path(__file__).with_name("rankings.toml").read_text(encoding="utf-8")
-    ).items()
+    for name, measure in resources.read_tables(__file__, "rankings.toml").items()
 }
 
 

@@ -186,7 +186,7 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series) -> Iterator[Ru
             continue
         where = words.partition(",")[0]
         first, last = (int(row[f"applied{slot}_{end}_ms"]) for end in ("first", "last"))
-        windows = _spans(series.get(f"fault{slot}_active", ()))
+        windows = active_spans(series.get(f"fault{slot}_active", ()))
         opened = [
             RunEvent(
                 start,
@@ -256,7 +256,7 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series) -> Iterator[RunE
         arm, force = full.partition("/")[0], np.asarray(values)[:, rules.cue]
         distance = series.get(f"{arm}/tip_error_mm", np.full(len(force), np.nan))
         pulses = []
-        for start, end in _spans(force > 0.0):
+        for start, end in active_spans(force > 0.0):
             far = format_number(float(distance[start]))
             peak = format_number(float(force[start:end].max()))
             text = (
@@ -313,7 +313,8 @@ def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
         yield from _first_few(changes, MOST_CHANGES, "{} more changes")
 
 
-def _spans(active: ArrayLike) -> list[tuple[int, int]]:
+def active_spans(active: ArrayLike) -> list[tuple[int, int]]:
+    """Return where each stretch of true values begins and ends."""
     edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
     return [
         (int(first), int(end))

@@ -10,7 +10,6 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
 from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS
 
 ALL = "every stop"
 
@@ -40,27 +39,23 @@ def stop_rows(runs: Runs) -> list[StopRow]:
 
 
 def _of(runs: Runs, by: str) -> list[StopRow]:
-    moved = "unintended_ms >= 0 AND unintended_ms <= stop_ms"
+    stop = f"{FACTS}.response_ms"
+    moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     conditions = (
         moved,
         f"NOT ({moved}) AND {off}",
-        "warned_ms >= 0 AND warned_ms < stop_ms",
-        "warned_ms >= stop_ms",
+        f"warned_ms >= 0 AND warned_ms < {stop}",
+        f"warned_ms >= {stop}",
         "warned_ms < 0",
-        "restarted",
+        "restart_ms >= 0" if "restart_ms" in runs.types else "false",
     )
-    restarted = "restart_ms >= 0" if "restart_ms" in runs.types else "false"
-    counted = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
-    counts = runs.table.rows(
-        f'SELECT {by} AS cause, list(DISTINCT "group"), count(*),'
-        f" {tables.quantiles_sql('stop_ms - active_ms')},"
-        f" {tables.quantiles_sql('unintended_off_mm')}, {counted} FROM (SELECT row,"
-        f" response_cause, unintended_off_mm, {restarted} AS restarted FROM {RESULTS}) JOIN"
-        " (SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms,"
-        ' "group"::VARCHAR AS "group" FROM'
-        f" {FACTS} WHERE sample AND faulty AND response = 'stopped') USING (row) GROUP BY cause"
+    columns = (
+        tables.quantiles_sql(f"{stop} - active_ms"),
+        tables.quantiles_sql("unintended_off_mm"),
+        *(f"count(*) FILTER ({condition})" for condition in conditions),
     )
+    counts = tables.class_counts(runs, by, columns, f"{FACTS}.response = 'stopped'")
     return [
         StopRow(
             cause or "not recorded",

@@ -36,7 +36,7 @@ class ClassRow(NamedTuple):
     unintended: Rate  # of distinct faults, with or without an alarm
     loss: Rate  # of distinct faults, with or without an alarm
     # Of faults with an unintended motion: those that could be known before it, as in
-    # `detectors.before_motion`.
+    # `detectors.knowledge_sql`.
     before: Rate
     # Time from the first effect by which half of these faults could be known.
     half_ms: Estimate
@@ -83,7 +83,8 @@ def detection_answers(runs: Runs) -> EventTimes:
     A cue at the motion's own limit or beyond cannot come before it and has no lead. Detectors count
     at their lowest threshold without a false alarm.
     """
-    return tables.event_times(runs, detectors.knowledge_sql(runs), detectors.before_motion(runs))
+    said, early = (detectors.knowledge_sql(runs, leading) for leading in (False, True))
+    return tables.event_times(runs, said, early)
 
 
 def golden_halts(runs: Runs) -> list[tuple[str, int]]:
@@ -96,28 +97,28 @@ def golden_halts(runs: Runs) -> list[tuple[str, int]]:
 
 def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     """Return a row for each value of a column of facts, most evasive first; by "" one for all."""
-    by, groups = (quote_name(kind), runs.groups_by(kind)) if kind else ("''", {})
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     delays, lags = (
         runs.delays(event, start, runs.end, UNINTENDED, kind or None)
         for event, start in (
             (detectors.knowledge_sql(runs), "active_ms"),
-            (detectors.before_motion(runs), "unintended_ms"),
+            (detectors.knowledge_sql(runs, leading=True), "unintended_ms"),
         )
     )
+    columns = (
+        *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
+        tables.quantiles_sql("unintended_mm"),
+        f"count(*) FILTER ({off} AND NOT unintended)",
+        "max(unintended_off_mm)",
+    )
+    by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
-    for name, n, *hits, mm, not_live, farthest in runs.table.rows(
-        f"SELECT {by}::VARCHAR AS name, count(*), count(*) FILTER (evaded), count(*) FILTER"
-        f" (unintended), count(*) FILTER (loss), {tables.quantiles_sql('unintended_mm')}, count(*)"
-        f" FILTER ({off} AND NOT unintended), max(unintended_off_mm) FROM {FACTS} JOIN (SELECT row,"
-        f" unintended_mm, unintended_off_mm FROM {RESULTS}) USING (row) WHERE sample AND faulty"
-        " GROUP BY name ORDER BY name"
-    ):
+    for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
         soon = latency.incidence_curve(delays.get(name, NONE)).quantile_interval(0.5)
         before = latency.lead_time(lags.get(name, NONE)).before
-        if not runs.sampled(groups.get(name)):
+        if not runs.sampled(groups):
             soon, before = tables.without_interval(soon), tables.without_interval(before)
-        evaded, unintended, loss = (tables.of_faults(runs, k, n, groups.get(name)) for k in hits)
+        evaded, unintended, loss = (tables.of_faults(runs, k, n, groups) for k in hits)
         rates = evaded, unintended, loss, before
         rows.append(ClassRow(name, *rates, soon, Quantiles(*mm), not_live, farthest))
     return sorted(rows, key=lambda row: [*map(tables.least_last, (row.evaded, row.unintended))])

@@ -8,20 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from ravenjax.document import drawing
 from ravenjax.document.chart import Chart, ChartAxis, Dots
-from ravenjax.document.figure_style import STYLE
 from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.drawing import save_figure
+from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections import Section, robots
 from ravenjax.stats import latency
@@ -80,24 +76,11 @@ def lead_chart(one: Propagation) -> Chart | None:
 
 
 def draw_charts(one: Propagation, path: Path) -> bool:
-    """Write both charts side by side as a file (.svg, .png or .pdf); return False without runs."""
+    """Write both charts as a file (.svg, .png or .pdf); return False without runs."""
     charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
-    if not charts:
-        return False
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(
-            figsize=(5.4 * len(charts), 1.5 + 0.2 * len(one.carriers)), layout="constrained"
-        )
-        for axes, chart in zip(
-            figure.subplots(1, len(charts), squeeze=False)[0], charts, strict=True
-        ):
-            drawing.draw_chart(chart, axes)
-            axes.set_xlabel(chart.x.title)
-            axes.tick_params("y", labelsize=8)
-            axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
-            axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), fontsize=8)
-        save_figure(figure, path)
-    return True
+    if charts:
+        save_panels(path, charts, columns=1)
+    return bool(charts)
 
 
 def _signal_chart(
@@ -240,7 +223,9 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
 
     harm = mine["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
-    leads = _leads(seams, harm)
+    # How long before harm each seam showed each run, ms [seams, runs]; 0: not before.
+    leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
+    leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
     best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(mine), int)
     carriers = [
@@ -284,15 +269,6 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
         )
         for name, arms in by_seam.items()
     ]
-
-
-def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
-    """Return how long before harm each seam showed each run, ms [seams, runs]; 0: not before."""
-    if not seams:
-        return np.zeros((0, len(harm)), np.int64)
-    return np.stack(
-        [np.where((one.leaves >= 0) & (one.leaves < harm), harm - one.leaves, 0) for one in seams]
-    )
 
 
 SECTIONS = (Section("chains", "Chains", 150, _content),)

@@ -7,7 +7,6 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
 from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS
 
 ALL = "every fault"
 
@@ -33,7 +32,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group; none without contact or faults."""
     if not runs.manifest.shape.contact:
         return []
-    groups = _of(runs, '"group"')
+    groups = _of(runs, f'{FACTS}."group"::VARCHAR')
     if len(groups) == 1:
         return groups
     return [*(row._replace(group=ALL) for row in _of(runs, "''")), *groups]
@@ -42,18 +41,13 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 def _of(runs: Runs, by: str) -> list[ContactRow]:
     parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
     names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
-    listed = ", ".join(
-        f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names
-    )
-    counts = runs.table.rows(
-        f'SELECT {by} AS name, list(DISTINCT "group"), count(*),'
-        f" {tables.quantiles_sql(names[0])}, {tables.quantiles_sql('contact_impulse_n_s')},"
-        f' {listed} FROM (SELECT * EXCLUDE "group" FROM {RESULTS}) JOIN (SELECT row,'
-        f' "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING (row) GROUP BY'
-        " name ORDER BY name"
+    columns = (
+        tables.quantiles_sql(names[0]),
+        tables.quantiles_sql("contact_impulse_n_s"),
+        *(f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names),
     )
     rows = []
-    for name, groups, n, peak, impulse, *numbers in counts:
+    for name, groups, n, peak, impulse, *numbers in tables.class_counts(runs, by, columns):
         harder, vessel, *met = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
         row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
         rows.append(row._replace(instruments=met[0], instruments_n=numbers[5]) if met else row)

@@ -25,9 +25,8 @@ from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
-from ravenjax.stats.alarms.false_alarms import AlarmRate
+from ravenjax.stats.alarms.false_alarms import AlarmRate, hours_to_bound
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.sample_size.planning import hours_to_bound
 from ravenjax.store.manifest import CueRecord
 
 FELT = ("peak_force", "ms", "count")
@@ -205,7 +204,10 @@ def _choice(
     hours. `keeps`: sets that certainly keep the rule. `hours` would decide more.
     """
     sure = np.flatnonzero(possible & keeps).tolist()
-    thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
+    thresholds, remainder = (
+        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which)})
+        for which in (possible, end)
+    )
     if len(thresholds) > 1 or not sure:
         return Choice(
             rule,
@@ -218,10 +220,6 @@ def _choice(
     best = rows[min(sure, key=lambda k: (cost[k], rows[k].hourly))]
     same = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
     return Choice(rule, best, len(same) - 1)
-
-
-def _thresholds(rows: Sequence[CueRow], which: np.ndarray) -> list[float]:
-    return sorted({row.cue.threshold_mm for row, is_one in zip(rows, which, strict=True) if is_one})
 
 
 def _words(thresholds: Sequence[float]) -> str:

@@ -123,21 +123,14 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     return result
 
 
-def knowledge_sql(runs: Runs) -> str:
-    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never:
-    by the cue, a check, or a detector at its lowest threshold without a false alarm.
+def knowledge_sql(runs: Runs, leading: bool = False) -> str:
+    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
+
+    The sources are the cue, the checks, and detectors at their lowest threshold without a false
+    alarm.
+    `leading`: leave out alarms that cannot come before the motion by definition, cues and tip
+    errors at its limit or beyond.
     """
-    return _first_alarm(runs)
-
-
-def before_motion(runs: Runs) -> str:
-    """Return the SQL of `knowledge_sql` without alarms that cannot come before the motion by
-    definition: cues and tip errors at its limit or beyond.
-    """
-    return _first_alarm(runs, leading=True)
-
-
-def _first_alarm(runs: Runs, leading: bool = False) -> str:
     trusted = [
         f"({after_onset(alarms.column)})"
         for alarms in runs.once(list_alarms)
@@ -193,13 +186,11 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
     return min(n, MOST_DRAWN), n
 
 
-def _shown(own: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
-    places = (
-        np.unique(np.linspace(0, len(own) - 1, MOST_THRESHOLDS).round())
-        if len(own) > MOST_THRESHOLDS
-        else range(len(own))
-    )
-    return [one for k, one in enumerate(own) if k in places or one.quiet]
+def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
+    # Of MOST_THRESHOLDS or fewer, these are all.
+    places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
+    few = len(alarms) <= MOST_THRESHOLDS
+    return [one for k, one in enumerate(alarms) if few or k in places or one.quiet]
 
 
 def _what(detector: DetectorRecord) -> str:
@@ -222,13 +213,12 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
     resamples = int(np.clip(DRAWS // len(values), 100, 400))
     roc = roc_band(values, unintended, cell, grid=GRID, resamples=resamples)
     recall = precision_recall_band(values, unintended, cell, grid=GRID[1:], resamples=resamples)
-    return (roc, recall) if runs.sampled() else (_bare(roc), _bare(recall))
+    return (roc, recall) if runs.sampled() else (_without_band(roc), _without_band(recall))
 
 
-def _bare(band: CurveBand) -> CurveBand:
-    none = np.full(len(band.grid), np.nan)
-    curve = band.curve._replace(low=none, high=none)
-    return CurveBand(band.grid, curve, band.area._replace(low=np.nan, high=np.nan))
+def _without_band(band: CurveBand) -> CurveBand:
+    curve, area = tables.without_interval(band.curve), tables.without_interval(band.area)
+    return CurveBand(band.grid, curve, area)
 
 
 def roc_chart(rows: Sequence[DetectorRow]) -> Chart | None:
@@ -244,7 +234,6 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
 ) -> Chart | None:
-    """Return curves with bands, and marks for the thresholds."""
     areas = {
         number: getattr(row, kind).area.value
         for number, row in enumerate(rows)

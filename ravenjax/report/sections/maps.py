@@ -1,22 +1,21 @@
 """Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
 that matter most.
 
-The axes of a map are the two inputs that explain most of the outcome. Faults of one site and effect
-have their own map if there are enough of them.
+The axes of a map are the two inputs that explain most of the variance of the outcomes. Faults of
+one site and effect have their own map if there are enough of them.
 """
 
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
@@ -40,7 +39,7 @@ UNTIL_END = -1
 TO_THE_END, UNSET, OTHERS = "to the end", "not set", "others"
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
-_FILE = tomllib.loads(Path(__file__).with_name("maps.toml").read_text(encoding="utf-8"))
+_FILE = resources.read_tables(__file__, "maps.toml")
 SLOT_INPUTS = _FILE["inputs"]
 COMMON = ("fault0_duration_ms", "fault0_start_ms", "fault0_every_ms")
 """Inputs that have the same meaning at every site."""
@@ -130,9 +129,10 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     """Return the map of all faults if they are of several sites and effects, then the map of each,
     most unintended motion first.
 
-    An item has name, n, unit, rates and panels. A panel shows one measure over two inputs. Its
-    cells are rates, or None without a run. Only measures that came in some runs and not in others
-    have panels.
+    An item has name, n, unit, rates, panels and axes. A panel shows one measure over two inputs.
+    Its cells are rates, or None without a run. Only measures that came in some runs and not in
+    others have panels. `axes` has the names of the best pair of inputs and of the next one, and the
+    share of the variance that each explains.
     """
     swept = summarize_sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
@@ -141,8 +141,10 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     for name in names[sizes >= MIN_RUNS]:
         mine = swept.block == name
         part = swept._replace(faults=swept.faults.loc[mine], block=swept.block[mine])
-        if counts := _best_pair(part, _axes(part, runs.robot.joints)):
-            items.append(_map(part, str(name), counts, runs.sampled(groups.get(str(name)))))
+        axes = _axes(part, runs.robot.joints)
+        pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
+        if ranked := _ranked([_counts(part, *pair) for pair in pairs]):
+            items.append(_map(part, str(name), ranked, runs.sampled(groups.get(str(name)))))
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
     whole = [_map(swept, WHOLE, _by_block(swept), runs.sampled())] if len(names) > 1 else []
     return [*whole, *items]
@@ -224,8 +226,8 @@ def compact_number(value: float) -> str:
     return f"{value:{'.4g' if abs(value) >= 1e3 else '.3g'}}".replace("-", "−")
 
 
-def _by_block(swept: Sweep) -> PairCounts:
-    """Return counts by site and effect, and by the input of COMMON that explains most."""
+def _by_block(swept: Sweep) -> list[PairCounts]:
+    """Return counts by site and effect and by each input of COMMON, the best input first."""
     hit = swept.faults[swept.measures[0].name].to_numpy(float)
     shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
@@ -239,15 +241,11 @@ def _by_block(swept: Sweep) -> PairCounts:
         if name in COMMON or name.startswith("param:")
     }
     axes = _axes(swept._replace(titles=common))
-    return max(
-        [_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)],
-        key=prediction_gain,
-    )
+    return _ranked([_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)])
 
 
-def _best_pair(swept: Sweep, axes: Sequence[MapAxis]) -> PairCounts | None:
-    pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-    return max((_counts(swept, *pair) for pair in pairs), key=prediction_gain, default=None)
+def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
+    return sorted(pairs, key=explained_share, reverse=True)
 
 
 def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
@@ -266,26 +264,31 @@ def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
     return PairCounts(up, across, n, np.array(k))
 
 
-def prediction_gain(counts: PairCounts) -> float:
-    """Return how much better the cells predict the measures than the overall shares do.
+def explained_share(counts: PairCounts) -> float:
+    """Return the share of the measures' variance that the cells explain (adjusted R²).
 
-    The result is twice the gain in log-likelihood, minus a penalty for the number of free
-    parameters (Schwarz's criterion).
+    The variances of all measures are added. The share is at most 1. It is negative if the cells
+    explain less than as many random cells would, and -inf if each run has its own cell.
     """
-    from scipy.special import rel_entr
-
-    n, cells = counts.n, int((counts.n > 0).sum())
-    total, sum_of_gains = n.sum(), 0.0
-    for k in counts.k:
-        if 0 < k.sum() < total:
-            mean = k.sum() / total
-            tell = rel_entr(k, n * mean) + rel_entr(n - k, n * (1 - mean))
-            sum_of_gains += 2 * float(tell.sum()) - (cells - 1) * math.log(total)
-    # If no input explains anything, the first inputs are taken.
-    return max(0.0, sum_of_gains)
+    n, total = counts.n, counts.n.sum()
+    hits, spare = counts.k.sum(axis=(1, 2)), total - (n > 0).sum()
+    overall = (hits * (total - hits)).sum() / total
+    within = (counts.k * (n - counts.k) / np.maximum(n, 1)).sum()
+    if not spare or not overall:
+        return -math.inf
+    return float(1 - within / spare / (overall / (total - 1)))
 
 
-def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str, Any]:
+def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -> dict[str, Any]:
+    counts = ranked[0]
+    pairs = [
+        {
+            "inputs": [axis.title for axis in (pair.up, pair.across) if axis.title],
+            "share": max(0.0, share),
+        }
+        for pair in ranked[:2]
+        if math.isfinite(share := explained_share(pair))
+    ]
     rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
     n, rates, panels = len(swept.faults), [], []
     for measure, k in zip(swept.measures, counts.k, strict=True):
@@ -303,12 +306,15 @@ def _map(swept: Sweep, name: str, counts: PairCounts, sampled: bool) -> dict[str
             }
             # Numbers increase upwards.
             panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
-    return {"name": name, "n": n, "unit": swept.unit, "rates": rates, "panels": panels}
+    content = {"name": name, "n": n, "unit": swept.unit, "rates": rates}
+    return content | {"panels": panels, "axes": pairs}
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any]:
-    maps = all_maps(runs)
-    return {"maps": maps, "map_least": MIN_RUNS, "map_most": MOST}
-
-
-SECTIONS = (Section("maps", "Maps", 30, _content),)
+SECTIONS = (
+    Section(
+        "maps",
+        "Maps",
+        30,
+        lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST},
+    ),
+)

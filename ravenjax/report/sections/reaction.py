@@ -1,14 +1,15 @@
-"""Section "Reaction": the same faults under the same random numbers, with and without the
-operator's reaction to the cue.
+"""Sections "Reaction" and "Crossed parameters": the same faults under the same random numbers, with
+and without the operator's reaction to the cue, and with each value of a crossed parameter.
 
-A pair is two runs that differ only in crossed parameters, and in one of which the operator does not
-react. A fault has one pair for each value of other crossed parameters.
+A pair is two runs that differ only in crossed parameters. In one of them the operator does not
+react, or the parameter has its first value. A fault has one pair for each value of other crossed
+parameters.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ import pandas as pd
 from ravenjax.report.data import pair_intervals as intervals
 from ravenjax.report.data.facts import ACTION, FACTS
 from ravenjax.report.data.fault_free import MS_PER_HOUR
+from ravenjax.report.data.pair_intervals import PairedRates
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
@@ -38,12 +40,17 @@ MOST_VALUES = 12
 """Largest number of values of a crossed parameter that get their own rows."""
 MOST = 400_000
 """Largest number of runs that are compared pair by pair. Of more runs, pairs are drawn."""
+EVENTS = {"evaded": "evades", "unintended": "unintended motion", "told": "alarm by a check"}
+"""Facts whose rates are listed by the value of a crossed parameter."""
 Sampled = Callable[[Collection[str]], bool]
 """Returns whether the faults of some groups were drawn, as `Runs.sampled` does."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind of reaction. Both sides match row by row, without failed runs."""
+    """Pairs of one kind of reaction, or of one value of a parameter and its first value.
+
+    Both sides match row by row, without failed runs.
+    """
 
     with_: pd.DataFrame
     without: pd.DataFrame
@@ -51,6 +58,18 @@ class Pairs(NamedTuple):
     def where(self, chosen: np.ndarray) -> Pairs:
         """Return the pairs that `chosen` marks (bool [pairs])."""
         return Pairs(*(part.loc[chosen] for part in self))
+
+    @property
+    def acting(self) -> np.ndarray:
+        """Return the pairs whose fault changed a bit in either run, bool [pairs]. A reaction to a
+        false cue may end a run before its fault acts, so one run is enough.
+        """
+        return self.with_["activated"].to_numpy() | self.without["activated"].to_numpy()
+
+    def faults(self, sampled: Sampled) -> Units | None:
+        """Return the faults of the pairs as units; None if they were enumerated."""
+        drawn = sampled(self.with_["group"].unique().tolist())
+        return intervals.pair_faults(self.with_["distinct"].to_numpy(), drawn)
 
 
 class Difference(NamedTuple):
@@ -77,6 +96,17 @@ class Difference(NamedTuple):
     idle: Rate
 
 
+class CrossedRow(NamedTuple):
+    """Rates with one value of a crossed parameter, and with the first value in the same faults."""
+
+    parameter: str
+    first: float
+    value: float
+    n: int  # pairs; for the first value: runs
+    inactive: int  # pairs that are left out, because their fault changed no bit in either run
+    events: dict[str, PairedRates]  # by EVENTS, before: with the first value
+
+
 class Idle(NamedTuple):
     """Interruptions of fault-free motion."""
 
@@ -90,7 +120,7 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     """Return about MOST runs with the needed columns. Runs of one pair are drawn together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
-    facts = ("failed", "faulty", "activated", "action", "unintended", '"distinct"')
+    facts = (*EVENTS, "failed", "faulty", "activated", "plain", "action", '"distinct"')
     columns = [
         *(f"{RESULTS}.{quote_name(name)}" for name in names),
         f"{_EXCURSION} AS {EXCURSION}",
@@ -100,12 +130,6 @@ def sample_runs(runs: Runs) -> pd.DataFrame:
     return runs.drawn(", ".join(columns), "true", MOST, by="pair")
 
 
-def has_pairs(runs: pd.DataFrame) -> bool:
-    """Return whether somebody reacts in some runs and nobody in others."""
-    actions = runs["action"].unique().tolist()
-    return ACTION in runs and len(actions) > 1 and 0 in actions
-
-
 def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     """Return every run with this action and its partner in which nobody reacts.
 
@@ -113,11 +137,19 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     """
     others = _crossed_names(runs)
     same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
-    valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)].rename_axis("row").reset_index()
-    idle = valid.loc[valid["action"] == 0, [*same, "row"]].drop_duplicates(same)
-    both = valid.loc[valid["action"] == action].merge(idle, on=same, suffixes=("", "_idle"))
-    first = ~both[[*others, "distinct"]].duplicated()
-    return Pairs(*(runs.loc[both.loc[first, row]] for row in ("row", "row_idle")))
+    valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)]
+    after, before = (valid.loc[valid["action"] == number] for number in (action, 0))
+    return _matched(after, before, same, others)
+
+
+def _matched(
+    after: pd.DataFrame, before: pd.DataFrame, same: Sequence[str], others: Sequence[str]
+) -> Pairs:
+    """Return each run of `after` that differs in `others` or in its fault, and its partner."""
+    partners = before[same].rename_axis("partner").reset_index().drop_duplicates(same)
+    both = after.rename_axis("row").reset_index().merge(partners, on=same)
+    both = both.loc[~both[[*others, "distinct"]].duplicated()]
+    return Pairs(after.loc[both["row"]], before.loc[both["partner"]])
 
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
@@ -128,13 +160,46 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
     found = []
     for number, action in _actions(runs):
         pairs = paired_runs(runs, number)
-        # A reaction to a false cue may end a run before its fault acts. Such a pair counts.
-        acting = pairs.with_["activated"].to_numpy() | pairs.without["activated"].to_numpy()
+        acting = pairs.acting
         for among, part in _parts(pairs.where(acting)):
             if len(part.with_):
-                drawn = sampled(part.with_["group"].unique().tolist())
                 inactive = int((~acting).sum())
-                found.append(_difference(action, among, part, drawn, inactive))
+                found.append(_difference(action, among, part, part.faults(sampled), inactive))
+    return found
+
+
+def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
+    """Return rates by the values of each crossed parameter that is no reaction, the first value
+    first, of runs in which nobody reacts.
+    """
+    counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
+    crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
+    found = []
+    for name in crossed:
+        same = ["pair", *(other for other in crossed if other != name)]
+        first = runs.groupby("pair")[name].transform("first")[counted.index]
+        values = counted.assign(first=first)[["first", name]].drop_duplicates().dropna()
+        varied = values.loc[
+            values["first"].isin(values.loc[values["first"] != values[name], "first"])
+        ]
+        for start, value in sorted(
+            varied.itertuples(index=False), key=lambda row: (row[0], row[0] != row[1], row[1])
+        ):
+            mine = counted.loc[first == start]
+            pairs = _matched(
+                mine.loc[mine[name] == value], mine.loc[mine[name] == start], same, crossed
+            )
+            acting = pairs.acting
+            pairs = pairs.where(acting)
+            faults = pairs.faults(sampled)
+            events = {
+                words: intervals.compare_rates(*(part[event].to_numpy() for part in pairs), faults)
+                for event, words in EVENTS.items()
+            }
+            path = name.removeprefix("param:")
+            found.append(
+                CrossedRow(path, start, value, int(acting.sum()), int((~acting).sum()), events)
+            )
     return found
 
 
@@ -191,22 +256,17 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
                 yield f"{name.removeprefix('param:')} = {value:g}", mine.where(values == value)
 
 
-def _difference(action: str, among: str, mine: Pairs, sampled: bool, inactive: int) -> Difference:
-    """Compare one set of pairs. `action`: index into ACTIONS; `sampled`: the faults were drawn."""
+def _difference(
+    action: str, among: str, mine: Pairs, faults: Units | None, inactive: int
+) -> Difference:
     after, before = (part["unintended"].to_numpy() for part in mine)
     acted = mine.with_["reaction_ms"].to_numpy() >= 0
-    faults = intervals.pair_faults(mine.with_["distinct"].to_numpy(), sampled)
     return Difference(
         MEANINGS[action],
         among,
         len(after),
         inactive,
-        intervals.pair_rate(before, faults),
-        intervals.pair_rate(after, faults),
-        intervals.rate_difference(after, before, faults),
-        int((before & ~after).sum()),
-        int((after & ~before).sum()),
-        intervals.p_value(after, before, faults),
+        *intervals.compare_rates(after, before, faults),
         _mean(mine, EXCURSION, faults),
         _mean(mine, "tissue_depth_mm", faults),
         intervals.pair_rate(acted, faults),
@@ -221,10 +281,8 @@ def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
 
 def compare_actions(runs: Runs) -> list[Difference]:
     """Return the comparisons of a campaign; none if it has no pairs."""
-    if not runs.manifest.shape.reacts:
-        return []
-    both = runs.once(sample_runs)
-    return compare_pairs(both, runs.sampled) if has_pairs(both) else []
+    reacts = runs.manifest.shape.reacts
+    return compare_pairs(runs.once(sample_runs), runs.sampled) if reacts else []
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
@@ -240,4 +298,18 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     }
 
 
-SECTIONS = (Section("reaction", "Reaction", 70, _content),)
+def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
+    config = runs.manifest.config
+    paths = {
+        path for table in (config, *config.get("group", ())) for path in table.get("cross", ())
+    }
+    if all(path.startswith("reaction.") for path in paths):
+        return None
+    both = runs.once(sample_runs)
+    return {"crossed": crossed_rows(both, runs.sampled), "crossed_runs": (len(both), runs.rows)}
+
+
+SECTIONS = (
+    Section("reaction", "Reaction", 70, _content),
+    Section("crossed", "Crossed parameters", 75, _crossed),
+)

@@ -31,13 +31,16 @@ class RobotRate(NamedTuple):
     deviation: float  # standard deviation of the robots' rates
 
 
-def robot_questions(runs: Runs) -> dict[str, tuple[str, str]]:
-    """Return the questions of the section: which faults each rate is over, and its condition, over
-    columns of facts.
+def robot_rates(runs: Runs) -> list[RobotRate]:
+    """Return the rates of the section, over one run of each fault and robot.
 
     The cue's lead is a question only if the definitions do not decide it.
     """
-    named = {
+    robots = drawn_whole(runs)
+    if not robots:
+        return []
+    # Which faults each rate is over, and its condition, over columns of facts.
+    questions = {
         "evades the checks": ("true", "evaded"),
         "makes an unintended motion": ("true", "unintended"),
         "leads to a loss of motion": ("true", "loss"),
@@ -45,18 +48,10 @@ def robot_questions(runs: Runs) -> dict[str, tuple[str, str]]:
     }
     if runs.cue_leads:
         early = "warned_ms >= 0 AND warned_ms < unintended_ms"
-        named["has the cue before the unintended motion"] = ("unintended", early)
-    return named
-
-
-def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return rates for `robot_questions`, one run of each fault and robot."""
-    robots = drawn_whole(runs)
-    if not robots:
-        return []
+        questions["has the cue before the unintended motion"] = ("unintended", early)
     robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
-    for name, (among, hit) in robot_questions(runs).items():
+    for name, (among, hit) in questions.items():
         rows = runs.table.rows(
             f"SELECT count(*) FILTER ({hit}), count(*) FROM {RESULTS} JOIN {FACTS} USING (row) "
             f"WHERE sample AND faulty AND {among} GROUP BY {robot}"

@@ -7,7 +7,7 @@ import functools
 import itertools
 import math
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -43,6 +43,21 @@ def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None)
 def without_interval(value: _Interval) -> _Interval:
     """Return the value without its interval."""
     return value._replace(low=math.nan, high=math.nan)
+
+
+def class_counts(
+    runs: Runs, by: str, columns: Sequence[str], where: str = "true"
+) -> list[tuple[Any, ...]]:
+    """Return one row for each value of `by`: the value, the groups of its faults, the number of
+    its distinct faults, and `columns`.
+
+    The arguments are expressions over columns of results and facts.
+    """
+    return runs.table.rows(
+        f'SELECT {by}, list(DISTINCT {FACTS}."group"::VARCHAR), count(*), {", ".join(columns)} FROM'
+        f" {RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty AND {where} GROUP BY ALL"
+        " ORDER BY 1"
+    )
 
 
 class Quantiles(NamedTuple):
@@ -315,23 +330,21 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     """
     if not runs.manifest.shape.cables:
         return []
-    over, groups = events.event_sql("cable_overload", runs.manifest.rules), runs.groups_by("site")
-
-    def of(by: str) -> list[OverloadRow]:
-        counts = runs.table.rows(
-            f"SELECT {by} AS place, count(*), count(*) FILTER (over), count(*) FILTER (over AND"
-            " unintended), coalesce(mode(cable::VARCHAR) FILTER (over), ''), max(load) FROM (SELECT"
-            f" row, {over} AS over, cable_overload AS cable, cable_load::DOUBLE AS load FROM"
-            f" {RESULTS}) JOIN (SELECT row, site, unintended FROM {FACTS} WHERE sample AND faulty)"
-            " USING (row) GROUP BY place"
-        )
-        return [
-            OverloadRow(place, n, of_faults(runs, k, n, groups.get(place)), *rest)
-            for place, n, k, *rest in counts
+    over = events.event_sql("cable_overload", runs.manifest.rules)
+    columns = (
+        f"count(*) FILTER ({over})",
+        f"count(*) FILTER ({over} AND unintended)",
+        f"coalesce(mode(cable_overload::VARCHAR) FILTER ({over}), '')",
+        "max(cable_load::DOUBLE)",
+    )
+    every, sites = (
+        [
+            OverloadRow(site, n, of_faults(runs, k, n, groups), *rest)
+            for site, groups, n, k, *rest in class_counts(runs, by, columns)
         ]
-
-    every = [row._replace(site=EVERY_SITE) for row in of("''")]
-    sites = [row for row in of("site::VARCHAR") if row.overloaded.k]
+        for by in (f"'{EVERY_SITE}'", "site::VARCHAR")
+    )
+    sites = [row for row in sites if row.overloaded.k]
     return [*every, *sorted(sites, key=lambda row: (-row.overloaded.k, row.site))]
 
 

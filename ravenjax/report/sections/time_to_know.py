@@ -2,9 +2,6 @@
 alarm.
 """
 
-from pathlib import Path
-from typing import Any
-
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report.data.runs import Runs
@@ -46,9 +43,11 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     return chart if curves else None, {"cue": early_cue, "check": early_told}
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any]:
-    curves, early = incidence_curves(runs)
-    return {"curves": curves, "early": early}
-
-
-SECTIONS = (Section("time", "Time to know", 40, _content),)
+SECTIONS = (
+    Section(
+        "time",
+        "Time to know",
+        40,
+        lambda runs, _: dict(zip(("curves", "early"), incidence_curves(runs), strict=True)),
+    ),
+)

@@ -1,9 +1,9 @@
 """Section "Worst runs": the worst runs of each outcome, and the commands that replay them."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run.ranking import rank_runs
@@ -15,7 +15,7 @@ MOST = 5
 """Number of runs of each kind."""
 
 
-KINDS = tomllib.loads(Path(__file__).with_name("worst.toml").read_text(encoding="utf-8"))
+KINDS = resources.read_tables(__file__, "worst.toml")
 """Outcomes by name, in the order of the page."""
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import alpha_of, clopper_pearson
+from ravenjax.stats.intervals import ALPHA, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
@@ -26,14 +26,24 @@ class AlarmRate(NamedTuple):
     high: float
 
 
-def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
-    """Return alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count`
-    independent alarms.
+def alarm_rate(count: int, hours: float) -> AlarmRate:
+    """Return alarms per hour with the exact 95 % interval of a Poisson rate (Garwood 1936), for
+    `count` independent alarms.
     """
     if not hours:
         return AlarmRate(int(count), 0.0, math.nan, math.nan, math.nan)
-    low, high = rate_bounds(count, hours, confidence)
+    low, high = rate_bounds(count, hours)
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
+
+
+def hours_to_bound(per_hour: float, count: int = 0) -> float:
+    """Return the hours in which `count` alarms show that there are at most `per_hour` alarms per
+    hour.
+
+    In these hours the upper end of the exact interval (`alarm_rate`) is per_hour.
+    Without an alarm it is 3.69 / per_hour at 95 %.
+    """
+    return alarm_rate(count, 1.0).high / per_hour
 
 
 def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
@@ -57,15 +67,13 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     return AlarmRate(count, total, count / total if total else math.inf, low, high)
 
 
-def rate_bounds(
-    count: ArrayLike, hours: ArrayLike, confidence: float = 0.95
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends of the exact intervals of Poisson rates, arrays of one shape. `hours` must
-    be above 0. Raises ValueError as `alpha_of` does.
+def rate_bounds(count: ArrayLike, hours: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends of the exact 95 % intervals of Poisson rates, arrays of one shape. `hours`
+    must be above 0.
     """
     from statsmodels.stats.rates import confint_poisson  # slow to import
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
-    low, high = confint_poisson(counts, times, "exact-c", alpha_of(confidence))
+    low, high = confint_poisson(counts, times, "exact-c", ALPHA)
     # confint_poisson returns numbers for a single rate.
     return np.reshape(low, counts.shape), np.reshape(high, counts.shape)

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import band_ends
-from ravenjax.stats.bootstrap.units import group_units
+from ravenjax.stats.bootstrap.units import band_ends, group_units
 from ravenjax.stats.intervals import Estimate
 
 GRID = np.linspace(0.0, 1.0, 101)

@@ -1,4 +1,4 @@
-"""Defines the independent units behind rows, and intervals that resample them by stratum.
+"""Bootstraps statistics of independent units, plainly and by stratum.
 
 A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
 recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
@@ -14,14 +14,14 @@ Variance Estimation, 2007, 2.5).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import band_ends
-from ravenjax.stats.intervals import Estimate, Rate, rate_bounds
+from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds
 
 FEWEST = 5
 """Number of units below which there is no interval, because they are too few to resample."""
@@ -125,7 +125,7 @@ def ratio_band(
         total = sums.sum(axis=1)
         value = total[0] / total[1]
         if among.count < FEWEST:
-            return Estimate(value, np.nan, np.nan)
+            return Estimate(value)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
     low, high = band_ends(np.where(np.isfinite(samples), samples, np.nan))
@@ -147,12 +147,12 @@ def rate_band(
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
     if not n:
-        return Rate(0, 0, np.nan, np.nan, np.nan)
+        return Rate()
     if 0 < k < n:
         band = ratio_band(hits, 1.0, among, resamples=resamples, seed=seed)
         return Rate(k, n, k / n, float(band.low), float(band.high))
     if among.count < FEWEST:
-        return Rate(k, n, k / n, np.nan, np.nan)
+        return Rate(k, n, k / n)
     low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count))
     return Rate(k, n, k / n, float(low), float(high))
 
@@ -171,7 +171,7 @@ def statistic_band(
     """
     whole = float(value(np.ones((1, len(among.unit))))[0])
     if among.count < FEWEST:
-        return Estimate(whole, np.nan, np.nan)
+        return Estimate(whole)
     # Resamples without a value sort last, like an event that never comes.
     values = np.sort(among.resampled(value, RESAMPLES, seed))
     return Estimate(whole, *(float(values[round(q * RESAMPLES)]) for q in (0.025, 0.975)))
@@ -190,3 +190,42 @@ def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
     if len(joined) > 1 or not several:
         return [*several, joined]
     return [np.concatenate([several[0], joined]), *several[1:]]
+
+
+def bootstrap(
+    units: int,
+    statistic: Callable[[np.ndarray], np.ndarray],
+    confidence: float = 0.95,
+    *,
+    resamples: int = 1000,
+    seed: int = 0,
+    batch: int = 100,
+) -> Estimate:
+    """Return the percentile band of a statistic of `units` exchangeable units.
+
+    `statistic`: maps indices of the chosen units [b, m] to values [b, ...], one per row. At most
+    `batch` rows are passed at a time, which bounds memory and does not change the result. Fewer
+    than about 20 units give too narrow a band. The same seed gives the same band. Resamples without
+    a value (NaN) are left out. Raises ValueError for fewer than 2 units.
+    """
+    if units < 2:
+        raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
+    rng = np.random.default_rng(seed)
+    sizes = [min(batch, resamples - first) for first in range(0, resamples, batch)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = np.asarray(statistic(np.arange(units)[None]), float)[0]
+        samples = np.concatenate(
+            [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
+        )
+    low, high = band_ends(samples, confidence)
+    return Estimate(value, low, high)
+
+
+def band_ends(samples: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
+    NaN.
+    """
+    alpha = alpha_of(confidence)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanquantile(samples, [alpha / 2, 1 - alpha / 2], axis=0)

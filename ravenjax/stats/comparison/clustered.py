@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
+from ravenjax.stats.intervals import Estimate, alpha_of, rate_bounds
 
 Clusters = Sequence[np.ndarray]
 
 DRAWS = 9999
 """Number of permutations that are drawn if there are too many to enumerate."""
-_NONE = Estimate(math.nan, math.nan, math.nan)
 
 
 class Correlation(NamedTuple):
@@ -66,7 +65,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
     from scipy.stats import norm, t
 
     if not len(first) or not len(second):
-        return _NONE
+        return Estimate()
     inflation = intraclass_correlation(first, second)
     clusters = len(first) + len(second)
     alpha = alpha_of(confidence)
@@ -74,7 +73,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
         alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
     n = np.array([sum(len(one) for one in group) for group in (first, second)], float)
-    low, high = bounds_at(hits / inflation.design_effect, n / inflation.design_effect, alpha)
+    low, high = rate_bounds(hits / inflation.design_effect, n / inflation.design_effect, alpha)
     rate = hits / n
     value = float(rate[0] - rate[1])
     below = math.hypot(rate[0] - low[0], high[1] - rate[1])
@@ -110,11 +109,11 @@ def mean_difference(
 
     one, two = cluster_means(first), cluster_means(second)
     if min(len(one), len(two)) < 2:
-        return _NONE
+        return Estimate()
     value = float((one - two).mean() if is_paired else one.mean() - two.mean())
     still = np.ptp(one - two) == 0 if is_paired else np.ptp(one) == 0 and np.ptp(two) == 0
     if still:
-        return Estimate(value, math.nan, math.nan)
+        return Estimate(value)
     test: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
     low, high = test.confidence_interval(confidence)
     return Estimate(value, float(low), float(high))

@@ -57,7 +57,7 @@ def difference_of_counts(
 
     first, second = np.asarray(first_only), np.asarray(second_only)
     if not n:
-        return Estimate(np.nan, np.nan, np.nan)
+        return Estimate()
     z = norm.isf(alpha_of(confidence) / 2)
     p, q = (first + 1) / (n + 2), (second + 1) / (n + 2)
     half = z * np.sqrt((p + q - (p - q) ** 2) / (n + 2))

@@ -231,11 +231,13 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
 
 
 def joint_scores(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation: the largest of its maxima [operations, signals,
-    segments], each divided by its scale.
+    """Return the score of each operation: the largest of its maxima [operations, signals *
+    segments], each divided by its scale [signals, segments]. An operation that failed has a maximum
+    NaN; its score is infinite.
 
     The computation is in float32, as in a monitor. Division by a positive number keeps the order,
     so this equals, to the bit, the largest value over time of the monitor's scores per millisecond.
     """
-    shares = peaks.astype(np.float32) / scale.astype(np.float32)
-    return shares.reshape(len(peaks), -1).max(axis=1)
+    shares = peaks.reshape(len(peaks), -1).astype(np.float32) / scale.astype(np.float32).ravel()
+    scores = shares.max(axis=1)
+    return np.where(np.isnan(scores), np.float32(np.inf), scores)

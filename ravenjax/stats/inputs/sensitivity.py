@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.stats.bootstrap.units import bootstrap
 from ravenjax.stats.intervals import Estimate
 
 

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds, rates_with_intervals
-from ravenjax.stats.sample_size.planning import more_runs
 
 Of = Literal["groups", "whole"]
 Allocation = Literal["proportional", "neyman"]
@@ -226,7 +225,7 @@ class Sequential:
             for r, rate in enumerate(self.rates)
             for name, found in zip(
                 names,
-                rates_with_intervals(k[r, there], n[there], self.each, "clopper_pearson"),
+                rates_with_intervals(k[r, there], n[there], self.each, "beta"),
                 strict=True,
             )
         ]
@@ -239,7 +238,7 @@ class Sequential:
         weight = self.size[there] * n[there] / taken[there]
         rows = []
         for r, rate in enumerate(self.rates):
-            found = Rate(0, 0, math.nan, math.nan, math.nan)
+            found = Rate()
             if known:
                 hits, runs = k[r, there], n[there]
                 estimate = stratified_rate(hits, runs, weight, self.each)
@@ -294,12 +293,13 @@ def stratified_rate(
 
     hits, runs, weights = np.asarray(k), np.asarray(n), np.asarray(weight, float)
     share = weights / weights.sum()
-    z = norm.isf(alpha_of(confidence) / 2)
+    alpha = alpha_of(confidence)
+    z = norm.isf(alpha / 2)
     centre = (hits + z**2 / 2) / (runs + z**2)
     overall = share @ centre
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
-    low, high = rate_bounds(np.array(value * effective), np.array(effective), confidence, "wilson")
+    low, high = rate_bounds(np.array(value * effective), np.array(effective), alpha)
     return Estimate(value, float(low), float(high))
 
 
@@ -333,3 +333,42 @@ def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     )
     sums = np.clip(corners[:, None] * spread, low, high).sum(axis=1)
     return float(np.interp(total, sums, corners))
+
+
+class MoreRuns(NamedTuple):
+    """Further runs to a wanted half-width.
+
+    `expected`: if the rate stays as observed. `safe`: if the rate moves within its interval towards
+    one half, where a rate is hardest to estimate.
+    """
+
+    expected: int
+    safe: int
+
+
+def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> MoreRuns:
+    """Return further runs until the Wilson interval of a rate observed as k of n is +- half_width
+    (fraction) or narrower; n > 0.
+    """
+    (rate,) = rates_with_intervals(k, n, confidence)
+    worst = min(max(0.5, rate.low), rate.high)
+    return MoreRuns(
+        *(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst))
+    )
+
+
+def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
+    """Return the fewest runs with which a Wilson interval around `rate` is +- half_width or
+    narrower.
+
+    With z the normal quantile, the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) /
+    (1 + z^2 / n), which falls with n. Setting it to half_width gives a quadratic equation in n with
+    one positive root.
+    """
+    from scipy.special import ndtri
+
+    z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
+    excess = rate * (1 - rate) - 2 * square
+    root = z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)
+    # An excess that is only floating-point rounding does not add a run.
+    return max(1, math.ceil(root * (1 - 1e-9)))

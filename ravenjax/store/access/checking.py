@@ -5,13 +5,13 @@ Each check is one line of a table: what was checked, and each error in words.
 """
 
 import re
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
 from ravenjax import threads
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema
@@ -101,7 +101,7 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
     with query.open_parts(
         [folder / PARTS / part.file for part in whole], folder, numbered=True
     ) as table:
-        rules = tomllib.loads(Path(__file__).with_name("rules.toml").read_text(encoding="utf-8"))
+        rules = resources.read_tables(__file__, "rules.toml")
         return [_check(table, record, check, listed) for check, listed in rules.items()]
 
 

@@ -80,9 +80,6 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
-    """Return the folders that may hold parts, each once; the target folder comes first if it has
-    content.
-    """
     if not shards:
         raise StoreError(
             f"{out}: there is nothing to merge; name the shards' result folders after the output"

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -132,7 +133,8 @@ def of_files(files: Sequence[Path], options: str = "") -> str:
 
     options: further arguments of DuckDB's read_parquet, beginning with a comma.
     """
-    names = ", ".join(_literal(file) for file in files)
+    # Brackets keep letters of a path from being wildcards.
+    names = ", ".join(quote_text(re.sub(r"([*?\[])", r"[\1]", str(file))) for file in files)
     return f"read_parquet([{names}]{options})"
 
 
@@ -206,10 +208,6 @@ def enum_type(words: Sequence[str]) -> str:
 def quote_text(word: str) -> str:
     """Return a word as SQL string literal."""
     return "'" + word.replace("'", "''") + "'"
-
-
-def _literal(path: Path) -> str:
-    return quote_text("".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path)))
 
 
 def _memory_mb() -> int:

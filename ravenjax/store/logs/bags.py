@@ -246,7 +246,6 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
 
 
 def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
-    """Return the message with all its stamps later, including those of its transforms."""
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

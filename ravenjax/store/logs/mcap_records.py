@@ -106,7 +106,17 @@ def scan_records(path: Path) -> Scan:
             continue
         try:
             record, after = _read_record(data, place)
-            records = _definitions_of(record) if isinstance(record, Chunk) else [record]
+            records = [record]
+            if isinstance(record, Chunk):
+                records = [
+                    next(
+                        StreamReader(
+                            io.BytesIO(content[begin - _HEAD : last]), skip_magic=True
+                        ).records
+                    )
+                    for opcode, content, begin, last in _split(record)
+                    if opcode != Opcode.MESSAGE
+                ]
         # The library and its decompressors raise many kinds of errors on damaged bytes.
         except Exception:
             chunk = _CHUNK.search(data, place + 1)
@@ -138,13 +148,16 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    content = io.BytesIO(data[place:end])
-    record = next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+    record = _parse(data[place:end])
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
         raise ValueError("the record has another length than it says")
     return record, end
+
+
+def _parse(content: bytes) -> McapRecord:
+    return next(StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records)
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
@@ -158,15 +171,6 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
         opcode, length = _RECORD.unpack_from(content, place)
         begin, place = place + _HEAD, place + _HEAD + length
         yield opcode, content, begin, place
-
-
-def _definitions_of(chunk: Chunk) -> list[McapRecord]:
-    """Return the schemas and channels of a chunk."""
-    return [
-        next(StreamReader(io.BytesIO(content[begin - _HEAD : end]), skip_magic=True).records)
-        for opcode, content, begin, end in _split(chunk)
-        if opcode != Opcode.MESSAGE
-    ]
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:

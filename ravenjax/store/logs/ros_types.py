@@ -61,7 +61,8 @@ class MessageTypes:
         for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
             nodetype, content = node
             if nodetype == Nodetype.NAME:
-                value = self.message(content, *map(_plain, value))
+                parts = (float(v) if isinstance(v, np.floating) else v for v in value)
+                value = self.message(content, *parts)
             elif nodetype != Nodetype.BASE and content[0][0] == Nodetype.NAME:
                 value = [self.message(content[0][1], *entry) for entry in value]
             elif nodetype != Nodetype.BASE and (element := content[0][1][0]) != "string":
@@ -74,7 +75,3 @@ class MessageTypes:
     ) -> Any:
         """Return a JointState of joints (rad, insertion m) and their rates."""
         return self.message(JOINT_STATE, header, list(names), position, velocity, ())
-
-
-def _plain(value: Any) -> Any:
-    return float(value) if isinstance(value, np.floating) else value

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray
 
 _PLACES = ("x", "y", "z")
+_WINDOW = re.compile(r"fault(\d+)_active")
 
 
 def series_axes(robot: Robot) -> dict[str, tuple[str, ...]]:
@@ -86,7 +87,7 @@ def describe_series(name: str) -> TimeSeries:
     arm, _, own = name.rpartition("/")
     if arm:
         return OF_ARM.get(own) or TimeSeries(own, "", "")
-    if re.fullmatch(r"fault\d+_active", name):
+    if _WINDOW.fullmatch(name):
         return OF_RUN["fault_active"]._replace(name=name, axes=())
     return OF_RUN.get(name) or TimeSeries(name, "", "")
 
@@ -101,15 +102,11 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
     names = series_axes(robot)
     for place in np.ndindex(shape):
         steps = [
-            _step(names.get(axis, ()), i, size)
+            named[i] if len(named := names.get(axis, ())) == size else str(i)
             for axis, i, size in zip(along, place, shape, strict=True)
         ]
         unit = one.linear_unit if one.linear_unit and set(robot.linear) & set(steps) else one.unit
         yield "/".join([name, *steps]), unit
-
-
-def _step(names: tuple[str, ...], place: int, size: int) -> str:
-    return names[place] if len(names) == size else str(place)
 
 
 def write_csv(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
@@ -165,7 +162,7 @@ def series_dataset(
     for one in OF_RUN.values():
         if one.name in series:
             variables[one.name] = (("time", *one.axes), series[one.name], _attributes(one))
-    if windows := [series[name] for name in sorted(filter(_WINDOW.fullmatch, series), key=_slot)]:
+    if windows := [series[name] for name in _windows(series)]:
         variables["fault_active"] = (
             ("time", "fault"),
             np.stack(windows, axis=1),
@@ -195,11 +192,9 @@ def series_dataset(
     return xarray.Dataset(variables, coordinates, attributes)
 
 
-_WINDOW = re.compile(r"fault\d+_active")
-
-
-def _slot(name: str) -> int:
-    return int(name.removeprefix("fault").removesuffix("_active"))
+def _windows(series: Mapping[str, np.ndarray]) -> list[str]:
+    by_slot = {int(match[1]): match[0] for name in series if (match := _WINDOW.fullmatch(name))}
+    return [by_slot[slot] for slot in sorted(by_slot)]
 
 
 def _attributes(one: TimeSeries) -> dict[str, str]:

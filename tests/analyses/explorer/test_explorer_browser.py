@@ -15,7 +15,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.stop import adaptive
 from ravenjax.store import manifest
-from ravenjax.store.access.results import Results
+from ravenjax.store.folder import Results
 
 pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"

@@ -27,6 +27,7 @@ from ravenjax.analyses.monitors.monitor import Monitor, Segments, split_scores
 from ravenjax.analyses.monitors.scores import list_candidates
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.stats.conformal import threshold
 
 CAMPAIGN = """
 [campaign]
@@ -145,7 +146,7 @@ def test_the_record_says_what_the_promise_rests_on(folder):
     assert (
         not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
     )
-    score = calibration.joint_scores(peaks.peak, np.array(monitor.scales, np.float32))
+    score = threshold.joint_scores(peaks.peak, np.array(monitor.scales))
     assert (
         record["calibration"]["alarms"]
         == (score[uses.threshold] > np.float32(monitor.threshold)).sum()

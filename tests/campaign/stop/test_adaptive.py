@@ -10,8 +10,7 @@ from ravenjax.campaign.stop import adaptive, decisions
 from ravenjax.campaign.stop.adaptive import group_draws
 from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.access.results import Results
-from ravenjax.store.folder import ResultFolder, read_all
+from ravenjax.store.folder import ResultFolder, Results, read_all
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 CHUNK = 64

@@ -19,7 +19,6 @@ PROPOSED = MARGINS.index(1.25)
 """Index of the margin at which a set is selected, before its own margin is calibrated."""
 CONSECUTIVE = (1, 4)
 """Milliseconds in a row above the threshold that make an alarm; one candidate each."""
-CONFIDENCE = 0.95
 
 
 class Question(NamedTuple):

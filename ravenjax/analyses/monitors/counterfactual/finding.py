@@ -55,7 +55,7 @@ class Counterfactual(NamedTuple):
     grounds: Grounds
     promise: Promise  # of the selected set
     alone: tuple[Promise, ...]  # of each candidate
-    best: Promise  # of the best candidate alone
+    best: Promise  # of the candidate alone that covers most of the selection half
     tip_error: Promise | None  # of the built-in detector
     everything: Promise  # of all candidates together
     # Share of faults that each random set of the same size covers.
@@ -156,16 +156,17 @@ def find_checks(
     grounds = Grounds(question, calibration, statement, there, *halves)
     members = grounds.selected()
     _require_cover(grounds, members)
-    names = [part.name for part in parts]
+    alone = tuple(grounds.promise([place]) for place in range(len(parts)))
+    named = {part.name: promise for part, promise in zip(parts, alone, strict=True)}
     return Counterfactual(
         question,
         config,
         tuple(parts),
         grounds,
         grounds.promise(members),
-        tuple(grounds.promise([place]) for place in range(len(parts))),
-        grounds.promise([grounds.best_single()]),
-        grounds.promise([names.index(TIP_ERROR)]) if TIP_ERROR in names else None,
+        alone,
+        max(alone, key=lambda promise: promise.selected.value),
+        named.get(TIP_ERROR),
         grounds.promise(range(len(parts))),
         grounds.at_random(len(members)),
         grounds.of_strangers(),
@@ -174,7 +175,6 @@ def find_checks(
 
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
-    """Raise UserError if no fault remains to select from, or to state coverage on."""
     for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
         if not rows.any():
             raise UserError(
@@ -236,7 +236,7 @@ def confirm_checks(
     anew = _rate(in_time[new])
     gap = rate_difference(anew.k, anew.n, promised.k, promised.n)
     if one.grounds.hazards.robots:
-        gap = Estimate(gap.value, math.nan, math.nan)
+        gap = Estimate(gap.value)
     return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
 
 

@@ -4,7 +4,6 @@ The figure shows the share of faults that are detected at least a given number o
 before harm.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,14 @@ import numpy as np
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
-from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
-from ravenjax.analyses.panels import save_panels
+from ravenjax.analyses.monitors.counterfactual.promise import Promise
 from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.fault_free import rounded_up
+from ravenjax.report.drawing import save_panels
+from ravenjax.stats.alarms.false_alarms import hours_to_bound
 from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 
@@ -36,7 +36,10 @@ def draw_figure(one: Counterfactual, path: Path) -> None:
     ]
     if one.tip_error is not None:
         named.insert(2, ("built-in tip-error detector", one.tip_error))
-    leads = [_leads(one, promise) for _, promise in named]
+    leads = [
+        one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
+        for _, promise in named
+    ]
     positive = leads[0][leads[0] > 0]
     shown = float(np.quantile(positive, SHOWN)) if len(positive) else 1.0
     end = max(shown, 2.0 * one.question.lead_ms, 10.0)
@@ -54,11 +57,6 @@ def draw_figure(one: Counterfactual, path: Path) -> None:
     across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
     up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
     save_panels(path, [Chart("", across, up, tuple(curves))])
-
-
-def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
-    """Return the leads of a set over the statement half, ms."""
-    return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
 
 
 TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
@@ -130,19 +128,18 @@ COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
 def finding_sentences(one: Counterfactual) -> list[str]:
     """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
-    templates.filters |= {"quantile": np.quantile, "listed": _list_names}
+    templates.filters |= {
+        "quantile": np.quantile,
+        "listed": lambda names: " and ".join(filter(None, [", ".join(names[:-1]), names[-1]])),
+    }
     text = templates.get_template("sentences.txt.j2")
     return text.render(one=one, hours_needed=hours_needed).splitlines()
-
-
-def _list_names(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
-    return rounded_up(2.05 * runs * hours_to_show(per_hour))
+    return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 
 def set_rows(one: Counterfactual) -> list[tuple[str, ...]]:

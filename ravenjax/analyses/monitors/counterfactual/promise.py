@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.analyses.monitors.counterfactual.candidates import (
-    CONFIDENCE,
     MARGINS,
     PROPOSED,
     Question,
@@ -24,14 +23,11 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate
 
 
-def select_greedily(
-    covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0
-) -> list[int]:
+def select_greedily(covered: np.ndarray, most: int, least: float = 0.0) -> list[int]:
     """Return the numbers of at most `most` candidates by greedy selection.
 
-    `covered`: bool [runs, candidates]. `weight`: of each run, at least 0; None: 1. Of candidates
-    with equal gain the earlier is taken. A candidate is not taken if it adds nothing, or less than
-    the share `least` of all weight.
+    `covered`: bool [runs, candidates]. Of candidates with equal gain the earlier is taken. A
+    candidate is not taken if it adds nothing, or less than the share `least` of all runs.
 
     Each step takes the candidate that covers most of the runs that are still uncovered. Coverage is
     submodular, so a greedy set of k covers at least 1 - 1/e of the best set of k (Nemhauser,
@@ -39,26 +35,18 @@ def select_greedily(
     superfluous are removed.
     """
     runs, candidates = covered.shape
-    value = np.ones(runs) if weight is None else np.asarray(weight, float)
-    left = value.copy()
-    picks: list[int] = []
+    left, picks = np.ones(runs, bool), []
     while len(picks) < min(most, candidates):
-        gain = left @ covered
+        gain = covered[left].sum(axis=0)
         best = int(np.argmax(gain))
-        if not gain[best] > 0 or gain[best] < least * value.sum():
+        if not gain[best] or gain[best] < least * runs:
             break
         picks.append(best)
-        left[covered[:, best]] = 0.0
-    return _pruned(covered, picks, value)
-
-
-def _pruned(covered: np.ndarray, picks: list[int], value: np.ndarray) -> list[int]:
-    """Return the picks without those that the others make superfluous, from the last on."""
+        left &= ~covered[:, best]
     rest = list(picks)
-    for one in reversed(picks):
-        others = [other for other in rest if other != one]
-        alone = covered[:, one] & ~covered[:, others].any(axis=1)
-        if others and not value[alone].sum() > 0:
+    for pick in reversed(picks):
+        others = [other for other in rest if other != pick]
+        if others and not (covered[:, pick] & ~covered[:, others].any(axis=1)).any():
             rest = others
     return rest
 
@@ -160,12 +148,6 @@ class Grounds(NamedTuple):
             hit[self.statement_half], units.group_units(group[self.statement_half])
         )
 
-    def best_single(self) -> int:
-        """Return the candidate that covers most of the selection half at its own margin."""
-        candidates = range(self.hazards.lead_ms.shape[1])
-        hits = [self.covered([one])[self.selection_half].mean() for one in candidates]
-        return int(np.argmax(hits))
-
     def at_random(self, size: int) -> np.ndarray:
         """Return the share of the statement half that each of RANDOM_SETS random sets covers."""
         rng = np.random.default_rng([self.question.seed, 2])
@@ -209,12 +191,7 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     over = motions.peaks > np.float32(margin)
     count, hours = int(over.sum()), float(motions.hours.sum())
     if runs == 1:
-        return alarm_rate(count, hours, CONFIDENCE)
-    high = alarm_rate(int(over.any(axis=1).sum()), hours / runs, CONFIDENCE).high
-    low = alarm_rate(count // runs, hours / runs, CONFIDENCE).low
+        return alarm_rate(count, hours)
+    high = alarm_rate(int(over.any(axis=1).sum()), hours / runs).high
+    low = alarm_rate(count // runs, hours / runs).low
     return AlarmRate(count, hours, count / hours, low, high)
-
-
-def hours_to_show(per_hour: float) -> float:
-    """Return the hours without any alarm whose interval ends at a rate."""
-    return alarm_rate(0, 1.0, CONFIDENCE).high / per_hour

@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from ravenjax.analyses.search.file import outcome
 from ravenjax.campaign.file.config import CampaignConfig
@@ -14,12 +14,7 @@ from ravenjax.campaign.file.group import Section
 from ravenjax.campaign.inspection import json_schema
 from ravenjax.vocabulary.robot import Robot
 
-
-def _outcome(raw: Any) -> Any:
-    return str(outcome.parse_outcome(raw)) if isinstance(raw, str) else raw
-
-
-Outcome = Annotated[str, BeforeValidator(_outcome)]
+Outcome = Annotated[str, AfterValidator(lambda text: str(outcome.parse_outcome(text)))]
 """A text that `outcome.parse_outcome` takes."""
 
 

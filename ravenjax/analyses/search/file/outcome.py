@@ -27,7 +27,8 @@ from ravenjax.store import schema
 _FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
 _TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms", "told_ms")
 """Endings of columns that hold -1 if the event never came."""
-_GIVEN = ("run_id", "index", "group", "seed", "operator")
+_GIVEN = re.compile(r"(run_id|index|group|seed|operator)$|fault\d+_|param:")
+"""Columns that are no outcomes."""
 
 _WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
 """Columns of words of which all words are known here."""
@@ -109,7 +110,11 @@ class Outcome:
             if self.column == "cable_overload" and not shape.cables:
                 yield f"got {self.column!r}, {events.UNWATCHED}"
             return
-        dtypes = {c.name: c.dtype for c in schema.table_columns(shape) if _is_outcome(c.name)}
+        dtypes = {
+            column.name: column.dtype
+            for column in schema.table_columns(shape)
+            if not _GIVEN.match(column.name)
+        }
         if self.column not in dtypes:
             near = suggest_name(self.column, [*dtypes, *events.EVENTS])
             yield (
@@ -132,10 +137,6 @@ class Outcome:
                 f"{self.column} is -1 where it never came: write an event such as '{self.column} <="
                 " 1000'"
             )
-
-
-def _is_outcome(column: str) -> bool:
-    return column not in _GIVEN and not re.match(r"fault\d+_|param:", column)
 
 
 def parse_outcome(text: str) -> Outcome:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from ravenjax.analyses.search.file.config import Boundary, Search
-from ravenjax.campaign.faults import sampling
+from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.table import WORDS
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.vocabulary.effects import FIELDS, NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.sites import Channel
 
@@ -31,17 +31,8 @@ DESIGNS = ("grid", "zip")
 
 def template_axes(config: CampaignConfig) -> dict[Key, Axis]:
     """Return every axis of the template, slot by slot, then the parameters, defaults included."""
-    group, result = config.group[0], {}
-    for f, fault in enumerate(group.fault):
-        for name in FIELDS:
-            axis = getattr(fault, name) if name != "site" else None
-            if name == "channel":
-                axis = fault.channels(config.robot.sites[fault.site])
-            if isinstance(axis, Axis):
-                result[f, name] = axis
-    return result | {
-        (PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()
-    }
+    _, axes = next(design.faults_and_axes(config, config.group[0]))
+    return axes
 
 
 def axis_name(key: Key) -> str:
@@ -235,7 +226,6 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
-        """Return the channel that a slot's fault acts on, and its effect."""
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

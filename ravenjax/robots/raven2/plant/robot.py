@@ -19,7 +19,6 @@ large numbers is ever formed, so float32 loses nothing that an encoder can resol
 
 import dataclasses
 import functools
-import itertools
 
 import numpy as np
 

@@ -22,7 +22,6 @@ loses only what it had not yet written. What a power failure loses depends on th
 """
 
 import json
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -33,6 +32,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
@@ -123,9 +123,6 @@ class SessionWriter:
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        """Yield the standard topics that the channels allow, and their numbers from rows [n,
-        names].
-        """
         series = {}
         for arm in ARM_TOPICS:
             own = {
@@ -209,7 +206,7 @@ def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
 
     The kinds are those of `ravenjax.train.protocol`.
     """
-    kinds = tomllib.loads(Path(__file__).with_name("events.toml").read_text("utf-8"))
+    kinds = resources.read_tables(__file__, "events.toml")
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
     texts = {kind: environment.from_string(entry["text"]) for kind, entry in kinds.items()}
     return texts, {kind: entry["level"] for kind, entry in kinds.items() if "level" in entry}

@@ -89,14 +89,9 @@ def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[T
         if arm in robot.arms and own in topics.SERIES - _ALSO_SIGNALS:
             continue
         flat = values.reshape(len(values), -1)
-        names += _scalar_names(robot, name, flat.shape[1])
+        base, width = topics.field_name(name), flat.shape[1]
+        places = robot.joints if width == len(robot.joints) else range(width)
+        names += [base] if width == 1 else [f"{base}_{place}" for place in places]
         columns.append(flat)
     if columns:
         yield topics.signals_topic(names), np.concatenate(columns, axis=1, dtype=float)
-
-
-def _scalar_names(robot: Robot, name: str, width: int) -> list[str]:
-    base = topics.field_name(name)
-    if width == 1:
-        return [base]
-    return [f"{base}_{robot.joints[i] if width == len(robot.joints) else i}" for i in range(width)]

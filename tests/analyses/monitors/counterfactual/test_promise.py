@@ -10,6 +10,7 @@ from ravenjax.analyses.monitors.counterfactual import output, promise
 from ravenjax.analyses.monitors.counterfactual.candidates import MARGINS, Question
 from ravenjax.analyses.monitors.counterfactual.observation import NEVER, FreeMotion, Hazards
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds
+from ravenjax.stats.alarms.false_alarms import hours_to_bound
 
 
 def motion(peaks, hours=0.1):
@@ -65,12 +66,12 @@ def test_runs_of_one_motion_are_no_further_motions():
 
 
 def test_hours_that_show_a_rate_show_it():
-    hours = promise.hours_to_show(0.5)
+    hours = hours_to_bound(0.5)
     assert promise.false_alarm_rate(
         motion(np.zeros((10, 1)), hours / 10), 1.0
     ).high == pytest.approx(0.5)
     for rate in (0.1, 0.5, 4.0, 30.0):
-        assert output.hours_needed(rate) >= 2 * promise.hours_to_show(rate)
+        assert output.hours_needed(rate) >= 2 * hours_to_bound(rate)
     enough = output.hours_needed(2.0, runs=4) / 2  # of the half that states
     assert promise.false_alarm_rate(motion(np.zeros((10, 4)), enough / 40), 1.0).high <= 2.0
 
