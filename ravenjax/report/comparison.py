@@ -6,6 +6,8 @@ parameters that both campaigns have. Where one fault occurs several times, its r
 the order of the tables.
 """
 
+import itertools
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -254,12 +256,9 @@ def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) 
 
 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
-    counts = compared.groupby([f"a_{word}", f"b_{word}"], observed=True).size()
-    order = WORDS[word].index
-    return [
-        Transition(*words, int(n))
-        for words, n in sorted(counts.items(), key=lambda row: [*map(order, row[0])])
-    ]
+    counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
+    words = itertools.product(WORDS[word], repeat=2)
+    return [Transition(*pair, counts[pair]) for pair in words if counts[pair]]
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:

@@ -98,8 +98,10 @@ def _values(config: CampaignConfig) -> dict[str, list[float]]:
     for group in config.group:
         for run in group.run or [None]:
             for fault in group.fault if run is None else group.faults_of(run):
-                for effect in fault.effect.listed if fault.value is not None else ():
-                    drawn = fault.value.listed or fault.value.extent
+                if fault.value is None:
+                    continue
+                drawn = fault.value.listed or fault.value.extent
+                for effect in fault.effect.listed:
                     values.setdefault(f"{fault.site}/{effect}", []).extend(map(float, drawn))
     return {name: [min(numbers), max(numbers)] for name, numbers in values.items()}
 

@@ -205,7 +205,7 @@ def _choice(
     """
     sure = np.flatnonzero(possible & keeps).tolist()
     thresholds, remainder = (
-        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which)})
+        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which).tolist()})
         for which in (possible, end)
     )
     if len(thresholds) > 1 or not sure:

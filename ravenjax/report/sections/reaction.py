@@ -193,7 +193,9 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
             pairs = pairs.where(acting)
             faults = pairs.faults(sampled)
             events = {
-                words: intervals.compare_rates(*(part[event].to_numpy() for part in pairs), faults)
+                words: intervals.compare_rates(
+                    pairs.with_[event].to_numpy(), pairs.without[event].to_numpy(), faults
+                )
                 for event, words in EVENTS.items()
             }
             path = name.removeprefix("param:")

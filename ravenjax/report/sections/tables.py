@@ -56,7 +56,7 @@ def class_counts(
     return runs.table.rows(
         f'SELECT {by}, list(DISTINCT {FACTS}."group"::VARCHAR), count(*), {", ".join(columns)} FROM'
         f" {RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty AND {where} GROUP BY ALL"
-        " ORDER BY 1"
+        " HAVING count(*) > 0 ORDER BY 1"
     )
 
 

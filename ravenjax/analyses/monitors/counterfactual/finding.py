@@ -156,16 +156,16 @@ def find_checks(
     grounds = Grounds(question, calibration, statement, there, *halves)
     members = grounds.selected()
     _require_cover(grounds, members)
-    alone = tuple(grounds.promise([place]) for place in range(len(parts)))
-    named = {part.name: promise for part, promise in zip(parts, alone, strict=True)}
+    singles = tuple(grounds.promise([place]) for place in range(len(parts)))
+    named = {part.name: promise for part, promise in zip(parts, singles, strict=True)}
     return Counterfactual(
         question,
         config,
         tuple(parts),
         grounds,
         grounds.promise(members),
-        alone,
-        max(alone, key=lambda promise: promise.selected.value),
+        singles,
+        max(singles, key=lambda promise: promise.selected.value),
         named.get(TIP_ERROR),
         grounds.promise(range(len(parts))),
         grounds.at_random(len(members)),
