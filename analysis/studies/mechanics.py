@@ -21,7 +21,8 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import nominal, parameter_sets, robot
+from ravenjax.robots.raven2.original import constants
+from ravenjax.robots.raven2.plant import parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.units import bootstrap
@@ -190,7 +191,7 @@ def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadSh
 STATICS_SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
 COUNTS, LOAD_NM, TICKS = 10_000, 2.0, 1500
 CAPSTAN_M, PULLEY_M = 5.675e-3, 63.095e-3  # of the shoulder: two_arm_dyn.cpp
-KP = nominal.KP[0]  # N m per rad of motor, after the gearbox
+KP = constants.KP[0]  # N m per rad of motor, after the gearbox
 
 
 class Statics(NamedTuple):

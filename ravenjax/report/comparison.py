@@ -258,7 +258,7 @@ def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
     counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
     words = itertools.product(WORDS[word], repeat=2)
-    return [Transition(*pair, counts[pair]) for pair in words if counts[pair]]
+    return [Transition(a, b, counts[a, b]) for a, b in words if counts[a, b]]
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
