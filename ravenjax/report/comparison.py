@@ -257,8 +257,12 @@ def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) 
 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
     counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
-    words = itertools.product(WORDS[word], repeat=2)
-    return [Transition(*pair, counts[pair]) for pair in words if counts[pair]]
+    pairs = itertools.product(WORDS[word], WORDS[word])
+    return [
+        Transition(first, second, counts[first, second])
+        for first, second in pairs
+        if counts[first, second]
+    ]
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
