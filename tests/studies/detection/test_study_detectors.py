@@ -105,7 +105,9 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
 def test_the_study_runs(tmp_path: Path) -> None:
     free = ("free_suture_11", "free_reach_11", "free_clutched_11", "noise_suture_11")
     variants = [
-        one for one in detectors.STUDY.variants if one.name in ("suture", "reach", "suture_fast")
+        one
+        for one in detectors.STUDY.variants
+        if one.name in ("suture", "reach", "suture_fast", "every_cycle")
     ]
     variants += [
         dataclasses.replace(one, overrides=(*one.overrides, "campaign.duration_s=20"))

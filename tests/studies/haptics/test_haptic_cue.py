@@ -83,7 +83,9 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
     free = ("free_suture_11", "free_peg_transfer_11")
-    variants = [one for one in haptic_cue.STUDY.variants if one.name in ("suture", "reach")]
+    variants = [
+        one for one in haptic_cue.STUDY.variants if one.name in ("suture", "reach", "every_cycle")
+    ]
     variants += [
         dataclasses.replace(one, overrides=(*one.overrides, "campaign.duration_s=20"))
         for one in haptic_cue.STUDY.variants
