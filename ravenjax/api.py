@@ -60,11 +60,7 @@ def open_results(folder: str | Path) -> CampaignResults:
     return CampaignResults(folder)
 
 
-def simulate(
-    campaign: AnyCampaign,
-    run: str | int = 0,
-    engine: str = "auto",
-) -> xarray.Dataset:
+def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> xarray.Dataset:
     """Return the time series of one run of a campaign, one tick per millisecond, as an
     xarray.Dataset.
 

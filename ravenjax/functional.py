@@ -130,11 +130,7 @@ class Model:
         return Rollout(outcomes, series, signals)
 
     def run_compiled(
-        self,
-        params: Mapping[str, Any],
-        faults: Faults,
-        golden: Any = None,
-        engine: str = "auto",
+        self, params: Mapping[str, Any], faults: Faults, golden: Any = None, engine: str = "auto"
     ) -> Rollout:
         """Compute a run with a compiled engine, which is much faster and gives the campaign's bits.
 

@@ -11,15 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench import (
-    campaigns,
-    commands,
-    engines,
-    machine,
-    peers,
-    process,
-    scaling,
-)
+from bench import campaigns, commands, engines, machine, peers, process, scaling
 from ravenjax.campaign import compile_cache
 from ravenjax.errors import UserError
 

@@ -37,11 +37,7 @@ def main(logs: int = 20, seconds: float = 14.0) -> None:
         for unknown, hit, spread in zip(wanted, holds, one.told, strict=True):
             inside[unknown.name].append(bool(hit))
             left[unknown.name].append(float(spread))
-        print(
-            f"log {seed}: {of_logs[-1]} of {len(wanted)}",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(f"log {seed}: {of_logs[-1]} of {len(wanted)}", file=sys.stderr, flush=True)
     rows = [
         (
             name,

@@ -34,10 +34,7 @@ NO_ROWS = "result,campaign\n"
 
 
 def write(
-    folders: Sequence[Path],
-    place: Path,
-    xlsx: bool = False,
-    model: ModelCredibility | None = None,
+    folders: Sequence[Path], place: Path, xlsx: bool = False, model: ModelCredibility | None = None
 ) -> EvidenceRecord:
     """Write evidence of result folders into the folder `place`. Existing files of the same names
     are replaced.

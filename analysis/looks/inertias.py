@@ -22,11 +22,7 @@ LINK_1_IZZ = (
 # kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0), which makes link 2's tensor physical.
 LINK_2_SHIFT = 0.008
 # m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes.
-CARRIAGE_SIZE = (
-    0.09,
-    0.13,
-    0.11,
-)
+CARRIAGE_SIZE = (0.09, 0.13, 0.11)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,11 +10,7 @@ import numpy as np
 from mesh import Mesh, smooth
 
 # Of the green arm; gold has -x. Puts the tips 3 cm apart over the phantom at home.
-RCM = (
-    0.028,
-    -0.025,
-    0.28,
-)
+RCM = (0.028, -0.025, 0.28)
 # Height of the tissue under the tips: 2 cm below the jaw axes at home.
 TISSUE_TOP = 0.182
 FRAME_X, POST_Y, TOP = 0.283, (-0.14, 0.24), 0.56

@@ -142,9 +142,7 @@ def robots_at_ends(path: Path, parameter: Uncertain) -> tuple[RobotRates, RobotR
     )
 
 
-def parameter_effects(
-    ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]],
-) -> list[Dependence]:
+def parameter_effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Dependence]:
     """Return the effect of every parameter on every event, with all other parameters equal: pairs
     of the same fault at both ends, in `levels` "low" and "high".
     """

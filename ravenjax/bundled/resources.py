@@ -16,12 +16,7 @@ def find_resource(kind: str, name: str | Path) -> Path:
     Searches the path as given, ./<kind>, the folder beside the package (a checkout) and the folder
     inside it (a wheel), in this order. Raises FileNotFoundError that lists each place tried.
     """
-    places = [
-        Path(name),
-        Path.cwd() / kind / name,
-        _CHECKOUT / kind / name,
-        _BUNDLED / kind / name,
-    ]
+    places = [Path(name), Path.cwd() / kind / name, _CHECKOUT / kind / name, _BUNDLED / kind / name]
     for place in places:
         if place.is_file():
             return place.resolve()

@@ -65,10 +65,7 @@ def result_folder(source: Any) -> bool:
 
 
 def from_dict(
-    raw: dict[str, Any],
-    source: Path | None = None,
-    text: str = "",
-    overrides: Sequence[str] = (),
+    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> CampaignConfig:
     """Return the campaign of nested tables as TOML has them, with overrides applied.
 

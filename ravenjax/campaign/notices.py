@@ -170,11 +170,7 @@ def _of_faults(plan: Plan) -> Iterator[str]:
             opens & (every > 0) & (start + every >= ticks),
             "the window does not open again before the run's end",
         ),
-        (
-            "value",
-            there & _idle(plan),
-            "leaves the number as it is, or within one count of it",
-        ),
+        ("value", there & _idle(plan), "leaves the number as it is, or within one count of it"),
         ("site", unread[faults["code"]], "nothing in the robot reads it"),
         ("site", twice, "is the same fault as another one of the run"),
     ):

@@ -99,8 +99,7 @@ def main(tokens: list[str] | None = None) -> int:
             )
     except KeyboardInterrupt:
         console.print_text(
-            "stopped; finished parts are kept, and the same command goes on from there",
-            console.err,
+            "stopped; finished parts are kept, and the same command goes on from there", console.err
         )
         return INTERRUPTED
     except SystemExit as leaving:

@@ -46,10 +46,7 @@ RunIds = Annotated[
     str, Parameter(help="The run_id of each row, the beginning of it, or the row's index.")
 ]
 Ranking = Annotated[
-    str,
-    Parameter(
-        help="what makes a run worst: unintended, loss, report, tissue, cue or response",
-    ),
+    str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
 ]
 
 AsJson = Annotated[

@@ -71,11 +71,7 @@ def reproduce(
     load_module("studies.commands").reproduce(name, out, engine, keep, as_json)
 
 
-def credibility(
-    folder: Path = Path("results/reproduce"),
-    *,
-    out: Path | None = None,
-) -> None:
+def credibility(folder: Path = Path("results/reproduce"), *, out: Path | None = None) -> None:
     """Print the evidence for each claim of the studies, in the order of FDA's guidance of 2023.
 
     Parameters

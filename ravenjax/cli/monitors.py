@@ -132,11 +132,7 @@ def operate(
 
 @monitor.command
 def check(
-    folder: Path,
-    *sources: Path,
-    level: float = 0.05,
-    seed: int = 0,
-    as_json: AsJson = False,
+    folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: AsJson = False
 ) -> int:
     """Test whether new fault-free operations have the calibration's distribution of scores.
 
@@ -191,11 +187,7 @@ def check(
 
 
 @monitor.command
-def signals(
-    file: Path | None = None,
-    *,
-    as_json: AsJson = False,
-) -> None:
+def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
     """List the signals that a monitor can use.
 
     Parameters

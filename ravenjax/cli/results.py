@@ -15,11 +15,7 @@ if TYPE_CHECKING:
     from ravenjax.report.comparison import FolderComparison
 
 
-def report(
-    folder: ResultFolder,
-    *,
-    figures: Path | None = None,
-) -> None:
+def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
     """Write report.html into a result folder.
 
     Parameters
@@ -139,13 +135,7 @@ def write_report(folder: Path, prints: bool = True) -> Path:
     return path
 
 
-def compare(
-    first: ResultFolder,
-    second: Path,
-    *,
-    most: int = 10,
-    as_json: AsJson = False,
-) -> None:
+def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJson = False) -> None:
     """Compare two results run by run: configuration, outcomes, rates, and the runs that changed
     most.
 

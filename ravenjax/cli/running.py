@@ -94,10 +94,7 @@ def run(
         page = write_report(folder, prints=False) if report and share is None else None
         console.emit_json(
             _outcome(folder, results)
-            | {
-                "report": page,
-                "shard": None if share is None else str(share),
-            }
+            | {"report": page, "shard": None if share is None else str(share)}
         )
         return
     _summary(folder, results)

@@ -231,9 +231,7 @@ def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     return matrix(
-        (-(yy + zz), xy - c, xz + b),
-        (xy + c, -(xx + zz), yz - a),
-        (xz - b, yz + a, -(xx + yy)),
+        (-(yy + zz), xy - c, xz + b), (xy + c, -(xx + zz), yz - a), (xz - b, yz + a, -(xx + yy))
     )
 
 

@@ -136,10 +136,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         among = pair_intervals.pair_faults(faults, sampled)
         (inactive,) = table.row(f"SELECT count(*) FROM {_VALID} AND NOT {_ACTING}")
         pairs = pairs._replace(
-            compared=len(faults),
-            inactive=inactive,
-            faults=len(np.unique(faults)),
-            sampled=sampled,
+            compared=len(faults), inactive=inactive, faults=len(np.unique(faults)), sampled=sampled
         )
         return FolderComparison(
             (first, second),

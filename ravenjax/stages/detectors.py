@@ -161,9 +161,7 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
     return DetectorsState(
-        for_each_arm(setup, DetectorArmState(still, still, still, still, zero)),
-        memories,
-        detectors,
+        for_each_arm(setup, DetectorArmState(still, still, still, still, zero)), memories, detectors
     )
 
 

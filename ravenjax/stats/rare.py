@@ -52,12 +52,7 @@ def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
 
 
 def subset_simulation(
-    g: LimitState,
-    d: int,
-    per_level: int = 1000,
-    *,
-    share: float = 0.1,
-    seed: int = 0,
+    g: LimitState, d: int, per_level: int = 1000, *, share: float = 0.1, seed: int = 0
 ) -> RareEvent:
     """Estimate by subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001), with OpenTURNS.
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from mujoco import mjx
 
-from bench import (
-    campaigns,
-    commands,
-    engines,
-    peers,
-)
+from bench import campaigns, commands, engines, peers
 from bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine

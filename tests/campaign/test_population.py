@@ -57,12 +57,9 @@ def test_every_run_draws_its_robot_and_shares_it_with_its_golden_run() -> None:
     ready = planned()
     assert set(ready.varied) == {PREFIX + path for path in MEASURED}
     assert all(len(set(values.tolist())) == 4 for values in ready.varied.values())
-    assert ready.golden.tolist() == [
-        0,
-        1,
-        2,
-        3,
-    ], "runs of different robots have different golden runs"
+    assert ready.golden.tolist() == [0, 1, 2, 3], (
+        "runs of different robots have different golden runs"
+    )
     assert int(ready.program.params.plant[0].kinematic_errors.registered) == 1
 
 

@@ -67,11 +67,7 @@ def stored(out: Path) -> list[Path]:
 def finish(file: Path, out: Path) -> str:
     """What the same command prints that computes the rest."""
     done = subprocess.run(
-        command(file, out),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=waiting.DEADLINE_S,
+        command(file, out), capture_output=True, text=True, check=False, timeout=waiting.DEADLINE_S
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -101,12 +101,7 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     charts = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) => place.dataset.figure)"
     )
-    assert {
-        "curves",
-        "roc",
-        "precision_recall",
-        "tradeoff",
-    } <= set(charts)
+    assert {"curves", "roc", "precision_recall", "tradeoff"} <= set(charts)
     shown = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) =>"
         f" [...place.querySelectorAll(':scope > svg')].filter({VISIBLE}).length)"
@@ -121,10 +116,7 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     assert min(left for left, *_ in letters) >= 0 and max(right for _, right, _ in letters) <= width
     named = ask("[...document.querySelectorAll('main section, footer')].map((part) => part.id)")
     linked = ask("[...document.querySelectorAll('nav a')].map((link) => link.hash.slice(1))")
-    assert named == linked and {
-        "detectors",
-        "reaction",
-    } <= set(named)
+    assert named == linked and {"detectors", "reaction"} <= set(named)
     colours = [
         ask(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")
     ]
@@ -197,12 +189,7 @@ def test_every_table_comes_as_csv(opened):
     names = opened.evaluate(
         "[...document.querySelectorAll('[data-csv]')].map((button) => button.dataset.csv)"
     )
-    wanted = {
-        "faults_by_layer",
-        "detector_thresholds",
-        "cues",
-        "reaction_pairs",
-    }
+    wanted = {"faults_by_layer", "detector_thresholds", "cues", "reaction_pairs"}
     assert wanted <= set(names)
     for name in names:
         text = opened.evaluate(f"JSON.parse(document.getElementById('csv-{name}').textContent)")

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ravenjax.stats.comparison.paired import (
-    mcnemar_test,
-    rate_difference,
-)
+from ravenjax.stats.comparison.paired import mcnemar_test, rate_difference
 
 
 def pairs(both, first, second, none):

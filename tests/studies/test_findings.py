@@ -13,16 +13,7 @@ from ravenjax.cli import main
 from ravenjax.store import manifest
 from studies import claims, findings
 from studies.claims import Quotation
-from studies.study import (
-    Findings,
-    Line,
-    Study,
-    StudyEstimate,
-    Table,
-    Variant,
-    plain,
-    standings,
-)
+from studies.study import Findings, Line, Study, StudyEstimate, Table, Variant, plain, standings
 
 ROOT = resources.list_resources("campaigns", "quick.toml")[0].parents[1]
 REFERENCE = ROOT / "results/reference"

@@ -107,10 +107,7 @@ def compare(context: study.Context) -> study.Findings:
     means = zip(UNITS, errors[AUTHORS].mean, strict=True)
     return study.Findings(
         tuple(_line(published, joint, StudyEstimate(float(e), n=n, of=of)) for joint, e in means),
-        (
-            read_table(NAME, "errors", rows),
-            read_table(NAME, "predictions", ahead, every=EVERY_MS),
-        ),
+        (read_table(NAME, "errors", rows), read_table(NAME, "predictions", ahead, every=EVERY_MS)),
         (*_notes(published, errors[AUTHORS], found), *_sentences(found), *study.read_notes(NAME)),
     )
 

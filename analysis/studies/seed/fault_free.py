@@ -140,10 +140,7 @@ def compare(context: study.Context) -> study.Findings:
     slope = growth(SCALES, read["mean"]).slope
     rows = _sensitivity(settings, published.band("a6.mean"))
     return study.Findings(
-        (
-            *_acceptance(settings, read, published),
-            *_by_scale(settings[MODELLED], published),
-        ),
+        (*_acceptance(settings, read, published), *_by_scale(settings[MODELLED], published)),
         (
             read_table(NAME, "dependences", rows, slope=slope),
             read_table(NAME, "readings", _readings(settings[MODELLED])),

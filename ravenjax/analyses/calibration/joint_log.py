@@ -233,10 +233,7 @@ def _joints(
         _require_possible(samples, name, joints)
     alone = [JOINTS[joint] for joint in np.flatnonzero((missing & ~np.isnan(measured)).any(axis=0))]
     if alone:
-        samples.notes = (
-            *samples.notes,
-            f"{', '.join(alone)}: without desired joints, not used",
-        )
+        samples.notes = (*samples.notes, f"{', '.join(alone)}: without desired joints, not used")
     return np.where(missing, home, desired), np.where(missing, np.nan, measured)
 
 

@@ -98,10 +98,7 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
 
 
 def start_state(
-    setup: RavenSetup,
-    controller: Controller,
-    plant: robot.PlantState,
-    whole: bool = True,
+    setup: RavenSetup, controller: Controller, plant: robot.PlantState, whole: bool = True
 ) -> LoopState:
     """Return the state of a robot at rest whose controller has integrated nothing."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))

@@ -161,11 +161,7 @@ class _Replays:
         params = ReplayParams(plain, Vec(np.float32(x) for x in first))
         self._log, self._varied = log, varied
         self._program = TickProgram(
-            __name__,
-            setup,
-            params,
-            tuple(f"loop.{path}" for path in varied),
-            len(log.desired),
+            __name__, setup, params, tuple(f"loop.{path}" for path in varied), len(log.desired)
         )
         self._motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
         self._kernel: Kernel | None = None

@@ -8,12 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration.calibrate import (
-    NORMAL_90,
-    SETTLING,
-    Calibration,
-    FollowingError,
-)
+from ravenjax.analyses.calibration.calibrate import NORMAL_90, SETTLING, Calibration, FollowingError
 from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.report.drawing import save_panels

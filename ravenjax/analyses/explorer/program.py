@@ -91,10 +91,7 @@ def question_plan(config: CampaignConfig) -> Plan:
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
     return dataclasses.replace(
-        ready,
-        program=program,
-        varied=values,
-        golden=plan.number_golden_runs(values, ready.runs),
+        ready, program=program, varied=values, golden=plan.number_golden_runs(values, ready.runs)
     )
 
 

@@ -106,10 +106,7 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
 
 
 def calibrate_thresholds(
-    peaks: Peaks,
-    terms: tuple[Score, ...],
-    segments: Segments,
-    target: FalseAlarmTarget,
+    peaks: Peaks, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget
 ) -> Calibrated:
     """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
     by = assign_uses(peaks.unit)

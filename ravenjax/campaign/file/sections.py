@@ -11,13 +11,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
@@ -180,9 +174,7 @@ class Detector(Section):
     file: Path | None = None
     """in place of kind: a Python file with a detector of your own, from this file's folder"""
     sha256: str | None = Field(
-        default=None,
-        pattern=own_part.SHA256,
-        description=f"of that file {own_part.CONTENT}",
+        default=None, pattern=own_part.SHA256, description=f"of that file {own_part.CONTENT}"
     )
     acts: Literal["watch", "stop"] = "watch"
     """of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond
@@ -258,9 +250,7 @@ class OwnCheck(Section):
     file: Path
     """a Python file with the check, from this file's folder"""
     sha256: str | None = Field(
-        default=None,
-        pattern=own_part.SHA256,
-        description=f"of that file {own_part.CONTENT}",
+        default=None, pattern=own_part.SHA256, description=f"of that file {own_part.CONTENT}"
     )
     at: str
     """seam at which the check acts"""

@@ -15,13 +15,7 @@ from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import describe_unknown_name, format_value
 from ravenjax.numbers import paths
 from ravenjax.outcomes import events
-from ravenjax.vocabulary.effects import (
-    EFFECTS,
-    NETWORK_EFFECTS,
-    RANDOM,
-    WITH_PERIOD,
-    WITHOUT_VALUE,
-)
+from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, RANDOM, WITH_PERIOD, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_values
 from ravenjax.vocabulary.sites import Channel, Site
 

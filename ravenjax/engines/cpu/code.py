@@ -14,13 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.kernel import (
-    ARGUMENTS,
-    CALL_WORDS,
-    FUNCTIONS,
-    VectorKernel,
-    print_kernel,
-)
+from ravenjax.engines.cpu.kernel import ARGUMENTS, CALL_WORDS, FUNCTIONS, VectorKernel, print_kernel
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, snapshot_spacing

@@ -384,10 +384,7 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
 SECTIONS = (
     Section("verdicts", "Verdicts", 10, _verdicts),
     Section(
-        "groups",
-        "Groups",
-        20,
-        lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES},
+        "groups", "Groups", 20, lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES}
     ),
     Section(
         "checks",
@@ -396,9 +393,6 @@ SECTIONS = (
         lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
     ),
     Section(
-        "failures",
-        "Failures",
-        190,
-        lambda runs, folder: {"failures": failure_rows(runs, folder)},
+        "failures", "Failures", 190, lambda runs, folder: {"failures": failure_rows(runs, folder)}
     ),
 )

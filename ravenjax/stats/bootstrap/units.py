@@ -106,12 +106,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
 
 
 def ratio_band(
-    above: ArrayLike,
-    below: ArrayLike,
-    among: Units,
-    *,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
+    above: ArrayLike, below: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0
 ) -> Estimate:
     """Return sum(above) / sum(below) over rows [n] with its percentile band. `below` = 1 gives a
     mean.
@@ -132,13 +127,7 @@ def ratio_band(
     return Estimate(float(value), float(low), float(high))
 
 
-def rate_band(
-    hit: ArrayLike,
-    among: Units,
-    *,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-) -> Rate:
+def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
     """Return the share of rows that `hit` (bool [n]), with the band of `ratio_band`.
 
     If all rows are equal, the band is Wilson's with as many trials as there are units, since a
@@ -158,10 +147,7 @@ def rate_band(
 
 
 def statistic_band(
-    value: Callable[[np.ndarray], np.ndarray],
-    among: Units,
-    *,
-    seed: int = 0,
+    value: Callable[[np.ndarray], np.ndarray], among: Units, *, seed: int = 0
 ) -> Estimate:
     """Return any statistic of weighted rows with its 95 % percentile band. `value`: maps weights
     [b, n] to [b].

@@ -224,9 +224,7 @@ class Sequential:
             Interval(rate=rate, stratum=name, **found._asdict())
             for r, rate in enumerate(self.rates)
             for name, found in zip(
-                names,
-                rates_with_intervals(k[r, there], n[there], self.each, "beta"),
-                strict=True,
+                names, rates_with_intervals(k[r, there], n[there], self.each, "beta"), strict=True
             )
         ]
 

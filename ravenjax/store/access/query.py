@@ -113,9 +113,7 @@ def open_folder(path: str | Path) -> ResultTable:
 
 
 def open_parts(
-    files: Sequence[Path],
-    aside: Path | None = None,
-    numbered: bool = False,
+    files: Sequence[Path], aside: Path | None = None, numbered: bool = False
 ) -> ResultTable:
     """Open the rows of these Parquet files without checks.
 
@@ -172,7 +170,7 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
                 # Queries state their order. Preserving the insertion order would take memory.
                 "preserve_insertion_order": False,
                 "autoinstall_known_extensions": False,
-            },
+            }
         )
         closing.callback(connection.close)
         # A notebook without ipywidgets has no progress bar.

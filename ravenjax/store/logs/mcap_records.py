@@ -21,16 +21,7 @@ from typing import NamedTuple
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC, Writer
 

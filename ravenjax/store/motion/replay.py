@@ -23,12 +23,7 @@ from ravenjax.store.motion.recording import (
     refused_jumps,
     require_readable,
 )
-from ravenjax.store.motion.summary import (
-    ArmSummary,
-    MotionSummary,
-    TipCourse,
-    format_spans,
-)
+from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, format_spans
 from ravenjax.store.motion.timeline import Timeline
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)

@@ -237,10 +237,9 @@ def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: boo
     origin = np.asarray(base["origin"], float)
     turn = Rotation.from_quat(base["quaternion"]).as_matrix()
     drawing = {"remote": np.rint(PER_M * origin).astype(int).tolist()}
-    for name, axis, joints in (
-        ("tip", "tip", "link_jpos"),
-        ("model", "model_tip", "model_jpos"),
-    )[: 1 if blinded else 2]:
+    for name, axis, joints in (("tip", "tip", "link_jpos"), ("model", "model_tip", "model_jpos"))[
+        : 1 if blinded else 2
+    ]:
         jaws = JAW_LENGTH * jaw_rotation(arm, course[f"{arm}/{joints}"][rows])[..., 0]
         points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ turn.T
         drawing[name] = np.rint(PER_M * points).astype(int).tolist()

@@ -76,10 +76,7 @@ def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list
 
 
 def play_packets(
-    datagrams: Sequence[bytes],
-    arrival_s: np.ndarray,
-    address: tuple[str, int],
-    say: Say = print,
+    datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
 ) -> Played:
     """Send the packets to a robot until the end, or Ctrl-C. arrival_s: counted from the first.
 

@@ -59,10 +59,7 @@ class PacketSession:
     def __init__(self, chosen: Scenario, robot: PacketRobot, say: Say = lambda _: None) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
-        self.arbiter, self.pedals = (
-            ConsoleArbiter(by_pedals=True),
-            PedalReasons(say),
-        )
+        self.arbiter, self.pedals = (ConsoleArbiter(by_pedals=True), PedalReasons(say))
         self.ticks, self.over = 0, False
         self.taken = ""
         """The console whose packet the robot took in this tick."""

@@ -16,13 +16,7 @@ import pytest
 
 import ravenjax as rj
 from ravenjax import cli
-from ravenjax.analyses.monitors import (
-    calibration,
-    checking,
-    code,
-    score_folder,
-    writing,
-)
+from ravenjax.analyses.monitors import calibration, checking, code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, Segments, split_scores
 from ravenjax.analyses.monitors.scores import list_candidates
 from ravenjax.errors import StoreError, UserError

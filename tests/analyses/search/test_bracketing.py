@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from ravenjax.analyses.search.boundary import (
-    ALWAYS,
-    CROSSING,
-    NEVER,
-    SearchRange,
-    find_brackets,
-)
+from ravenjax.analyses.search.boundary import ALWAYS, CROSSING, NEVER, SearchRange, find_brackets
 
 LOG, LINEAR = SearchRange(1.0, 10_000.0, True, 0.01), SearchRange(-5.0, 5.0, False, 0.001)
 

@@ -6,13 +6,7 @@ import numpy as np
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import (
-    MOVES,
-    TURNS,
-    U_STRUCT,
-    Packet,
-    empty_packet,
-)
+from ravenjax.robots.raven2.console.packet import MOVES, TURNS, U_STRUCT, Packet, empty_packet
 
 
 def drive(software, robot, cycles):

@@ -9,13 +9,7 @@ SLOW = np.arange(90) / 30.0
 
 
 @pytest.mark.parametrize(
-    ("name", "per_s"),
-    [
-        ("time_s", 1.0),
-        ("t_s", 1.0),
-        ("t_ms", 1e3),
-        ("timestamp_ns", 1e9),
-    ],
+    ("name", "per_s"), [("time_s", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("timestamp_ns", 1e9)]
 )
 def test_a_time_column_is_taken_in_its_unit(parquet, name, per_s):
     """`t_ms` was ignored, each row taken as a millisecond: a file of 30 rows a second ran 33

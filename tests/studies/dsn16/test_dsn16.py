@@ -25,11 +25,7 @@ def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
             assert rows[f"fault{slot}_{column}"].tolist() == rows[f"fault0_{column}"].tolist()
     assert set(rows["fault0_channel"]) | set(rows["fault1_channel"]) | set(
         rows["fault2_channel"]
-    ) == {
-        "delx",
-        "dely",
-        "delz",
-    }
+    ) == {"delx", "dely", "delz"}
     displacement = np.array([int(group[1:]) for group in rows["group"]])
     assert rows["fault0_value"].tolist() == np.trunc(displacement / np.sqrt(3.0)).tolist()
     cells = rows.groupby([displacement, "fault0_duration_ms"])["fault0_start_ms"].agg(list)

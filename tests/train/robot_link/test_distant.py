@@ -49,12 +49,7 @@ def driven():
         {
             "campaign": {"name": "far", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
             "operator": {"motion": "suture", "scale": 0.1},
-            "group": [
-                {
-                    "name": "estop",
-                    "fault": [BUTTON],
-                }
-            ],
+            "group": [{"name": "estop", "fault": [BUTTON]}],
         }
     )
     made = blueprint.make_blueprint(config)

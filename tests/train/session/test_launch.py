@@ -33,12 +33,7 @@ HAZARD = {
     "fault": [FAULT | {"start_ms": 0, "duration_ms": 40}],
 }
 CHOSEN = scenario.from_dict(
-    {
-        "name": "tiny",
-        "duration_s": 4,
-        "task": {"kind": "reach", "targets": 50},
-        "hazard": [HAZARD],
-    }
+    {"name": "tiny", "duration_s": 4, "task": {"kind": "reach", "targets": 50}, "hazard": [HAZARD]}
 )
 
 

@@ -72,8 +72,7 @@ def test_sessions_of_other_studies_are_refused(tmp_path):
     session(tmp_path, "P1", "cue", [met(0, 500.0)])
     session(tmp_path, "P2", "control", [met(0, 900.0)], scenario={"name": "other"})
     with pytest.raises(
-        UserError,
-        match=r"not of one study: they have 2 different scenarios, which differ in name",
+        UserError, match=r"not of one study: they have 2 different scenarios, which differ in name"
     ):
         comparison.collect_sessions([tmp_path])
     assert "different scenarios" in comparison.collect_sessions([tmp_path], mixed=True).notes[0]

@@ -12,11 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.monitors.counterfactual.candidates import (
-    MARGINS,
-    PROPOSED,
-    Question,
-)
+from ravenjax.analyses.monitors.counterfactual.candidates import MARGINS, PROPOSED, Question
 from ravenjax.analyses.monitors.counterfactual.observation import FreeMotion, Hazards
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units

@@ -161,13 +161,7 @@ class DrawnPackets:
 
 
 def _phases(
-    software: str,
-    foot: np.ndarray,
-    cycles: int,
-    longest: int,
-    plc: int,
-    unknown: int,
-    ticks: int,
+    software: str, foot: np.ndarray, cycles: int, longest: int, plc: int, unknown: int, ticks: int
 ) -> PedalPhases:
     """Return the phases in which the pedal is down.
 

@@ -212,9 +212,7 @@ class Operator(Section):
     """a Python file with an operator of your own, from this file's folder: what hands make of
     motion or file, which is their plan; its parameters are operator.own.hands..."""
     hands_sha256: str | None = Field(
-        default=None,
-        pattern=own_part.SHA256,
-        description=f"of hands {own_part.CONTENT}",
+        default=None, pattern=own_part.SHA256, description=f"of hands {own_part.CONTENT}"
     )
     scale: float = Field(default=0.1, ge=0.001, le=1.0)
     """teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves
@@ -422,8 +420,7 @@ class OwnStages(Section):
     dac: Path | None = None
     """a file whose step gives (state, current_cmd): DAC counts from desired torques"""
     sha256: dict[str, str] = Field(
-        default_factory=dict,
-        description=f"stage = of that file {own_part.CONTENT}",
+        default_factory=dict, description=f"stage = of that file {own_part.CONTENT}"
     )
 
     @model_validator(mode="after")

@@ -214,9 +214,5 @@ def _stepped(
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
     return part.load_part(setup.hands).step(
-        params.own.hands,
-        state.own,
-        View("the operator", seen),
-        setup.precision.real,
-        hands=like,
+        params.own.hands, state.own, View("the operator", seen), setup.precision.real, hands=like
     )

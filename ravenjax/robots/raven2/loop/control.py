@@ -375,11 +375,7 @@ def _struck(
 
 
 def _simulated(
-    setup: RavenSetup,
-    inputs: Inputs,
-    state: ControlState,
-    mpos: PerArm[Vec],
-    mvel: PerArm[Vec],
+    setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
     """Return motor positions and velocities in a dynamics-simulator build.
 

@@ -118,10 +118,7 @@ def advance(
         carried.append(lax.bitcast_convert_type(bits, jnp.float32))
     live, margins, nearest = state.harm < 0, [], []
     for before, check, other in zip(
-        state.margins,
-        run.check_histories(setup, after).values(),
-        golden[checked:],
-        strict=True,
+        state.margins, run.check_histories(setup, after).values(), golden[checked:], strict=True
     ):
         # A check counts only before the first harm
         margin = cast_to_real(setup, check.margin)

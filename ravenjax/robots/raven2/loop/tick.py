@@ -185,10 +185,7 @@ def _send_packet(
     clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
     scale = inject("console", params.operator.scale)
     zero, none = jnp.int32(0), cast_to_real(setup, 0.0)
-    network = inject(
-        "network",
-        Network(zero, zero, jnp.bool_(False), none, none),
-    )
+    network = inject("network", Network(zero, zero, jnp.bool_(False), none, none))
     for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
     if seeds_network(setup, "jitter"):

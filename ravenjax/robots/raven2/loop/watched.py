@@ -24,11 +24,7 @@ class WatchedSignals:
 
 
 def advance(
-    setup: RavenSetup,
-    params: TickParams,
-    faults: Any,
-    state: TickState,
-    *inputs: Any,
+    setup: RavenSetup, params: TickParams, faults: Any, state: TickState, *inputs: Any
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, *inputs)

@@ -142,11 +142,7 @@ class _Arm(NamedTuple):
 
 
 _ARMS = {
-    "gold": _Arm(
-        Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)),
-        0.0,
-        PI - LINK23,
-    ),
+    "gold": _Arm(Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)), 0.0, PI - LINK23),
     "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23),
 }
 

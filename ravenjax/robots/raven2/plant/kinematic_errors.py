@@ -166,8 +166,7 @@ def fit_registration(arm: str, true: list[Vec]) -> Registration:
         small = Vec(dot(Vec(row), residual) for row in solve)
         turn = mapping.matrix_from_quat(Vec((*(Vec(small[:3]) * 0.5), 1.0)))
         frame = Registration(
-            matmul(turn, frame.rotation),
-            matvec(turn, frame.translation) + small[3:],
+            matmul(turn, frame.rotation), matvec(turn, frame.translation) + small[3:]
         )
     return frame
 

@@ -182,10 +182,7 @@ def run_bridge(robot: Connection) -> None:
     # An orderly exit lets ROS learn that the topics are gone.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     try:
-        topics = (
-            messages.published_topics(arms, ros, contact),
-            messages.command_topics(arms),
-        )
+        topics = (messages.published_topics(arms, ros, contact), messages.command_topics(arms))
         transport = connect_transport(ros, *topics)
     except UserError as error:
         robot.send(str(error))

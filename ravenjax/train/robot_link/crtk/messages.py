@@ -14,10 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.store.logs.ros_types import (
-    MessageTypes,
-    Ros,
-)
+from ravenjax.store.logs.ros_types import MessageTypes, Ros
 from ravenjax.train.robot import ArmName
 
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"

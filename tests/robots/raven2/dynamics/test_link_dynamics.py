@@ -16,11 +16,7 @@ from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model
-from ravenjax.robots.raven2.dynamics.link_dynamics import (
-    LEVERS,
-    mass_matrix_and_bias,
-    solve_by_mjx,
-)
+from ravenjax.robots.raven2.dynamics.link_dynamics import LEVERS, mass_matrix_and_bias, solve_by_mjx
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup

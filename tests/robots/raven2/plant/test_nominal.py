@@ -97,11 +97,7 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
 
 
 def run(
-    setup: RavenSetup,
-    commands: list[nominal.Clean],
-    start=HOME_JPOS,
-    measured=HOME_JPOS,
-    resync=0,
+    setup: RavenSetup, commands: list[nominal.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0
 ):
     params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
     begin = nominal.init(setup, "gold", params, start)

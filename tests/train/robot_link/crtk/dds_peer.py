@@ -27,10 +27,7 @@ def message(kind, **fields):
     package, name = kind.split("/")
     typename = f"{package}::msg::dds_::{name}_"
     bare = new_class(
-        name,
-        (IdlStruct,),
-        {"typename": typename},
-        lambda body: body.update(__annotations__=fields),
+        name, (IdlStruct,), {"typename": typename}, lambda body: body.update(__annotations__=fields)
     )
     return dataclass(final(bare))
 
