@@ -29,11 +29,11 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
-from studies import mechanics
-from studies.dsn16 import recording
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from studies import mechanics
+from studies.dsn16 import recording
 
 REACHED, LEAST, SMOOTH_MS = 0.9, 0.1, 25.0
 MIDDLE = (0.3, 0.7)

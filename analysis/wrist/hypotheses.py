@@ -30,11 +30,11 @@ from ravenjax.analyses.calibration.position_loop import RAVEN2
 from ravenjax.document.html import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import parameter_sets
-from studies import mechanics
-from studies.dsn16 import recording
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from studies import mechanics
+from studies.dsn16 import recording
 
 WRIST, STEP_S = 4, 2.47e-3  # half of the recording's period
 EARLY, LATE, WHOLE, SECOND = (1.0, 10.0), (10.0, 20.1), (1.0, 20.1), (20.1, 41.0)  # s

@@ -5,10 +5,7 @@ recording and the judge read frames. `channels.toml` lists the names. Whole numb
 which float32 holds exactly: four and a half hours of ticks. Lengths are m and angles rad unless a
 suffix says otherwise. `tip`, `position` and `force` are in the arm's frame 0.
 
-*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* are defined in
-`ravenjax.outcomes`. The distances are those of `ravenjax.stages.monitor`; the largest of a run is
-the result table's column of that name. The golden run restarts from the robot's state whenever a
-hazard is armed.
+The golden run restarts from the robot's state whenever a hazard is armed.
 
 **The scene** is in plain numbers, for code that runs every millisecond. It has the arms' frames,
 the axes of consoles, and the tissue, as in `geometry.scene` and `geometry.mapping`. It also has
