@@ -4,8 +4,7 @@
 
 Counts Python tokens (names, operators, numbers, strings), lines and modules in `ravenjax/`, and
 lines in `tests/`. The limits may go down but never up: a change that exceeds one removes the same
-amount of code elsewhere. The targets are lower than the limits: 450 000 tokens, 68 000 lines and
-480 modules in `ravenjax/`, and 42 000 lines in `tests/`.
+amount of code elsewhere.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 453_900, "lines": 69_450, "modules": 427, "lines of tests": 41_350}
+LIMITS = {"tokens": 449_800, "lines": 67_960, "modules": 391, "lines of tests": 41_340}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 
