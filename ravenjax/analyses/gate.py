@@ -4,9 +4,8 @@ A margin states how much worse an event may become. An event whose rate has an i
 the whole 95 % interval lies within the margin, fails if no part of it does, and is undecided
 otherwise. Intervals are those of `ravenjax compare`: over distinct faults, paired (Bonett and Price
 2012), clustered where a fault has several pairs. Enumerated faults have no interval, so their
-difference itself is judged. Rates of false cues per hour are compared by the method of variance
-estimates recovery (Zou and Donner 2008) on exact Poisson intervals, as if both sides were
-independent.
+difference itself is judged. The change in false cues per hour treats both results as independent.
+Its interval combines exact Poisson intervals by variance estimates recovery (Zou and Donner 2008).
 """
 
 import contextlib
