@@ -148,6 +148,7 @@ class Model:
         if golden is not None and golden.shape != series.shape:
             raise ValueError(f"golden has shape {golden.shape}, expected {series.shape}")
 
+        # Each `vmap` adds a leading axis to every array, of length 1 where it does not vary.
         def compute(inputs: Any, golden: Any) -> Any:
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
             shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(inputs)))

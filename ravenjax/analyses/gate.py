@@ -5,7 +5,7 @@ the whole 95 % interval lies within the margin, fails if no part of it does, and
 otherwise. Intervals are those of `ravenjax compare`: over distinct faults, paired (Bonett and Price
 2012), clustered where a fault has several pairs. Enumerated faults have no interval, so their
 difference itself is judged. The change in false cues per hour treats both results as independent.
-Its interval combines exact Poisson intervals by variance estimates recovery (Zou and Donner 2008).
+Its interval is the square-and-add of exact Poisson intervals (Zou and Donner 2008).
 """
 
 import contextlib
@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
+from ravenjax.document.html import markdown_table
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.report import comparison, wording
 from ravenjax.report.comparison import FolderComparison
 from ravenjax.report.data.runs import Runs
 from ravenjax.stats.alarms.false_alarms import AlarmRate
-from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.intervals import Estimate, independent_difference
 from ravenjax.store import manifest
 
 FALSE_CUES = "false cues"
@@ -74,6 +75,18 @@ class Gate(NamedTuple):
         verdicts = {judgement.verdict for judgement in self.judgements}
         return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
 
+    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+        """Return name, columns and rows of two tables: margins, and the runs that changed most."""
+        margins = [
+            (str(one.margin), one.first, one.second, one.measured, one.verdict)
+            for one in self.judgements
+        ]
+        changed = [(run.run_ids[1], run.fault, *run.verdicts) for run in self.compared.changed]
+        return [
+            ("margins", ("margin", "first", "second", "change", "verdict"), margins),
+            ("most changed runs", ("run", "fault", "first", "second"), changed),
+        ]
+
 
 def parse_margin(text: str) -> Margin:
     """Return the margin of a text such as "evades +0.5 points". Raises UserError."""
@@ -107,7 +120,7 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
         if margin.unit == "/h":
             before, after = _false_cues(first), _false_cues(second)
             sides = [f"{x.per_hour:.3g}/h ({x.count} in {x.hours:.2g} h)" for x in (before, after)]
-            change = difference_of_rates(before, after)
+            change = independent_difference(*(Estimate(*x[2:]) for x in (after, before)))
         else:
             rate = rates[EVENTS[margin.event]]
             sides = [wording.format_percent(side.value) for side in (rate.first, rate.second)]
@@ -140,53 +153,27 @@ def _false_cues(folder: Path) -> AlarmRate:
     return rate
 
 
-def difference_of_rates(first: AlarmRate, second: AlarmRate) -> Estimate:
-    """Return second minus first per hour, with its 95 % interval."""
-    change = second.per_hour - first.per_hour
-    fall = math.hypot(second.per_hour - second.low, first.high - first.per_hour)
-    rise = math.hypot(second.high - second.per_hour, first.per_hour - first.low)
-    return Estimate(change, change - fall, change + rise)
-
-
 def format_markdown(gate: Gate) -> str:
     """Return a summary for a pull request."""
     first, second = gate.compared.folders
-    lines = [
-        f"### ravenjax gate: {second} beside {first}",
-        "",
-        *gate.compared.sentences(),
-        "",
-        "| margin | first | second | change | verdict |",
-        "|---|---|---|---|---|",
-        *(
-            f"| {one.margin} | {one.first} | {one.second} | {one.measured} | **{one.verdict}** |"
-            for one in gate.judgements
-        ),
-    ]
-    if gate.compared.changed:
-        lines += ["", "| run | fault | first | second |", "|---|---|---|---|"]
-        lines += [
-            f"| {run.run_ids[1]} | {run.fault} | {run.verdicts[0]} | {run.verdicts[1]} |"
-            for run in gate.compared.changed
-        ]
-    return "\n".join(lines) + "\n"
+    parts = [f"### ravenjax gate: {second} beside {first}", " ".join(gate.compared.sentences())]
+    parts += [markdown_table(columns, rows) for _, columns, rows in gate.tables() if rows]
+    return "\n\n".join(parts) + "\n"
 
 
 def format_junit(gate: Gate) -> str:
     """Return the judgements as JUnit XML: a failure for a margin that is exceeded, an error for one
     that is undecided.
     """
-    verdicts = [one.verdict for one in gate.judgements]
-    counts = {"failures": verdicts.count("fail"), "errors": verdicts.count("undecided")}
-    counts = {name: str(count) for name, count in {"tests": len(verdicts), **counts}.items()}
-    suite = ElementTree.Element("testsuite", {"name": "ravenjax gate", **counts})
+    verdicts = [judgement.verdict for judgement in gate.judgements]
+    suite = ElementTree.Element("testsuite", {"name": "ravenjax gate", "tests": str(len(verdicts))})
+    for name, verdict in (("failures", "fail"), ("errors", "undecided")):
+        suite.set(name, str(verdicts.count(verdict)))
     for one in gate.judgements:
-        case = ElementTree.SubElement(
-            suite, "testcase", classname="ravenjax.gate", name=str(one.margin)
-        )
+        names = {"classname": "ravenjax.gate", "name": str(one.margin)}
+        case = ElementTree.SubElement(suite, "testcase", names)
         if one.verdict != "pass":
             kind = "failure" if one.verdict == "fail" else "error"
-            ElementTree.SubElement(
-                case, kind, message=f"{one.first} to {one.second}: {one.measured}"
-            )
+            message = f"{one.first} to {one.second}: {one.measured}"
+            ElementTree.SubElement(case, kind, {"message": message})
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

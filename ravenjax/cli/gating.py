@@ -47,18 +47,13 @@ def gate(
         if path is not None:
             content = text(found)
             write_aside(path, lambda target, content=content: target.write_text(content, "utf-8"))
-    rows = [
-        (str(one.margin), one.first, one.second, one.measured, one.verdict)
-        for one in found.judgements
-    ]
-    changed = [(run.run_ids[1], run.fault, *run.verdicts) for run in found.compared.changed]
     if not as_json:
         for sentence in found.compared.sentences():
             console.print_text(sentence)
-    columns = ("margin", "first", "second", "change", "verdict")
     listings = [
-        Listing("margins", "Margins", columns, rows),
-        Listing("changed", "Most changed runs", ("run", "fault", "first", "second"), changed),
+        Listing(name, name.capitalize(), columns, rows)
+        for name, columns, rows in found.tables()
+        if rows or as_json
     ]
-    console.print_tables([listing for listing in listings if listing.rows or as_json], as_json)
+    console.print_tables(listings, as_json)
     return found.exit_code

@@ -105,6 +105,16 @@ def alpha_of(confidence: float) -> float:
     return 1 - confidence
 
 
+def independent_difference(first: Estimate, second: Estimate) -> Estimate:
+    """Return first minus second of two independent estimates, by the square-and-add of their
+    intervals (Newcombe, Stat. Med. 17, 1998; Zou and Donner, Stat. Med. 27, 2008).
+    """
+    value = first.value - second.value
+    below = math.hypot(first.value - first.low, second.high - second.value)
+    above = math.hypot(first.high - first.value, second.value - second.low)
+    return Estimate(value, value - below, value + above)
+
+
 def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Estimate:
     """Return the rate of k1 of n1 minus the rate of k2 of n2 independent runs, with its interval;
     NaN if a group is empty.

@@ -9,7 +9,7 @@ import synthetic_results as synthetic
 from ravenjax import cli
 from ravenjax.analyses import gate
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.intervals import Estimate, independent_difference
 
 RUNS = 900
 
@@ -70,8 +70,8 @@ def test_the_interval_of_a_difference_of_rates_covers_it():
     hours, rates = (4.0, 6.0), (3.0, 5.0)
     hits = 0
     for counts in random.poisson(np.multiply(hours, rates), (1000, 2)):
-        before, after = map(alarm_rate, counts, hours)
-        change = gate.difference_of_rates(before, after)
+        before, after = (Estimate(*rate[2:]) for rate in map(alarm_rate, counts, hours))
+        change = independent_difference(after, before)
         hits += change.low <= rates[1] - rates[0] <= change.high
     assert hits >= 950
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, alpha_of, rate_bounds
+from ravenjax.stats.intervals import Estimate, alpha_of, independent_difference, rate_bounds
 
 Clusters = Sequence[np.ndarray]
 
@@ -74,11 +74,9 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
     n = np.array([sum(len(one) for one in group) for group in (first, second)], float)
     low, high = rate_bounds(hits / inflation.design_effect, n / inflation.design_effect, alpha)
-    rate = hits / n
-    value = float(rate[0] - rate[1])
-    below = math.hypot(rate[0] - low[0], high[1] - rate[1])
-    above = math.hypot(high[0] - rate[0], rate[1] - low[1])
-    return Estimate(value, max(-1.0, value - below), min(1.0, value + above))
+    rates = map(Estimate, (hits / n).tolist(), low.tolist(), high.tolist())
+    found = independent_difference(*rates)
+    return Estimate(found.value, max(-1.0, found.low), min(1.0, found.high))
 
 
 def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
