@@ -59,7 +59,8 @@ def run_campaign(
         )
     plan = make_plan(config)
     interruption.check_interruption()
-    backend = compile_cache.cached_engine(engine, plan.program.setup.precision)
+    ticks = plan.runs * plan.program.ticks
+    backend = compile_cache.cached_engine(engine, plan.program.setup.precision, ticks)
     executor = executor or Local()
     chunk = config.campaign.chunk or min(
         parts.rows_of_a_part(plan.runs, executor.workers),

@@ -1,5 +1,6 @@
 """Selects the engine: by name, or the fastest that this machine supports."""
 
+import os
 from collections.abc import MutableMapping
 
 from ravenjax.engines.interface import Engine
@@ -8,18 +9,27 @@ from ravenjax.numbers.setup import Precision
 
 ENGINES = ("cuda", "simd", "xla", "mjx")
 """Names of the engines, fastest first."""
+SMALL_TICKS = 12_000_000
+"""Ticks for each CPU core below which "auto" takes engine simd.
+
+simd computes them in about two seconds. Engine cuda takes longer than that to start.
+"""
 
 
 def select_engine(
-    name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None
+    name: str,
+    precision: Precision,
+    objects: MutableMapping[str, bytes] | None = None,
+    ticks: int | None = None,
 ) -> Engine:
     """Return the engine of that name; "auto" means the fastest that supports this precision on this
     machine.
 
-    objects: cache of compiled code between processes; None: only this process. Raises UserError.
+    objects: cache of compiled code between processes; None: only this process. ticks: of all runs;
+    None: unknown, so many. Raises UserError.
     """
     if name == "auto":
-        name = fastest_engine(precision)[0]
+        name = fastest_engine(precision, ticks)[0]
     if name == "cuda":
         from ravenjax.engines.gpu.engine import CudaEngine
 
@@ -38,8 +48,10 @@ def select_engine(
     )
 
 
-def fastest_engine(precision: Precision) -> tuple[str, str]:
+def fastest_engine(precision: Precision, ticks: int | None = None) -> tuple[str, str]:
     """Return the engine that "auto" means here, and why it is not "cuda"; "" if it is."""
+    if ticks is not None and ticks < SMALL_TICKS * len(os.sched_getaffinity(0)):
+        return "simd", "the campaign is so small that a GPU would start later than engine simd ends"
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 

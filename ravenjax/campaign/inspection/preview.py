@@ -43,7 +43,8 @@ def preview_campaign(
 
     plan, due = make_plan(config), design.count_due_rows(config)
     rows = plan.rows
-    backend = selection.select_engine(engine, CAMPAIGN)
+    ticks = plan.runs * plan.program.ticks
+    backend = selection.select_engine(engine, CAMPAIGN, ticks=ticks)
     if any(config.own_parts()):
         from ravenjax.engines import traced
 
@@ -115,7 +116,7 @@ def preview_campaign(
             "name": backend.name,
             "device": backend.device,
             # Why a faster engine is not used.
-            "why": selection.fastest_engine(CAMPAIGN)[1] if engine == "auto" else "",
+            "why": selection.fastest_engine(CAMPAIGN, ticks)[1] if engine == "auto" else "",
         },
         "expected": {**cost._asdict(), "basis": basis},
         "folder": {"path": str(folder), "holds": content},
