@@ -17,6 +17,7 @@ later operation count low; none of them changes the dynamics:
 # pyright: reportAttributeAccessIssue=false
 
 import dataclasses
+import functools
 import math
 
 import mujoco
@@ -87,8 +88,8 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
         if parent not in poses:
             continue
         position, rotation = poses[parent]
-        position = position + rotation @ model.body_pos[body]
-        rotation = rotation @ _matrix(model.body_quat[body])
+        position = position + _product(rotation, model.body_pos[body])
+        rotation = _product(rotation, _matrix(model.body_quat[body]))
         poses[body] = position, rotation
         carrier[body] = carrier[parent]
         first = int(model.body_jntadr[body])
@@ -99,8 +100,8 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
                     number=joint,
                     parent=carrier[body],
                     slide=int(model.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_SLIDE,
-                    axis=rotation @ model.jnt_axis[joint],
-                    anchor=position + rotation @ model.jnt_pos[joint],
+                    axis=_product(rotation, model.jnt_axis[joint]),
+                    anchor=position + _product(rotation, model.jnt_pos[joint]),
                     pseudo_inertia=np.zeros((4, 4)),
                     reference=float(model.qpos0[model.jnt_qposadr[joint]]),
                     armature=float(model.dof_armature[model.jnt_dofadr[joint]]),
@@ -108,11 +109,11 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
             )
             carrier[body] = len(joints) - 1
         if carrier[body] >= 0:
-            inertial = _matrix(model.body_iquat[body])
+            inertial = _product(rotation, _matrix(model.body_iquat[body]))
             joints[carrier[body]].pseudo_inertia += pseudo_inertia(
                 float(model.body_mass[body]),
-                position + rotation @ model.body_ipos[body],
-                rotation @ inertial @ np.diag(model.body_inertia[body]) @ (rotation @ inertial).T,
+                position + _product(rotation, model.body_ipos[body]),
+                _product(inertial, np.diag(model.body_inertia[body]), inertial.T),
             )
     return joints
 
@@ -150,10 +151,10 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return the point of the joint's axis nearest to the line (point, axis), or to its point."""
     between = point - joint.anchor
-    cosine = float(joint.axis @ axis)
+    cosine = float(_product(joint.axis, axis))
     if 1.0 - cosine**2 < _PARALLEL**2:
-        return joint.anchor + joint.axis * (joint.axis @ between)
-    along = (joint.axis @ between - cosine * (axis @ between)) / (1.0 - cosine**2)
+        return joint.anchor + joint.axis * _product(joint.axis, between)
+    along = _product(joint.axis - cosine * axis, between) / (1.0 - cosine**2)
     return joint.anchor + joint.axis * along
 
 
@@ -164,12 +165,12 @@ def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarra
 
 
 def _across(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
-    return vector - joint.axis * (joint.axis @ vector)
+    return vector - joint.axis * _product(joint.axis, vector)
 
 
 def _unit(vector: np.ndarray, least: float = _PARALLEL) -> np.ndarray | None:
     """Return the unit vector, or None if the vector is not longer than `least`."""
-    length = np.linalg.norm(vector)
+    length = math.hypot(*vector)
     return vector / length if length > least else None
 
 
@@ -185,7 +186,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     inertias = [
-        _moved(joint.rotation.T, -joint.rotation.T @ joint.origin, joint.pseudo_inertia)
+        _moved(joint.rotation.T, -_product(joint.rotation.T, joint.origin), joint.pseudo_inertia)
         for joint in joints
     ]
     links: list[Link] = []
@@ -194,7 +195,8 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
         frame, origin = np.eye(3), np.zeros(3)
         if joint.parent >= 0:
             frame, origin = joints[joint.parent].rotation, joints[joint.parent].origin
-        rotation, position = frame.T @ joint.rotation, frame.T @ (joint.origin - origin)
+        rotation = _product(frame.T, joint.rotation)
+        position = _product(frame.T, joint.origin - origin)
         unseen = np.zeros((4, 4))
         if joint.slide:
             unseen[:3, :3] = inertia[:3, :3]
@@ -227,7 +229,14 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
 def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, position
-    return transform @ inertia @ transform.T
+    return _product(transform, inertia, transform.T)
+
+
+def _product(*factors: np.ndarray) -> np.ndarray:
+    """Return the matrix product of the factors, with the same bits on every host."""
+    # NumPy's product of floats is BLAS, which sums in an order that depends on the CPU.
+    objects = (np.asarray(factor, object) for factor in factors)
+    return np.asarray(functools.reduce(np.matmul, objects), float)
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ core with a filled cache of compiled code, with an empty one, and here:
 | dsn16_a | 5.7 | 7.6 | 7.4 |
 
 A short measurement says how fast this machine is now (`measure_speed`). Engine cuda: 3.2 G ticks a
-second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 3 000 times
+second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 400 times
 slower than simd (`analysis/engines`). Expect the estimate to be right within a factor of two while
 the load of the machine stays the same.
 """
@@ -54,7 +54,7 @@ from snapshots. These lie between a filled and an empty cache.
 """
 
 CUDA_TICKS_PER_S = 3.2e9
-SLOWER = {"xla": 200.0, "mjx": 3000.0}
+SLOWER = {"xla": 200.0, "mjx": 400.0}
 """Factor on the time of engine simd on the same CPU."""
 
 MIB_BASE, MIB_SITE = 500.0, 1.5

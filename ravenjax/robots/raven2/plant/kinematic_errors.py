@@ -187,5 +187,6 @@ def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     for rows, (x, y, z) in zip(design, tips, strict=True):
         rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
         rows[:, 3:] = np.eye(3)
-    solve = np.linalg.pinv(design.reshape(-1, 6))
+    # LAPACK's last digits depend on the CPU.
+    solve = np.linalg.pinv(design.reshape(-1, 6)).round(12)
     return tips.tolist(), solve.tolist()
