@@ -50,7 +50,7 @@ def describe() -> dict[str, Any]:
         "system": f"{platform.platform()}, Python {platform.python_version()}",
         "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
         # Equal for two results of the same code.
-        "code": manifest.code_hash(ROBOT),
+        "code": manifest.code_hash(ROBOT)[:12],
     }
 
 
