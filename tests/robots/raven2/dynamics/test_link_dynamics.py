@@ -115,7 +115,8 @@ def test_both_arms_equal_mujoco(arm):
         np.testing.assert_allclose(bias[i], expected_bias[own], rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("arm", [pytest.param("gold", marks=pytest.mark.slow), "green"])
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ["gold", "green"])
 def test_a_step_of_mjx_solves_the_printed_equations(arm):
     """In any gravity, with scaled masses and damping between any two joints."""
     rng, lever = np.random.default_rng(3), np.array(LEVERS)

@@ -184,6 +184,7 @@ def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
     return 0.4 * HERTZ * (np.maximum(np.asarray(deep(jnp.asarray(jpos))), 0.0) ** 2.5).sum(axis=1)
 
 
+@pytest.mark.slow
 def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_say() -> None:
     """The tissue's force on the joints is what the cables carry, and the cables carry the
     motors' torque.

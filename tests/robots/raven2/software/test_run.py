@@ -9,7 +9,9 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 
 
-@pytest.mark.parametrize("arithmetic", ["compiled", "interpreted"])
+@pytest.mark.parametrize(
+    "arithmetic", ["compiled", pytest.param("interpreted", marks=pytest.mark.slow)]
+)
 def test_a_run_is_as_many_steps(arithmetic):
     one = ControlSoftware()
     drive, cycles, steps = Drive(7, one, 0.02), [], []

@@ -108,9 +108,8 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize(
-    "form", ["raven2"] + [pytest.param(name, marks=pytest.mark.slow) for name in list(OPTIONS)[1:]]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("form", list(OPTIONS))
 def test_a_state_goes_on_to_the_bit(form):
     options = OPTIONS[form]
     one, drive = arrived(5, 700, options)
