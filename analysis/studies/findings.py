@@ -20,7 +20,7 @@ from ravenjax.report import wording
 from ravenjax.store import manifest
 from ravenjax.store.files import parse_json, require_writable, write_aside
 from studies import cells, claims
-from studies.study import Context, Findings, Study, plain, standings, targets
+from studies.study import HERE, Context, Findings, Study, plain, standings, targets
 
 Record = Mapping[str, Any]
 """Content of findings.json."""
@@ -88,11 +88,12 @@ def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
     for variant in study.variants:
         made = manifest.read_manifest(folders[variant.name])
         first, shown = first or made, [*map(_without_folder, variant.overrides)]
-        words = ["ravenjax", "run", variant.campaign, *(w for o in shown for w in ("--set", o))]
+        campaign = _from_checkout(variant.campaign)
+        words = ["ravenjax", "run", campaign, *(w for o in shown for w in ("--set", o))]
         campaigns.append(
             {
                 "variant": variant.name,
-                "campaign": variant.campaign,
+                "campaign": campaign,
                 "overrides": shown,
                 "question": variant.question,
                 "runs": made.due,
@@ -109,6 +110,12 @@ def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
         "versions": first.versions if first else manifest.package_versions(),
         "campaigns": campaigns,
     }
+
+
+def _from_checkout(campaign: str) -> str:
+    """Return the path of a study's own campaign from the folder of the checkout."""
+    path = PurePath(campaign)
+    return path.relative_to(HERE.parents[1]).as_posix() if path.is_absolute() else campaign
 
 
 def _without_folder(text: str) -> str:

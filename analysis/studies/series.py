@@ -60,6 +60,14 @@ SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
 }
 """Maps a name to its place in `tick.TickSignals` and the factor to its unit here."""
 
+
+def own_operator(field: str) -> str:
+    """Return the name of a number in the state of the campaign's own operator."""
+    return f"{_OWN}{field}"
+
+
+_OWN = "own operator: "
+
 CUE = ("fault_active", "tip", "position", "model_position", "jpos", "tip_error_mm", "cue_force")
 """Signals of a study of the cue."""
 
@@ -112,18 +120,43 @@ class _Code:
         self.program = traced.printable_program(ready.program)
         self.width = jit.host_target().width
         trace = traced.trace_tick(self.program, self._block(ready, [0]), ready.columns)
-        leaves, structure = jax.tree.flatten(trace.signals)
-        numbered = jax.tree.unflatten(structure, list(range(len(leaves))))
-        places = {name: jax.tree.leaves(SIGNALS[name][0](numbered)) for name in names}
-        self._dtypes = {name: [leaves[k] for k in of] for name, of in places.items()}
         loop, self._series = trace.loop, trace.series
-        states, first = loop.step.outputs[: loop.states], loop.states + trace.series
-        picked = [loop.step.outputs[first + k] for of in places.values() for k in of]
+        # Outputs of a step: states, reference series, signals
+        first, leaves = loop.states + trace.series, jax.tree.leaves(trace.signals)
+        signals = jax.tree.unflatten(
+            jax.tree.structure(trace.signals), list(range(first, first + len(leaves)))
+        )
+        dtypes = dict(enumerate(leaves, first))
+        states, places = loop.step.outputs[: loop.states], {}
+        for name in names:
+            if name.startswith(_OWN):
+                state = self._states(ready, dtypes)
+                own = state.stages["own_operator"].own
+                places[name] = jax.tree.leaves(getattr(own, name.removeprefix(_OWN)))
+            else:
+                places[name] = jax.tree.leaves(SIGNALS[name][0](signals))
+        self._dtypes = {name: [dtypes[k] for k in of] for name, of in places.items()}
+        picked = [loop.step.outputs[k] for of in places.values() for k in of]
         loop = dataclasses.replace(
             loop, step=dataclasses.replace(loop.step, outputs=(*states, *picked))
         )
         shared, objects = len(self.program.varied), compile_cache.object_cache()
         self._code = VectorCode(loop, shared, not shared, self.width, objects)
+
+    def _states(self, ready: Plan, dtypes: dict[int, np.dtype]) -> Any:
+        """Return the state of a tick, each number replaced by the index of its output, and note its
+        type.
+        """
+        block = self._block(ready, [0])
+        varied = [
+            jax.ShapeDtypeStruct((), np.asarray(block.varied[path]).dtype)
+            for path in self.program.varied
+        ]
+        with traced.x64_context(self.program.setup):
+            _, state = traced.trace_function(self.program.begin, varied)
+        leaves, structure = jax.tree.flatten(state)
+        dtypes |= {k: np.dtype(leaf.dtype) for k, leaf in enumerate(leaves)}
+        return jax.tree.unflatten(structure, list(range(len(leaves))))
 
     def _block(self, ready: Plan, rows: Sequence[int]) -> Block:
         return Block(*ready.lanes(rows, self.width), None)
@@ -152,8 +185,8 @@ class _Code:
             ]
             if parts:
                 values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
-                boolean = dtypes[0].kind == "b"
-                series[name] = values.astype(bool) if boolean else values * SIGNALS[name][1]
+                boolean, factor = dtypes[0].kind == "b", SIGNALS.get(name, (None, 1.0))[1]
+                series[name] = values.astype(bool) if boolean else values * factor
         return series
 
 

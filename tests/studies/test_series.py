@@ -7,7 +7,8 @@ import pytest
 
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.inspection import replay
-from studies.series import SIGNALS, Recorder, rises
+from studies.network_operator import HERE
+from studies.series import SIGNALS, Recorder, own_operator, rises
 
 FAULT = {
     "site": "usb_out",
@@ -43,6 +44,16 @@ def test_series_are_those_of_a_replay(tmp_path, raw):
         assert np.array_equal(values, np.asarray(wanted)), name
     assert rises(found["fault_active"]) == [210]
     assert recorder.measure(tmp_path, lambda row, _: row["index"], [2, 0]) == [2, 0]
+
+
+@pytest.mark.slow
+def test_a_number_of_an_own_operator_is_a_series(tmp_path):
+    operator = {"motion": "suture", "hands": str(HERE / "hands.py")}
+    config = loading.from_dict({**PLAIN, "operator": operator})
+    runner.run_campaign(config, tmp_path, "simd")
+    progress = own_operator("done_ms")
+    (found,) = Recorder([progress]).measure(tmp_path, lambda _, series: series[progress], [0])
+    assert found[199] == 0 and (np.diff(found[250:]) > 0).all() and found[-1] <= 100
 
 
 def test_rises_are_where_a_signal_begins():
