@@ -39,7 +39,7 @@ def train(
     headless: Switch = False,
     linger: float | None = None,
     host: str = "127.0.0.1",
-    port: int = 8080,
+    port: Port = 8080,
     token: str | None = None,
     instructor_token: str | None = None,
     itp_port: int | None = None,
@@ -98,40 +98,44 @@ def train(
 
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
-    console.print_text(f"{scenario}: the session is being prepared; the first time takes longest")
     with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
+            from ravenjax.train import page as pages
             from ravenjax.train.processes import SessionHelpers
 
-            # The helper processes do their imports at the same time as this one.
-            helpers = SessionHelpers(stack, page)
+            # The page answers at once. The helper processes do their imports beside this one.
+            listening = None
+            if page:
+                token, instructor_token = pages.choose_tokens(host, token, instructor_token)
+                listening = pages.open_port(host, port, token, instructor_token, console.print_text)
+            helpers = SessionHelpers(stack, listening)
+            beginning = f"{scenario}: the session is being prepared; the first time takes longest"
+            helpers.wait_for(beginning, console.print_text)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
         interruption.check_interruption()
         setting = scenarios.load_scenario(scenario, overrides or ())
         drawn_by = setting.seed if seed is None else seed
-        options = launch.with_tokens(
-            launch.SessionOptions(
-                scenario=setting,
-                folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
-                seed=drawn_by,
-                participant=participant,
-                group=group,
-                cue=cue,
-                blinded=blinded,
-                host=host,
-                port=port,
-                token=token,
-                instructor_token=instructor_token,
-                script=script,
-                itp_port=itp_port,
-                console=console_profile,
-                console_host=console_host,
-                robot=robot,
-                crtk=crtk,
-            )
+        options = launch.SessionOptions(
+            scenario=setting,
+            folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+            seed=drawn_by,
+            participant=participant,
+            group=group,
+            cue=cue,
+            blinded=blinded,
+            host=host,
+            port=port,
+            token=token,
+            instructor_token=instructor_token,
+            script=script,
+            itp_port=itp_port,
+            console=console_profile,
+            console_host=console_host,
+            robot=robot,
+            crtk=crtk,
         )
         if headless:
             result = launch.run_headless(options, console.print_text)

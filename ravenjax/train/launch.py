@@ -10,8 +10,6 @@ The page and the recorder never make the realtime loop wait. Both end with the r
 import contextlib
 import dataclasses
 import re
-import secrets
-import socket
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -29,7 +27,6 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge.episode import COLUMNS
-from ravenjax.train.page import is_loopback
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
@@ -98,18 +95,23 @@ def run_realtime(
     """Run a session against the clock.
 
     linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
-    both the session and the page. helpers: processes that were started in advance, with a page
-    if `with_page` is true; None: they are started now.
+    both the session and the page. helpers: processes that were started in advance, with the tokens
+    of `options`; None: they are started now, with a page if `with_page` is true.
     """
     began = time.monotonic()
-    if with_page:
-        _require_address(options.host, options.port)
     profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
-    options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
+        if helpers is None:
+            listening = None
+            if with_page:
+                host = options.host
+                token, key = page.choose_tokens(host, options.token, options.instructor_token)
+                options = dataclasses.replace(options, token=token, instructor_token=key)
+                listening = page.open_port(host, options.port, token, key, say)
+            helpers = SessionHelpers(stack, listening)
+        options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
-        helpers = SessionHelpers(stack, with_page) if helpers is None else helpers
-        say("robot: being compiled, or read from the cache")
+        helpers.wait_for("robot: its tick is being compiled, or read from the cache", say)
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
@@ -124,17 +126,27 @@ def run_realtime(
         commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
         for ring in (frames, events, commands):
             stack.callback(ring.close)
-        helpers.recorder.begin(
+        helpers.recorder.tell(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
         browser: loop.PageCommands | None = None
-        port = 0
         if helpers.page is not None:
-            say("page: its scene is being loaded")
-            port = _open_page(
-                helpers.page, options, session, header, (frames, events, commands), say
+            helpers.wait_for("page: its scene is being loaded", say)
+            helpers.page.tell(
+                page.PageOptions(
+                    frames=frames.name,
+                    events=events.name,
+                    commands=commands.name,
+                    arms=session.arms,
+                    header=header,
+                    folder=str(options.folder.absolute()),
+                    host=options.host,
+                    token=options.token,
+                    instructor_token=options.instructor_token,
+                )
             )
+            helpers.page.answer()
             browser = loop.PageCommands(commands, drives=options.script is None)
         elsewhere = options.robot is not None
         consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
@@ -167,17 +179,8 @@ def run_realtime(
             while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
                 wish = _wish(browser, say)
-            result = dataclasses.replace(result, wish=wish, port=port)
+            result = dataclasses.replace(result, wish=wish, port=helpers.port)
     return result
-
-
-def with_tokens(options: SessionOptions) -> SessionOptions:
-    """Return the options with random tokens in place of those that are needed but not given."""
-    token = options.token
-    if token is None and not is_loopback(options.host):
-        token = secrets.token_urlsafe(24)
-    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
-    return dataclasses.replace(options, token=token, instructor_token=instructor_token)
 
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
@@ -374,57 +377,6 @@ def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
         )
     itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
     return host, (itp, joint if ros is None else ros)
-
-
-def _open_page(
-    serving: processes.Helper,
-    options: SessionOptions,
-    session: Session,
-    header: Json,
-    rings: tuple[Ring, Ring, Ring],
-    say: Say,
-) -> int:
-    """Start the page in its process, print the addresses of both roles, and return its port."""
-    page_options = page.PageOptions(
-        frames=rings[0].name,
-        events=rings[1].name,
-        commands=rings[2].name,
-        arms=session.arms,
-        header=header,
-        folder=str(options.folder.absolute()),
-        host=options.host,
-        port=options.port,
-        token=options.token,
-        instructor_token=options.instructor_token,
-    )
-    serving.begin(page_options)
-    port = serving.answer()
-    if options.port not in (0, port):
-        say(f"port {options.port} is in use: the page is at port {port}")
-    token_query = f"&token={options.token}" if options.token else ""
-    host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
-    url = f"http://{host}:{port}/?role="
-    say(f"operator: {url}operator{token_query}")
-    say(f"instructor: {url}instructor{token_query}&instructor_token={options.instructor_token}")
-    return port
-
-
-def _require_address(host: str, port: int) -> None:
-    """Raise UserError if the page cannot listen here: viser would wait forever."""
-    try:
-        addresses = socket.getaddrinfo(
-            host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-        for family, kind, protocol, _, address in addresses:
-            with socket.socket(family, kind, protocol) as probe:
-                probe.bind(address)
-    except OSError as error:
-        raise UserError(
-            f"host is {host!r}, where the page cannot listen ({error}); give an address of this"
-            " machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
-        ) from None
-    if not 0 <= port <= 65535:
-        raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
 
 
 def _conclude(

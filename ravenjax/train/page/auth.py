@@ -19,11 +19,9 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 class Auth:
     """The checks of one server."""
 
-    def __init__(self, host: str, token: str | None) -> None:
+    def __init__(self, host: str, token: str | None, port: int) -> None:
         self._names = {*LOOPBACK, host}
-        self._token = token
-        # Known once the server is bound.
-        self.port = 0
+        self._token, self.port = token, port
 
     def refusal(self, request: Request) -> str | None:
         """Return why this request is refused; None if it is allowed."""

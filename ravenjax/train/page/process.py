@@ -4,6 +4,7 @@ import contextlib
 import io
 import logging
 import signal
+import socket
 import threading
 import time
 from multiprocessing.connection import Connection
@@ -24,20 +25,20 @@ PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
 
-def serve_page(options: PageOptions, port_taken: Connection) -> None:
-    """Serve the page. Send its port through `port_taken` once it listens."""
+def serve_page(options: PageOptions, listening: socket.socket, ready: Connection) -> None:
+    """Serve the page at a listening socket. Send its port through `ready` once it is served."""
     # The session handles Ctrl-C, and ends the page when it is ready.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.closing(Page(options)) as page:
-        port_taken.send(page.port)
-        port_taken.close()
+    with contextlib.closing(Page(options, listening)) as page:
+        ready.send(listening.getsockname()[1])
+        ready.close()
         page.work()
 
 
 class Page:
     """The parts of the page's process."""
 
-    def __init__(self, options: PageOptions) -> None:
+    def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)
@@ -52,12 +53,11 @@ class Page:
         )
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        self._server = PageServer(options, self._hub.serve)
+        self._server = PageServer(options, listening, self._hub.serve)
         windows.watch(self._server.viser)
         header = options.header
         blinded = bool(header.get("blinded"))
         self._scene = Scene(self._server.viser, options.arms, header.get("task"), blinded)
-        self.port = self._server.port
 
     def work(self) -> None:
         last_frame = time.monotonic()

@@ -14,6 +14,7 @@ import contextvars
 import gzip
 import io
 import json
+import socket
 from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from pathlib import Path
@@ -28,7 +29,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from ravenjax.train.page import PageOptions
+from ravenjax.train.page import STATIC, PageOptions
 from ravenjax.train.page.auth import Auth, query_parameters, same_secret
 from ravenjax.train.recording import folders
 
@@ -36,7 +37,6 @@ SESSION = "/session"
 SCENE = "/scene/"
 LARGEST_BYTES = 65536
 """A longer message closes the connection. The reader of a shorter one judges its length."""
-STATIC = Path(__file__).resolve().parent / "static"
 DEBRIEF, TABLE = "debrief.html", "hazards.csv"
 _TYPES = {
     ".css": "text/css; charset=utf-8",
@@ -74,9 +74,11 @@ class PageServer:
     A request for any other file gets 404. A request that the checks refuse gets 403.
     """
 
-    def __init__(self, options: PageOptions, session: Handler) -> None:
-        """session: handles each websocket of /session."""
-        self._auth, self._session = Auth(options.host, options.token), session
+    def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
+        """listening: where it serves. session: handles each websocket of /session."""
+        port = listening.getsockname()[1]
+        self._auth = Auth(options.host, options.token, port)
+        self._listening, self._session = listening, session
         self._instructor_token = options.instructor_token
         self._folder = Path(options.folder) if options.folder else None
         self._files = {
@@ -99,17 +101,12 @@ class PageServer:
         websocket_server.serve = self._serving(original)  # pyright: ignore
         try:
             with contextlib.redirect_stdout(io.StringIO()):
-                self.viser = viser.ViserServer(host=options.host, port=options.port, verbose=False)
+                self.viser = viser.ViserServer(host=options.host, port=port, verbose=False)
         finally:
             websocket_server.serve = original
-        self._auth.port = self.port
         # Remove viser's share request: a visitor could make viser open a tunnel to an outside
         # server. Nothing leaves this machine.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
-
-    @property
-    def port(self) -> int:
-        return self.viser.get_port()
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop:
@@ -119,7 +116,7 @@ class PageServer:
     def _serving(self, original: Callable[..., Any]) -> Callable[..., Any]:
         """Return `websockets.serve` with the checks and the session's own socket in front."""
 
-        def serve(handler: Handler, host: str, port: int, **settings: Any) -> Any:
+        def serve(handler: Handler, *_: Any, **settings: Any) -> Any:
             async def handle(connection: ServerConnection) -> None:
                 path = urlsplit(connection.request.path if connection.request else "").path
                 if path == SESSION:
@@ -133,13 +130,11 @@ class PageServer:
                     self.watching -= 1
 
             def process(connection: ServerConnection, request: Request) -> Response | None:
-                # The first request may come before the constructor is done.
-                if self._auth.port == 0 and connection.local_address:
-                    self._auth.port = connection.local_address[1]
                 connection.protocol.max_message_size = LARGEST_BYTES
                 return self._answer(request)
 
-            return original(handle, host, port, **{**settings, "process_request": process})
+            settings |= {"process_request": process, "sock": self._listening}
+            return original(handle, **settings)
 
         return serve
 

@@ -126,7 +126,7 @@ def spawn_bridge(
     rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
-    helper.begin((rings, ros, arms, setup.tools, gain, contact))
+    helper.tell((rings, ros, arms, setup.tools, gain, contact))
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
