@@ -251,14 +251,10 @@ def play(
 
 @study.default
 def compare(
-    folders: list[Path],
-    *,
-    out: Path = Path("results/study"),
-    by: str | None = None,
-    unblind: Switch = False,
-    mixed: Switch = False,
+    folders: list[Path], *, out: Path = Path("results/study"), unblind: Switch = False
 ) -> None:
-    """Compare groups of training sessions, with effect sizes and intervals.
+    """Compare groups of training sessions, or with and without the cue, with effect sizes and
+    intervals.
 
     Parameters
     ----------
@@ -266,16 +262,12 @@ def compare(
         Session folders, or folders of session folders.
     out
         folder of the comparison
-    by
-        what makes the groups: group, cue; default group, else cue
     unblind
         show the groups' names instead of A and B
-    mixed
-        let sessions of several scenarios or versions in
     """
-    from ravenjax.train.study import page
+    from ravenjax.train import study as studies
 
-    result = page.write_study(folders, out, by, unblind=unblind, mixed=mixed)
+    result = studies.write_study(folders, out, unblind)
     console.print_text(result.text.rstrip())
     console.print_text(f"study: {result.page}")
 
@@ -286,7 +278,6 @@ def assign(
     *,
     groups: Annotated[list[str], Parameter(consume_multiple=True)] = ["on", "off"],  # noqa: B006
     seed: int = 0,
-    block: int | None = None,
 ) -> None:
     """Assign participants to groups at random, balanced in blocks; prints CSV.
 
@@ -296,15 +287,13 @@ def assign(
         Their codes, in the order in which they come.
     groups
         names of the groups
-    block
-        participants of a block; default twice the groups
     """
+    from ravenjax.train import study as studies
     from ravenjax.train.recording.reader import as_csv
-    from ravenjax.train.study import design
 
-    drawn = design.assign_groups(participants, groups, seed, block)
+    drawn = studies.assign_groups(participants, groups, seed)
     rows = (assignment._asdict() for assignment in drawn)
-    console.print_text(as_csv(design.Assignment._fields, rows).rstrip())
+    console.print_text(as_csv(studies.Assignment._fields, rows).rstrip())
 
 
 @study.command
@@ -312,10 +301,7 @@ def plan(
     participants: int,
     *,
     paired: Annotated[bool, Parameter(negative="--parallel")] = True,
-    groups: int = 2,
-    outcomes: int = 4,
     effect: float | None = None,
-    power: float = 0.8,
 ) -> None:
     """Show what a number of participants can prove: the smallest p, and how many are needed.
 
@@ -325,21 +311,12 @@ def plan(
         How many, all together.
     paired
         each does both conditions, or one of them
-    groups
-        how many; each is compared with the first
-    outcomes
-        compared of each; the four of `study`
     effect
-        standardised difference to be found
-    power
-        with which probability it is to be found
+        standardised difference to be found with a power of 0.8
     """
-    from ravenjax.train.study import design
+    from ravenjax.train import study as studies
 
-    sizes = design.plan_study(
-        participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
-    )
-    console.print_text(design.describe_plan(sizes))
+    console.print_text(studies.describe_plan(studies.plan_study(participants, paired, effect)))
 
 
 @log.command

@@ -9,6 +9,7 @@ The page and the recorder never make the realtime loop wait. Both end with the r
 
 import contextlib
 import dataclasses
+import itertools
 import re
 import time
 from collections.abc import Callable
@@ -26,7 +27,7 @@ from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
-from ravenjax.train.judge.episode import COLUMNS
+from ravenjax.train.judge import COLUMNS
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
@@ -41,8 +42,7 @@ from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_w
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.simulation import SimulatedRobot
+from ravenjax.train.session.simulation import Blueprint, SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
@@ -135,15 +135,15 @@ def run_realtime(
             helpers.wait_for("page: its scene is being loaded", say)
             helpers.page.tell(
                 page.PageOptions(
-                    frames=frames.name,
-                    events=events.name,
-                    commands=commands.name,
-                    arms=session.arms,
-                    header=header,
-                    folder=str(options.folder.absolute()),
-                    host=options.host,
-                    token=options.token,
-                    instructor_token=options.instructor_token,
+                    frames.name,
+                    events.name,
+                    commands.name,
+                    session.arms,
+                    header,
+                    str(options.folder.absolute()),
+                    options.host,
+                    options.token,
+                    options.instructor_token,
                 )
             )
             helpers.page.answer()
@@ -178,7 +178,8 @@ def run_realtime(
             wish = None
             while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                wish = _wish(browser, say)
+                # The page checks that the scenario exists.
+                wish = next((one for one in browser.poll() if one.get("do") == "next"), None)
             result = dataclasses.replace(result, wish=wish, port=helpers.port)
     return result
 
@@ -186,32 +187,13 @@ def run_realtime(
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     """Return the options of the session that the instructor requested, beside the last one."""
     wish = last.wish or {}
-    name = wish.get("scenario")
-    setting = options.scenario if name is None else scenario.load_scenario(name)
-    participant = wish.get("participant", options.participant)
-    seed = wish.get("seed", setting.seed)
-    return dataclasses.replace(
-        options,
-        scenario=setting,
-        participant=participant,
-        seed=seed,
-        folder=fresh_folder(setting.name, participant, seed, options.folder.parent),
-        port=last.port or options.port,
-    )
-
-
-def _wish(said: loop.PageCommands, say: Say) -> Command | None:
-    """Return the request for the next session, or None; report a scenario that does not exist."""
-    for command in said.poll():
-        if (command["type"], command.get("do")) == ("instructor", "next"):
-            try:
-                if "scenario" in command:
-                    scenario.load_scenario(command["scenario"])
-            except UserError as error:
-                say(f"the next session cannot start: {error}")
-            else:
-                return command
-    return None
+    setting = options.scenario
+    if "scenario" in wish:
+        setting = scenario.load_scenario(wish["scenario"])
+    who, seed = wish.get("participant", options.participant), wish.get("seed", setting.seed)
+    folder = fresh_folder(setting.name, who, seed, options.folder.parent)
+    more = {"scenario": setting, "participant": who, "seed": seed, "folder": folder}
+    return dataclasses.replace(options, **more, port=last.port or options.port)
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
@@ -264,21 +246,20 @@ def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
 
     Raises UserError if no folder can be created.
     """
-    folder, number = options.folder, 1
-    try:
-        while True:
-            with contextlib.suppress(FileExistsError):
-                folder.mkdir(parents=True)
-                break
-            number += 1
-            folder = options.folder.with_name(f"{options.folder.name}-{number}")
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in which"
-            " you may write"
-        ) from None
-    if number > 1:
-        say(f"{options.folder} exists already; the session is written to {folder}")
+    wanted = folder = options.folder
+    for number in itertools.count(2):
+        try:
+            folder.mkdir(parents=True)
+            break
+        except FileExistsError:
+            folder = wanted.with_name(f"{wanted.name}-{number}")
+        except OSError as error:
+            raise UserError(
+                f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in"
+                " which you may write"
+            ) from None
+    if folder != wanted:
+        say(f"{wanted} exists already; the session is written to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
@@ -289,8 +270,8 @@ def _remove_if_empty(folder: Path) -> None:
 
 def _header(options: SessionOptions, session: Session) -> Json:
     setting = options.scenario
-    given = {"page": True, "itp": options.itp_port is not None, "crtk": options.crtk is not None}
-    consoles = [name for name in given if given[name]]
+    network = {"itp": options.itp_port, "crtk": options.crtk}
+    consoles = ["page", *(name for name, given in network.items() if given is not None)]
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -322,7 +303,7 @@ def _robot(
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
     if options.robot is None:
         return SimulatedRobot
-    host, (itp_port, stream) = parse_address(options.robot)
+    host, itp_port, stream = parse_address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
         say(f"robot: waiting for an answer from {host}")
@@ -357,26 +338,21 @@ def _robot(
     return connected
 
 
-def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
-    """Parse HOST[:ITP_PORT[:JOINT_PORT]] into the host and the ports of ITP and the joint stream.
+def parse_address(text: str) -> tuple[str, int, int | Ros]:
+    """Parse HOST[:ITP_PORT[:JOINT_PORT]]. In place of JOINT_PORT, "ros1" or "ros2" is allowed.
 
-    In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
+    Raises UserError if the text is invalid.
     """
-    host, *ports = text.split(":")
-    ros: Ros | None = next((name for name in get_args(Ros) if ports[1:] == [name]), None)
-    numbers = ports[:1] if ros else ports
-    if (
-        not host
-        or len(ports) > 2
-        or not all(port.isdecimal() and int(port) < 65536 for port in numbers)
-    ):
+    parts = re.fullmatch(r"([^:]+)(?::(\d{1,5})(?::(\d{1,5}|ros1|ros2))?)?", text)
+    if parts is None:
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
             " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
             " replaces JOINT_PORT"
         )
-    itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
-    return host, (itp, joint if ros is None else ros)
+    host, itp, stream = parts.groups()
+    ros: Ros | None = next((name for name in get_args(Ros) if name == stream), None)
+    return host, int(itp or UDP_PORT), ros or int(stream or JOINT_PORT)
 
 
 def _conclude(

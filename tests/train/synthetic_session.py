@@ -8,7 +8,7 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.episode import COLUMNS, HazardRow
+from ravenjax.train.judge import COLUMNS, HazardRow
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.recording.reader import as_csv
 

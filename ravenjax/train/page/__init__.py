@@ -8,8 +8,10 @@ This module opens the page's port and answers until the page can. It imports not
 
 import contextlib
 import dataclasses
+import hmac
 import importlib
 import ipaddress
+import os
 import secrets
 import socket
 import threading
@@ -17,6 +19,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 from ravenjax.errors import UserError
 
@@ -56,6 +59,18 @@ def is_loopback(host: str) -> bool:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def same_secret(word: str, secret: str | None) -> bool:
+    """Compare in constant time; False if there is no secret."""
+    return secret is not None and hmac.compare_digest(
+        word.encode(errors="replace"), secret.encode()
+    )
+
+
+def query_parameters(path: str) -> dict[str, str]:
+    """Return the parameters of a request's path, the last of each name."""
+    return {name: values[-1] for name, values in parse_qs(urlsplit(path).query).items()}
 
 
 def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple[str | None, str]:
@@ -108,7 +123,9 @@ def run_when_told(session: Connection, listening: socket.socket) -> None:
     Until then visitors read what the session waits for: the texts that `session` sends. The answer
     is the port. The page is served until it is terminated or the session's process ends.
     """
-    # viser and MuJoCo take seconds to import, and only the page's process needs them.
+    # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
+    # nothing, so it needs no OpenGL.
+    os.environ["MUJOCO_GL"] = "disable"
     page = "ravenjax.train.page.process"
     importing = threading.Thread(target=importlib.import_module, args=(page,), daemon=True)
     importing.start()

@@ -2,13 +2,10 @@
 
 The last row is the operator's E-stop button.
 
-A hazard of the library has one case for each way of running it. A case has many rows: one for each
-published value, start and duration. A session takes one row of each case. The draw depends on the
-session's seed and the case's name only. With `times = N` it takes N different rows. So the table of
-`hazards = "all"` has about a hundred rows.
-
-Every hazard of the table starts at 0, and a fault that waits for the pedal in a campaign counts
-time instead. The reason is that a session arms a row only while the pedal is down.
+A hazard of the library has many rows: one for each case, published value, start and duration. A
+session takes one row of each case (`times = N`: N different ones). The draw depends on the
+session's seed and the case's name only. Every hazard starts at 0, and a fault that waits for the
+pedal in a campaign counts time instead, because a session arms a row only while the pedal is down.
 """
 
 import dataclasses

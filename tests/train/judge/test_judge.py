@@ -5,8 +5,7 @@ tick.
 import pytest
 from made_frames import kinds, made, running
 
-from ravenjax.train.judge.episode import COLUMNS
-from ravenjax.train.judge.watch import SLOW_FOR_MS, Judge
+from ravenjax.train.judge import COLUMNS, SLOW_FOR_MS, Judge
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}

@@ -6,7 +6,7 @@ from websockets.http11 import Request
 
 from ravenjax.errors import UserError
 from ravenjax.train.page import choose_tokens, is_loopback
-from ravenjax.train.page.auth import Auth
+from ravenjax.train.page.process import Auth
 
 TOKEN = "s3cret-token"
 AT = "127.0.0.1:8000"

@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot_link.packet_filter import CAUSES, TAKEN, Gate
+from ravenjax.train.robot_link.itp import CAUSES, TAKEN, Gate
 
 
 def turned(angle):

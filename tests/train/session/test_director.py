@@ -4,7 +4,7 @@ import pytest
 from made_frames import made, running
 
 from ravenjax.train.protocol import PHASES, VIEWS
-from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director
+from ravenjax.train.session.advance import CLEARED_MS, GAP_MS, SETTLED_MS, Director
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}

@@ -2,13 +2,14 @@
 without a clock.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ravenjax.train import scenario
 from ravenjax.train.session import advance, scripts
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.scripts import read_commands
 
 BURST = {"site": "usb_out", "effect": "overwrite", "start_ms": 0}
 CHOSEN = scenario.from_dict(
@@ -90,8 +91,9 @@ def test_a_session_comes_again_to_the_bit_from_what_was_said(made, tmp_path):
     first = Session(CHOSEN, 5, ready=made)
     rows, events, hazards = whole(first, follower(first))
     (tmp_path / "commands.jsonl").write_text("".join(first.command_lines))
-    again = scripts.Recorded(read_commands(tmp_path / "commands.jsonl"))
-    other, told, table = whole(Session(CHOSEN, 5, ready=made), again)
+    second = Session(CHOSEN, 5, ready=made)
+    again = scripts.Scripted(str(tmp_path / "commands.jsonl"), second)
+    other, told, table = whole(second, SimpleNamespace(messages=lambda *_: again.poll()))
     np.testing.assert_array_equal(rows, other)
     assert (events, hazards) == (told, table)
     kinds = [event["kind"] for event in events]

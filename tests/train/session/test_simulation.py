@@ -13,9 +13,9 @@ from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.robots.raven2.console.operator import make_packet, row_by_row
-from ravenjax.train.judge.watch import Judge
+from ravenjax.train.judge import Judge
 from ravenjax.train.protocol import Frame
-from ravenjax.train.session import blueprint
+from ravenjax.train.session import simulation
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
 
 TICKS, START = 900, 600
@@ -47,7 +47,7 @@ def config(**fault):
 
 @pytest.fixture(scope="module")
 def made():
-    return blueprint.make_blueprint(config())
+    return simulation.make_blueprint(config())
 
 
 def robot_of(made):

@@ -10,16 +10,21 @@ from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
-from ravenjax.train.robot_link.crtk import messages, motion
+from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
-from ravenjax.train.robot_link.crtk.interpreter import IDLE_MS, Interpreter, OperatingState
-from ravenjax.train.robot_link.crtk.motion import (
+from ravenjax.train.robot_link.crtk.interpreter import (
+    BASE,
     FASTEST,
+    IDLE_MS,
     STILL,
     STRONGEST,
+    Interpreter,
+    OperatingState,
     Setpoint,
     SetpointFollower,
     Trajectory,
+    from_base,
+    to_base,
 )
 
 BOTH = ("gold", "green")
@@ -43,12 +48,12 @@ YAML = {
 def test_the_home_poses_of_raven2s_own_crtk_are_told_and_come_back(arm):
     jpos, position, quat = YAML[arm]
     pose = tip_pose(arm, jpos)
-    told = motion.to_base(arm, *pose)
+    told = to_base(arm, *pose)
     assert told[0] == pytest.approx(position, abs=6e-4)
     assert abs(np.dot(told[1], quat)) / np.linalg.norm(quat) > 0.999
-    for again, before in zip(motion.from_base(arm, *map(np.array, told)), pose, strict=True):
+    for again, before in zip(from_base(arm, *map(np.array, told)), pose, strict=True):
         np.testing.assert_allclose(again, before, atol=1e-9)
-    assert np.linalg.det(motion.BASE[arm]) == pytest.approx(1.0)
+    assert np.linalg.det(BASE[arm]) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("arm", BOTH)
@@ -218,7 +223,7 @@ def robot_row(runlevel=2, taken=0):
 
 @pytest.mark.parametrize("arm", BOTH)
 def test_readings_are_the_kinematics_and_their_derivative(arm):
-    row, base = robot_row(), motion.BASE[arm]
+    row, base = robot_row(), BASE[arm]
     row.frame[f"{arm}/mvel"] = np.random.default_rng(3).normal(size=7)
     told = dict(Interpreter(BOTH, TOOLS, messages.message_types("ros2")).readings(row))
     joints = told[f"{messages.ARM_NAMES[arm]}/measured_js"]
@@ -272,7 +277,7 @@ def test_a_servo_command_becomes_increments_that_add_up():
     row.frame["runlevel"] = 3
     interpreter.observe(row, True, ms)
     assert interpreter.state.drives
-    (x, y, z), quat = motion.to_base("gold", *tip_pose("gold", YAML["gold"][0]))
+    (x, y, z), quat = to_base("gold", *tip_pose("gold", YAML["gold"][0]))
     goal = types.message(ros_types.POSE, header, ((x + 0.003, y, z), quat))
     interpreter.hear("arm1/servo_cp", goal, ms)
     total = np.zeros(3)
