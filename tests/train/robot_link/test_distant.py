@@ -133,11 +133,8 @@ def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
     wires[0].stale = True
     assert drive(500) == "lost" and session.frame.number("link") == 0
     assert not session.frame["gold/force"].any()
-    assert {event["kind"] for event in events} == {
-        "phase",
-        "pedal",
-        "rearm",
-    }  # no alarm, no run level
+    # No alarm, no run level.
+    assert {event["kind"] for event in events} == {"phase", "pedal", "rearm"}
     wires[0].stale = False
     assert drive(500) == "ready" and session.frame.number("pedal") == 0  # the foot never came up
     drive(100, pedal=False)

@@ -57,18 +57,16 @@ def headless(tmp_path_factory):
 @pytest.mark.slow
 def test_a_session_leaves_a_folder_that_says_everything(headless):
     header = json.loads((headless.folder / "session.json").read_text())
-    assert (
-        header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
-    )
+    assert header["participant"] == "P7" and header["scenario"]["name"] == "tiny"
+    assert header["ended"]
     assert header["summary"]["ended"] == "time" and header["summary"]["hazards"]["struck"] == 1
     with open(headless.folder / "hazards.csv", newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
     read = reader.read_recording(headless.folder)
     (started,) = [event for event in read.events if event["kind"] == "started"]
-    assert (
-        started["by"] == "pedal" and 200 < started["tick"] < 220
-    )  # its four seconds begin as somebody drives
+    # Its four seconds begin as somebody drives.
+    assert started["by"] == "pedal" and 200 < started["tick"] < 220
     assert (
         read.complete
         and len(read.rows) < started["tick"] + 4000  # waiting has a row a second

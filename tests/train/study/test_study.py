@@ -29,13 +29,8 @@ def session(base, participant, group, hazards, *, cue=None, name="", **header):
         for one in hazards
     ]
     listed = [{"number": i, "within_s": 2.0} for i in range(len(hazards))]
-    told = {
-        "participant": participant,
-        "group": group,
-        "cue": on,
-        "name": name,
-        "hazards": listed,
-    } | header
+    told = {"participant": participant, "group": group, "cue": on, "name": name}
+    told |= {"hazards": listed} | header
     return synthetic.write(base / name, table, recorded=False, **told)
 
 
@@ -158,11 +153,8 @@ def test_participants_of_both_conditions_are_compared_with_themselves(tmp_path):
     session(tmp_path, "P99", "cue", [met(0, 100.0)])  # did one condition only
     found = study.compare_groups(study.collect_sessions([tmp_path]))
     right, time = found[:2]
-    assert (
-        right.paired
-        and right.left_out == 1
-        and len(right.first.means) == len(right.second.means) == 12
-    )
+    assert right.paired and right.left_out == 1
+    assert len(right.first.means) == len(right.second.means) == 12
     own = time.second.means - time.first.means
     assert time.difference.value == pytest.approx(own.mean()) and time.p == pytest.approx(2 / 2**12)
     assert time.difference.high < 0
@@ -199,9 +191,8 @@ def test_a_blinded_study_shows_letters_until_it_is_unblinded(tmp_path):
     assert {one.first.label for one in blind.comparisons} == {"A"}
     shown = csv.DictReader(io.StringIO(blind.table.read_text(encoding="utf-8")))
     rows = list(shown)
-    assert not {"group", "cue", "cue_ms", "session"} & set(shown.fieldnames or []) and {
-        row["compared"] for row in rows
-    } == {"A", "B"}
+    assert not {"group", "cue", "cue_ms", "session"} & set(shown.fieldnames or [])
+    assert {row["compared"] for row in rows} == {"A", "B"}
     html = blind.page.read_text(encoding="utf-8").split("<body>")[1]
     assert "control" not in html and "P00-cue" not in html and "control" not in blind.text
     again = study.write_study([base], tmp_path / "again")
@@ -246,10 +237,7 @@ def test_six_pairs_can_never_be_clear_over_four_outcomes():
     holm = multiplicity.holm_test({str(i): found.smallest_p for i in range(4)})
     assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
     text = study.describe_plan(found)
-    assert (
-        "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text
-        and "no result can be clear" in text
-    )
+    assert "the smallest p is 0.0312; after Holm over 4 comparisons 0.125: no result" in text
 
 
 def test_an_effect_needs_more_and_a_smaller_one_more_still():

@@ -151,18 +151,12 @@ def test_commands_lead_where_crtks_table_says(begin, number):
 
 def test_a_pedal_is_held_by_somebody_or_comes_up():
     state = driven()
-    assert (
-        settled(state, ms=IDLE_MS) == "ENABLED"
-        and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
-        and state.why == "idle"
-    )
+    assert settled(state, ms=IDLE_MS) == "ENABLED" and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
+    assert state.why == "idle"
     state = driven()
     state.servo(100.0)
-    assert (
-        settled(state, ms=350.0) == "ENABLED"
-        and settled(state, ms=351.0) == "PAUSED"
-        and state.why == "silence"
-    )
+    assert settled(state, ms=350.0) == "ENABLED" and settled(state, ms=351.0) == "PAUSED"
+    assert state.why == "silence"
     state = driven()
     assert settled(state, connected=False) == "PAUSED" and state.why == "nobody"
     state = driven()
@@ -186,16 +180,13 @@ def test_every_message_comes_back_from_its_bytes(ros):
     for name, message in told:
         again = types.decode(types.encode(message), messages.kind_of(name))
         if name == "arm2/measured_js":
-            assert (
-                messages.stamp_ns(again.header) == row.stamp_ns
-                and again.header.frame_id == "arm2_base"
-            )
+            assert messages.stamp_ns(again.header) == row.stamp_ns
+            assert again.header.frame_id == "arm2_base"
             assert list(again.position) == pytest.approx(YAML["green"][0], abs=1e-6)
         if name == "ravenstate":  # degrees, the insertion too, as raven2 multiplies everything
             assert again.jpos[2] == pytest.approx(math.degrees(0.4002), rel=1e-5)
-            assert (
-                again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5) and again.jpos[3] == 0
-            )
+            assert again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5)
+            assert again.jpos[3] == 0
             assert list(again.pos[:3]) == pytest.approx([-77850, -24120, 14340], abs=400)
     with pytest.raises(ValueError, match="JointState"):
         types.decode(b"\0\1\0\0\7", ros_types.JOINT_STATE)
@@ -258,10 +249,8 @@ def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
         force, torque = again.wrench.force, again.wrench.torque
         assert (force.x, force.y, force.z) == tuple(-one for one in DOCUMENTED[arm](*felt[arm]))
         assert (torque.x, torque.y, torque.z) == (0, 0, 0)
-        assert (
-            messages.stamp_ns(again.header) == row.stamp_ns
-            and again.header.frame_id == f"{name}_base"
-        )
+        assert messages.stamp_ns(again.header) == row.stamp_ns
+        assert again.header.frame_id == f"{name}_base"
 
 
 def test_a_servo_command_becomes_increments_that_add_up():
