@@ -372,9 +372,8 @@ class Hub:
         )
 
     def _announce_seat(self) -> None:
-        for client in self._clients:
-            if client.role == "watcher":
-                client.send_soon({"type": "seat", "free": self._seat_is_free()})
+        for client in (client for client in self._clients if client.role == "watcher"):
+            client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
     def _take(self, client: Client, message: str | bytes) -> None:
         if not client.admits():

@@ -387,14 +387,11 @@ class PacketRobot(SimulatedRobot):
 
     def tick(self, packet: Packet | None) -> Frame:
         """Advance by one tick with a packet or None. Returns the same frame each time."""
-        if packet is not None:
-            leaves = tree.tree_leaves(packet)
-            for entering in self.packets:
-                for place, number in zip(entering, leaves, strict=True):
-                    place[0] = number
-        else:
-            for entering in self.packets:
-                entering[0][0] = 0  # received
+        for entering in self.packets:
+            # Without a packet, only its flag "received" changes.
+            leaves = [0] if packet is None else tree.tree_leaves(packet)
+            for place, number in zip(entering, leaves, strict=packet is not None):
+                place[0] = number
         self.step()
         self.frame.row[: self.row.size] = self.row
         self._estop_hold.apply(self.frame.row)

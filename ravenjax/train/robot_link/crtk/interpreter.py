@@ -120,9 +120,8 @@ class SetpointFollower:
 
     def aim(self, target: Setpoint) -> bool:
         """Set the target. Return False if it is too far away, or the pedal is up."""
-        if self.sum is None:
-            return False
-        if np.linalg.norm(target.position_um - self.sum.position_um) > FARTHEST_UM:
+        at = self.sum
+        if at is None or np.linalg.norm(target.position_um - at.position_um) > FARTHEST_UM:
             return False
         self.target = target
         return True
@@ -289,15 +288,11 @@ class OperatingState:
             elif self._clutched and self.state == "PAUSED":
                 self._press(now_ms)
 
-    def servo(self, now_ms: float) -> None:
-        """Record that a servo command came."""
-        self._servo_ms = self._word_ms = now_ms
-        self._streams = True
-
-    def word(self, now_ms: float) -> None:
-        """Record that another, single command of motion came."""
-        self._word_ms = now_ms
-        self._streams = False
+    def moved(self, streams: bool, now_ms: float) -> None:
+        """Record that a command of motion came. streams: a servo command, not a single one."""
+        self._word_ms, self._streams = now_ms, streams
+        if streams:
+            self._servo_ms = now_ms
 
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
@@ -415,7 +410,9 @@ class Interpreter:
                 self._want_pedal(pressed and not self._present)
                 self._present = pressed
         else:
-            self._move(self._arms[place], word, message, now_ms)
+            self.state.moved(word != "move_jp", now_ms)
+            if why := self._why_not(self._arms[place], word, message, now_ms):
+                self._refuse(f"{word}: {why}")
 
     def _command(self, word: str, now_ms: float) -> None:
         try:
@@ -431,11 +428,6 @@ class Interpreter:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(REASONS["rival"])
-
-    def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
-        (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
-        if why := self._why_not(arm, word, message, now_ms):
-            self._refuse(f"{word}: {why}")
 
     def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
@@ -557,21 +549,19 @@ class Interpreter:
             header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
             cue = force if self.state.drives else np.zeros(3)
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
-            pose, pose_d = (
-                types.message(ros_types.POSE, header, to_base(arm.name, *reached))
-                for reached in (place, place_d)
-            )
-            twist = base @ linear, base @ angular
             words = {
                 "measured_js": types.joint_state(header, JOINTS, jpos, jvel),
                 "setpoint_js": types.joint_state(header, JOINTS, jpos_d),
                 "jaw/measured_js": types.joint_state(header, ("jaw",), (grasp,), (rate,)),
                 "jaw/setpoint_js": types.joint_state(header, ("jaw",), (grasp_d,)),
-                "measured_cp": pose,
-                "setpoint_cp": pose_d,
-                "measured_cv": types.message(ros_types.TWIST, header, twist),
-                "cue_cf": types.message(ros_types.WRENCH, header, (base @ cue, np.zeros(3))),
             }
+            for word, kind, content in (
+                ("measured_cp", ros_types.POSE, to_base(arm.name, *place)),
+                ("setpoint_cp", ros_types.POSE, to_base(arm.name, *place_d)),
+                ("measured_cv", ros_types.TWIST, (base @ linear, base @ angular)),
+                ("cue_cf", ros_types.WRENCH, (base @ cue, np.zeros(3))),
+            ):
+                words[word] = types.message(kind, header, content)
             if self._contact:
                 # Like CRTK's `servo_cf`, this is the robot's force on its environment, so it is
                 # opposite to the force on the instrument. Subtracting from zero avoids -0.
@@ -589,8 +579,7 @@ class Interpreter:
                 "ori": place[1].ravel(),
                 "ori_d": place_d[1].ravel(),
                 "grasp_d": np.array([grasp_d]),
-                "jac_vel": np.array([*linear, *angular]),
-                "jac_f": np.array([*linear, *angular]),
+                **dict.fromkeys(("jac_vel", "jac_f"), np.array([*linear, *angular])),
             }
         if types.ros == "ros1":
             state = {

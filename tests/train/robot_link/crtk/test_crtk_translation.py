@@ -154,7 +154,7 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
     assert settled(state, ms=IDLE_MS) == "ENABLED" and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
     assert state.why == "idle"
     state = driven()
-    state.servo(100.0)
+    state.moved(True, 100.0)
     assert settled(state, ms=350.0) == "ENABLED" and settled(state, ms=351.0) == "PAUSED"
     assert state.why == "silence"
     state = driven()
