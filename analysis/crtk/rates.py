@@ -49,7 +49,7 @@ def main() -> None:
         program = PEERS / ("dds_peer.py" if ros == "ros2" else "ros1_peer.py")
         before = os.getloadavg()[0]
         peer = subprocess.run(
-            [python, str(program), "soak", seconds],
+            [python, str(program), str(Path(__file__).with_name("soak.py")), seconds],
             stdout=subprocess.PIPE,
             text=True,
             env=environ,

@@ -85,7 +85,8 @@ def _take(
         role, _, url = line.partition(": ")
         if role in ROLES:
             urls[role] = url.strip()
-        if len(urls) == len(ROLES):
+        # Before that, the page only asks to wait.
+        if role == "realtime":
             break
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(

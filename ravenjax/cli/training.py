@@ -39,7 +39,7 @@ def train(
     headless: Switch = False,
     linger: float | None = None,
     host: str = "127.0.0.1",
-    port: int = 8080,
+    port: Port = 8080,
     token: str | None = None,
     instructor_token: str | None = None,
     itp_port: int | None = None,
@@ -98,40 +98,44 @@ def train(
 
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
-    console.print_text(f"{scenario}: the session is being prepared; the first time takes longest")
     with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
+            from ravenjax.train import page as pages
             from ravenjax.train.processes import SessionHelpers
 
-            # The helper processes do their imports at the same time as this one.
-            helpers = SessionHelpers(stack, page)
+            # The page answers at once. The helper processes do their imports beside this one.
+            listening = None
+            if page:
+                token, instructor_token = pages.choose_tokens(host, token, instructor_token)
+                listening = pages.open_port(host, port, token, instructor_token, console.print_text)
+            helpers = SessionHelpers(stack, listening)
+            beginning = f"{scenario}: the session is being prepared; the first time takes longest"
+            helpers.wait_for(beginning, console.print_text)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
         interruption.check_interruption()
         setting = scenarios.load_scenario(scenario, overrides or ())
         drawn_by = setting.seed if seed is None else seed
-        options = launch.with_tokens(
-            launch.SessionOptions(
-                scenario=setting,
-                folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
-                seed=drawn_by,
-                participant=participant,
-                group=group,
-                cue=cue,
-                blinded=blinded,
-                host=host,
-                port=port,
-                token=token,
-                instructor_token=instructor_token,
-                script=script,
-                itp_port=itp_port,
-                console=console_profile,
-                console_host=console_host,
-                robot=robot,
-                crtk=crtk,
-            )
+        options = launch.SessionOptions(
+            scenario=setting,
+            folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+            seed=drawn_by,
+            participant=participant,
+            group=group,
+            cue=cue,
+            blinded=blinded,
+            host=host,
+            port=port,
+            token=token,
+            instructor_token=instructor_token,
+            script=script,
+            itp_port=itp_port,
+            console=console_profile,
+            console_host=console_host,
+            robot=robot,
+            crtk=crtk,
         )
         if headless:
             result = launch.run_headless(options, console.print_text)
@@ -247,14 +251,10 @@ def play(
 
 @study.default
 def compare(
-    folders: list[Path],
-    *,
-    out: Path = Path("results/study"),
-    by: str | None = None,
-    unblind: Switch = False,
-    mixed: Switch = False,
+    folders: list[Path], *, out: Path = Path("results/study"), unblind: Switch = False
 ) -> None:
-    """Compare groups of training sessions, with effect sizes and intervals.
+    """Compare groups of training sessions, or with and without the cue, with effect sizes and
+    intervals.
 
     Parameters
     ----------
@@ -262,16 +262,12 @@ def compare(
         Session folders, or folders of session folders.
     out
         folder of the comparison
-    by
-        what makes the groups: group, cue; default group, else cue
     unblind
         show the groups' names instead of A and B
-    mixed
-        let sessions of several scenarios or versions in
     """
-    from ravenjax.train.study import page
+    from ravenjax.train import study as studies
 
-    result = page.write_study(folders, out, by, unblind=unblind, mixed=mixed)
+    result = studies.write_study(folders, out, unblind)
     console.print_text(result.text.rstrip())
     console.print_text(f"study: {result.page}")
 
@@ -282,7 +278,6 @@ def assign(
     *,
     groups: Annotated[list[str], Parameter(consume_multiple=True)] = ["on", "off"],  # noqa: B006
     seed: int = 0,
-    block: int | None = None,
 ) -> None:
     """Assign participants to groups at random, balanced in blocks; prints CSV.
 
@@ -292,15 +287,13 @@ def assign(
         Their codes, in the order in which they come.
     groups
         names of the groups
-    block
-        participants of a block; default twice the groups
     """
+    from ravenjax.train import study as studies
     from ravenjax.train.recording.reader import as_csv
-    from ravenjax.train.study import design
 
-    drawn = design.assign_groups(participants, groups, seed, block)
+    drawn = studies.assign_groups(participants, groups, seed)
     rows = (assignment._asdict() for assignment in drawn)
-    console.print_text(as_csv(design.Assignment._fields, rows).rstrip())
+    console.print_text(as_csv(studies.Assignment._fields, rows).rstrip())
 
 
 @study.command
@@ -308,10 +301,7 @@ def plan(
     participants: int,
     *,
     paired: Annotated[bool, Parameter(negative="--parallel")] = True,
-    groups: int = 2,
-    outcomes: int = 4,
     effect: float | None = None,
-    power: float = 0.8,
 ) -> None:
     """Show what a number of participants can prove: the smallest p, and how many are needed.
 
@@ -321,21 +311,12 @@ def plan(
         How many, all together.
     paired
         each does both conditions, or one of them
-    groups
-        how many; each is compared with the first
-    outcomes
-        compared of each; the four of `study`
     effect
-        standardised difference to be found
-    power
-        with which probability it is to be found
+        standardised difference to be found with a power of 0.8
     """
-    from ravenjax.train.study import design
+    from ravenjax.train import study as studies
 
-    sizes = design.plan_study(
-        participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
-    )
-    console.print_text(design.describe_plan(sizes))
+    console.print_text(studies.describe_plan(studies.plan_study(participants, paired, effect)))
 
 
 @log.command

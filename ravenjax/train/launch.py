@@ -9,9 +9,8 @@ The page and the recorder never make the realtime loop wait. Both end with the r
 
 import contextlib
 import dataclasses
+import itertools
 import re
-import secrets
-import socket
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -28,8 +27,7 @@ from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
-from ravenjax.train.judge.episode import COLUMNS
-from ravenjax.train.page import is_loopback
+from ravenjax.train.judge import COLUMNS
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol import Command, Event, Json, Say
 from ravenjax.train.realtime import clock, loop
@@ -44,8 +42,7 @@ from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_w
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.simulation import SimulatedRobot
+from ravenjax.train.session.simulation import Blueprint, SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
@@ -98,18 +95,23 @@ def run_realtime(
     """Run a session against the clock.
 
     linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
-    both the session and the page. helpers: processes that were started in advance, with a page
-    if `with_page` is true; None: they are started now.
+    both the session and the page. helpers: processes that were started in advance, with the tokens
+    of `options`; None: they are started now, with a page if `with_page` is true.
     """
     began = time.monotonic()
-    if with_page:
-        _require_address(options.host, options.port)
     profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
-    options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
+        if helpers is None:
+            listening = None
+            if with_page:
+                host = options.host
+                token, key = page.choose_tokens(host, options.token, options.instructor_token)
+                options = dataclasses.replace(options, token=token, instructor_token=key)
+                listening = page.open_port(host, options.port, token, key, say)
+            helpers = SessionHelpers(stack, listening)
+        options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
-        helpers = SessionHelpers(stack, with_page) if helpers is None else helpers
-        say("robot: being compiled, or read from the cache")
+        helpers.wait_for("robot: its tick is being compiled, or read from the cache", say)
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
         )
@@ -124,17 +126,27 @@ def run_realtime(
         commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
         for ring in (frames, events, commands):
             stack.callback(ring.close)
-        helpers.recorder.begin(
+        helpers.recorder.tell(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
         browser: loop.PageCommands | None = None
-        port = 0
         if helpers.page is not None:
-            say("page: its scene is being loaded")
-            port = _open_page(
-                helpers.page, options, session, header, (frames, events, commands), say
+            helpers.wait_for("page: its scene is being loaded", say)
+            helpers.page.tell(
+                page.PageOptions(
+                    frames.name,
+                    events.name,
+                    commands.name,
+                    session.arms,
+                    header,
+                    str(options.folder.absolute()),
+                    options.host,
+                    options.token,
+                    options.instructor_token,
+                )
             )
+            helpers.page.answer()
             browser = loop.PageCommands(commands, drives=options.script is None)
         elsewhere = options.robot is not None
         consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
@@ -166,49 +178,22 @@ def run_realtime(
             wish = None
             while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                wish = _wish(browser, say)
-            result = dataclasses.replace(result, wish=wish, port=port)
+                # The page checks that the scenario exists.
+                wish = next((one for one in browser.poll() if one.get("do") == "next"), None)
+            result = dataclasses.replace(result, wish=wish, port=helpers.port)
     return result
-
-
-def with_tokens(options: SessionOptions) -> SessionOptions:
-    """Return the options with random tokens in place of those that are needed but not given."""
-    token = options.token
-    if token is None and not is_loopback(options.host):
-        token = secrets.token_urlsafe(24)
-    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
-    return dataclasses.replace(options, token=token, instructor_token=instructor_token)
 
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     """Return the options of the session that the instructor requested, beside the last one."""
     wish = last.wish or {}
-    name = wish.get("scenario")
-    setting = options.scenario if name is None else scenario.load_scenario(name)
-    participant = wish.get("participant", options.participant)
-    seed = wish.get("seed", setting.seed)
-    return dataclasses.replace(
-        options,
-        scenario=setting,
-        participant=participant,
-        seed=seed,
-        folder=fresh_folder(setting.name, participant, seed, options.folder.parent),
-        port=last.port or options.port,
-    )
-
-
-def _wish(said: loop.PageCommands, say: Say) -> Command | None:
-    """Return the request for the next session, or None; report a scenario that does not exist."""
-    for command in said.poll():
-        if (command["type"], command.get("do")) == ("instructor", "next"):
-            try:
-                if "scenario" in command:
-                    scenario.load_scenario(command["scenario"])
-            except UserError as error:
-                say(f"the next session cannot start: {error}")
-            else:
-                return command
-    return None
+    setting = options.scenario
+    if "scenario" in wish:
+        setting = scenario.load_scenario(wish["scenario"])
+    who, seed = wish.get("participant", options.participant), wish.get("seed", setting.seed)
+    folder = fresh_folder(setting.name, who, seed, options.folder.parent)
+    more = {"scenario": setting, "participant": who, "seed": seed, "folder": folder}
+    return dataclasses.replace(options, **more, port=last.port or options.port)
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
@@ -261,21 +246,20 @@ def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
 
     Raises UserError if no folder can be created.
     """
-    folder, number = options.folder, 1
-    try:
-        while True:
-            with contextlib.suppress(FileExistsError):
-                folder.mkdir(parents=True)
-                break
-            number += 1
-            folder = options.folder.with_name(f"{options.folder.name}-{number}")
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in which"
-            " you may write"
-        ) from None
-    if number > 1:
-        say(f"{options.folder} exists already; the session is written to {folder}")
+    wanted = folder = options.folder
+    for number in itertools.count(2):
+        try:
+            folder.mkdir(parents=True)
+            break
+        except FileExistsError:
+            folder = wanted.with_name(f"{wanted.name}-{number}")
+        except OSError as error:
+            raise UserError(
+                f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in"
+                " which you may write"
+            ) from None
+    if folder != wanted:
+        say(f"{wanted} exists already; the session is written to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
@@ -286,8 +270,8 @@ def _remove_if_empty(folder: Path) -> None:
 
 def _header(options: SessionOptions, session: Session) -> Json:
     setting = options.scenario
-    given = {"page": True, "itp": options.itp_port is not None, "crtk": options.crtk is not None}
-    consoles = [name for name in given if given[name]]
+    network = {"itp": options.itp_port, "crtk": options.crtk}
+    consoles = ["page", *(name for name, given in network.items() if given is not None)]
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -319,7 +303,7 @@ def _robot(
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
     if options.robot is None:
         return SimulatedRobot
-    host, (itp_port, stream) = parse_address(options.robot)
+    host, itp_port, stream = parse_address(options.robot)
 
     def connected(made: Blueprint) -> DistantRobot:
         say(f"robot: waiting for an answer from {host}")
@@ -354,77 +338,21 @@ def _robot(
     return connected
 
 
-def parse_address(text: str) -> tuple[str, tuple[int, int | Ros]]:
-    """Parse HOST[:ITP_PORT[:JOINT_PORT]] into the host and the ports of ITP and the joint stream.
+def parse_address(text: str) -> tuple[str, int, int | Ros]:
+    """Parse HOST[:ITP_PORT[:JOINT_PORT]]. In place of JOINT_PORT, "ros1" or "ros2" is allowed.
 
-    In place of JOINT_PORT, "ros1" or "ros2" is allowed. Raises UserError if the text is invalid.
+    Raises UserError if the text is invalid.
     """
-    host, *ports = text.split(":")
-    ros: Ros | None = next((name for name in get_args(Ros) if ports[1:] == [name]), None)
-    numbers = ports[:1] if ros else ports
-    if (
-        not host
-        or len(ports) > 2
-        or not all(port.isdecimal() and int(port) < 65536 for port in numbers)
-    ):
+    parts = re.fullmatch(r"([^:]+)(?::(\d{1,5})(?::(\d{1,5}|ros1|ros2))?)?", text)
+    if parts is None:
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
             " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
             " replaces JOINT_PORT"
         )
-    itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
-    return host, (itp, joint if ros is None else ros)
-
-
-def _open_page(
-    serving: processes.Helper,
-    options: SessionOptions,
-    session: Session,
-    header: Json,
-    rings: tuple[Ring, Ring, Ring],
-    say: Say,
-) -> int:
-    """Start the page in its process, print the addresses of both roles, and return its port."""
-    page_options = page.PageOptions(
-        frames=rings[0].name,
-        events=rings[1].name,
-        commands=rings[2].name,
-        arms=session.arms,
-        header=header,
-        folder=str(options.folder.absolute()),
-        host=options.host,
-        port=options.port,
-        token=options.token,
-        instructor_token=options.instructor_token,
-    )
-    serving.begin(page_options)
-    port = serving.answer()
-    if options.port not in (0, port):
-        say(f"port {options.port} is in use: the page is at port {port}")
-    token_query = f"&token={options.token}" if options.token else ""
-    host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
-    url = f"http://{host}:{port}/?role="
-    say(f"operator: {url}operator{token_query}")
-    say(f"instructor: {url}instructor{token_query}&instructor_token={options.instructor_token}")
-    return port
-
-
-def _require_address(host: str, port: int) -> None:
-    """Raise UserError if the page cannot listen here: viser would wait forever."""
-    try:
-        addresses = socket.getaddrinfo(
-            host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-        for family, kind, protocol, _, address in addresses:
-            with socket.socket(family, kind, protocol) as probe:
-                probe.bind(address)
-    except OSError as error:
-        raise UserError(
-            f"host is {host!r}, where the page cannot listen ({error}); give an address of this"
-            " machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
-        ) from None
-    if not 0 <= port <= 65535:
-        raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
+    host, itp, stream = parts.groups()
+    ros: Ros | None = next((name for name in get_args(Ros) if name == stream), None)
+    return host, int(itp or UDP_PORT), ros or int(stream or JOINT_PORT)
 
 
 def _conclude(

@@ -4,15 +4,14 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import socket
 from collections.abc import Callable
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from ravenjax.errors import UserError
 from ravenjax.train import page, recording
-from ravenjax.train.realtime import clock
 
 STARTING_S = 60.0
 """The longest time that the page or the recorder may take to start or to answer."""
@@ -21,14 +20,16 @@ STARTING_S = 60.0
 class Helper:
     """A process that does its imports before its options are known."""
 
-    def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
+    def __init__(
+        self, stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
+    ) -> None:
         """target: receives its options through the connection, and may answer through it."""
         self.answers, theirs = multiprocessing.Pipe()
         stack.callback(self.answers.close)
-        self.process = spawn_process(stack, target, theirs)
+        self.process = spawn_process(stack, target, theirs, *given)
         theirs.close()
 
-    def begin(self, options: Any) -> None:
+    def tell(self, options: Any) -> None:
         """Send the process its options. Raises UserError if the process has ended."""
         try:
             self.answers.send(options)
@@ -55,13 +56,26 @@ class Helper:
 class SessionHelpers:
     """The page and the recorder, started before the session imports anything else."""
 
-    def __init__(self, stack: contextlib.ExitStack, with_page: bool) -> None:
-        """stack: ends the processes."""
-        self.page = Helper(stack, page.run_when_told) if with_page else None
+    def __init__(self, stack: contextlib.ExitStack, listening: socket.socket | None) -> None:
+        """stack: ends the processes. listening: of `page.open_port`; None: there is no page."""
+        self.page, self.port = None, 0
+        if listening is not None:
+            # Only the page's process keeps the port.
+            with listening:
+                self.port = listening.getsockname()[1]
+                self.page = Helper(stack, page.run_when_told, listening)
         self.recorder = Helper(stack, recording.run_when_told)
+
+    def wait_for(self, what: str, say: Callable[[str], None]) -> None:
+        """Say, in the terminal and on the page, what the session waits for."""
+        say(what)
+        if self.page is not None:
+            self.page.tell(what)
 
     def keep_away(self) -> None:
         """Move both processes off the CPU of the realtime loop."""
+        from ravenjax.train.realtime import clock
+
         cpus = clock.other_cpus()
         for helper in (self.recorder, self.page):
             if cpus and helper is not None:
@@ -71,14 +85,12 @@ class SessionHelpers:
 
 
 def spawn_process(
-    stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
+    stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
     """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
     # As python -P: a file such as tempfile.py in the current folder is no module of the process.
     os.environ["PYTHONSAFEPATH"] = "1"
-    process = multiprocessing.get_context("spawn").Process(
-        target=target, args=(given,), daemon=True
-    )
+    process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The
     # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()

@@ -1,84 +1,16 @@
 """Defines what a session's parts exchange: frames, commands, events, and the scene in numbers.
 
-**Frames.** A frame is one millisecond of a session as a row of named float32 numbers. The page, the
-recording and the judge read frames. `channels.toml` lists the names. Whole numbers stay below 2^24,
-which float32 holds exactly: four and a half hours of ticks. Lengths are m and angles rad unless a
-suffix says otherwise. `tip`, `position` and `force` are in the arm's frame 0.
+A *frame* is one millisecond of a session as a row of named float32 numbers, for the page, the
+recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, which
+float32 holds exactly: four and a half hours of ticks. Lengths are m and angles rad unless a suffix
+says otherwise. `tip`, `position` and `force` are in the arm's frame 0.
 
-The golden run restarts from the robot's state whenever a hazard is armed.
+*Commands* and *events* are plain dicts, sent as JSON; docs/how-to/training-messages.md lists them.
+The session takes the commands that have arrived at the beginning of a tick, so it depends only on
+a list of (tick, command).
 
-**The scene** is in plain numbers, for code that runs every millisecond. It has the arms' frames,
-the axes of consoles, and the tissue, as in `geometry.scene` and `geometry.mapping`. It also has
-where the jaws close, which a person takes for the tip of an instrument. The software's tip is the
-axis of the jaws.
-
-**Commands and events** are plain dicts, sent as JSON. Commands come from consoles and instructors.
-They reach the session at any rate through a ring in shared memory, one JSON object each. The
-session takes those that have arrived at the beginning of a tick, so it depends only on a list of
-(tick, command).
-
-    {"type": "input", "source": "keyboard", "pedal": true,
-     "arms": {"gold": {"move": [x, y, z], "turn": [x, y, z], "grasp": g}}}
-
-The operator's hands now. The input holds until the next one, and is stale after `STALE_MS` without
-any. `move` and `turn` are speeds along and about the axes of the *view* (`VIEW`), cut to length 1.
-`grasp` -1 opens, 1 closes. An arm that is left out stays still.
-
-    {"type": "increments", "source": "itp", "pedal": true,
-     "arms": {"gold": {"delta_um": [x, y, z], "quat": [x, y, z, w], "grasp_mrad": g}}}
-
-Increments of a console since its last message, in the ITP frame, scaled as the robot takes them.
-They are applied once, and stale after `STALE_MS`.
-
-    {"type": "operator", "do": DO, "by": ROLE}
-
-DO: estop, restart, rehearse, reengage, discard, note (with "text"). `by` is "instructor" or
-"watcher" if a window of that role sends it. Such a command never counts as the operator's response.
-
-    {"type": "instructor", "do": DO}
-
-DO: start (the session's time), arm (with "hazard", its number), disarm, pause, resume, reset, end,
-cue (with "on"). "end" from the terminal has "by": "terminal". After the session, next (with
-"participant", "scenario", "seed", all optional) requests another one in its place.
-
-    {"type": "seat", "do": DO, "by": ROLE}
-
-Who drives, see `session.console_arbiter`. DO: take (for the sending console), give (with "to", one
-of `CONSOLES`), left (the sending console is gone).
-
-    {"type": "unheard", "why": WHY}
-
-The packet filter refuses everything from a network console; "": it accepts it again. With "once":
-true, one message was not followed.
-
-"input", "increments", "seat" and "unheard" have a "console", one of `CONSOLES` except the first.
-The channel through which they come adds it. Messages without it are a script's.
-
-Events have "tick" (ms since the session began, without pauses) and "kind":
-
-- phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel).
-- owner (console, by): who drives now, by "pedal", "operator", "instructor", "left" or "silent".
-- refused (console, why): a console may not drive, or its pedal does not count; "": it counts again.
-- rearm (why): the pedal must be lifted before it drives again.
-- started (by): the session's time runs, by "pedal" or "instructor".
-- alarm (check, count): a check raised an alarm or stopped the robot; with "virtual": true, the
-  virtual one during a trial.
-- alarm_count (check, count): it keeps tripping.
-- hazard_armed (number, row: the columns of hazards.csv known by then), hazard_struck (number).
-- knowable (number, by, ms), cue (number or -1, arm).
-- stopped, flagged, limited (number, check, ms): first check with this kind of response.
-- unintended_motion, loss_of_motion, false_report (number, arm, mm): over the limit for the first
-  time; loss_of_motion (number, halted_ms): out of pedal-down for too long.
-- response (number, what, ok, ms), interrupted (number, by): others cut the hazard off.
-- hazard_over (number, check_response, motion_hazard, halted, outcome, score).
-- hazard_row (row): the row of hazards.csv, for a recording that is cut short.
-- level (level, of, title, within_s, in_a_row, needs, took_ms, within): the operator's level, from
-  1, its requirements, and the time of the last round, null before the first.
-- target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text).
-- end (reason): "time", "task", "instructor" or "interrupted" (at the terminal).
-
-`number` is that of the hazard in session.json. In "cue" it is -1 if no hazard is active or the
-golden run has had the cue, too. `ravenjax.outcomes` defines the terms for checks and motion.
+The *scene* is in plain numbers, for code that runs every millisecond. It has where the jaws close,
+which a person takes for the tip of an instrument. The software's tip is the axis of the jaws.
 """
 
 from __future__ import annotations
@@ -148,9 +80,6 @@ VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
 """Right, up and toward the operator in the world (z up, gold arm at negative x)."""
 encode = json.JSONEncoder(separators=(",", ":")).encode
 """Returns a command or an event as JSON text."""
-OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
-INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
-SEAT = ("take", "give", "left")
 # The limit of 1e9 keeps whole numbers exact and squares finite.
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -346,14 +275,13 @@ def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) ->
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
     """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
-    middle = jaw_direction(arm, jpos)
-    out = []
-    for angle in (-jpos[5], jpos[6]):
-        way = jaw_direction(arm, (*jpos[:5], -angle, angle))
-        out.append(
-            tuple(c + JAW_LENGTH * (a - b) for c, a, b in zip(closing, way, middle, strict=True))
-        )
-    return out[0], out[1]
+    middle = closing_point(arm, (0.0, 0.0, 0.0), jpos)
+    base = [c - m for c, m in zip(closing, middle, strict=True)]
+    left, right = -jpos[5], jpos[6]
+    return (
+        closing_point(arm, base, (*jpos[:5], -left, left)),
+        closing_point(arm, base, (*jpos[:5], -right, right)),
+    )
 
 
 def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:

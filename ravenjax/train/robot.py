@@ -14,7 +14,6 @@ from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
-from ravenjax.robots.raven2.campaign.sections import Start
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.robots.raven2.console.packet import U_STRUCT, UDP_PORT, V_STRUCT, Packet

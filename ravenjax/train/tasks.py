@@ -66,8 +66,9 @@ class Wish(NamedTuple):
 class Task:
     """A task under way; call `step` once a tick. This base class has no goals and is never done."""
 
-    def __init__(self, kind: str, field: Field) -> None:
-        self.kind, self._field = kind, field
+    def __init__(self, settings: Any, field: Field) -> None:
+        """settings: the scenario's [task]."""
+        self.settings, self._field, self._arms = settings, field, field.arms
         self.done = False
         self.target = -1
         """Number of the present goal; -1: none."""
@@ -104,12 +105,12 @@ class Task:
     def geometry(self) -> Json:
         """Return JSON of what the page draws, m, world. `turns`: the arms, and how many turns."""
         empty = dict.fromkeys(("object", "path", "turns"))
-        return {"kind": self.kind, "targets": [], "pegs": []} | empty
+        return {"kind": self.settings.kind, "targets": [], "pegs": []} | empty
 
     def result(self) -> Json:
         """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
         return {
-            "kind": self.kind,
+            "kind": self.settings.kind,
             "progress": round(self.progress, 4),
             "done": self.done,
             "score": round(100.0 * self._score(), 1),
@@ -139,8 +140,7 @@ class PathTask(Task):
     """One arm follows the line. Two arms take turns, lap by lap."""
 
     def __init__(self, settings: Path, field: Field) -> None:
-        super().__init__("path", field)
-        self.settings, self._arms = settings, field.arms
+        super().__init__(settings, field)
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
         self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
@@ -213,8 +213,7 @@ class PegTask(Task):
     """
 
     def __init__(self, settings: PegTransfer, field: Field) -> None:
-        super().__init__("peg_transfer", field)
-        self.settings, self._arms = settings, field.arms
+        super().__init__(settings, field)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
         self.pegs: list[Point] = []
         for row, k in itertools.product(range(2), range(per_row)):
@@ -313,8 +312,7 @@ class ReachTask(Task):
     """Targets in a box over the tissue. Two arms take turns."""
 
     def __init__(self, settings: Reach, field: Field) -> None:
-        super().__init__("reach", field)
-        self.settings = settings
+        super().__init__(settings, field)
         rng = np.random.default_rng([field.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
         before = dict(field.begin)
@@ -365,8 +363,7 @@ class LevelsTask(Task):
     """
 
     def __init__(self, settings: Levels, field: Field) -> None:
-        super().__init__("levels", field)
-        self.settings = settings
+        super().__init__(settings, field)
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
@@ -395,9 +392,8 @@ class LevelsTask(Task):
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
     def _judge(self, tick: int) -> None:
-        assert self._begun is not None
         level, levels = self._level, len(self.settings.level)
-        took = tick - self._begun
+        took = tick - (self._begun or 0)
         within = took <= 1000.0 * self.settings.level[level].within_s
         self._rounds_ms[level].append(took)
         self._in_a_row = self._in_a_row + 1 if within else 0
@@ -470,14 +466,10 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
     x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     field = Field(tuple(arms), begin, (x, y), seed)
-    match settings:
-        case Reach():
-            return ReachTask(settings, field)
-        case PegTransfer():
-            return PegTask(settings, field)
-        case Path():
-            return PathTask(settings, field)
-        case Levels():
-            return LevelsTask(settings, field)
-        case _:
-            return Task("free", field)
+    kinds: dict[type, type[Task]] = {
+        Reach: ReachTask,
+        PegTransfer: PegTask,
+        Path: PathTask,
+        Levels: LevelsTask,
+    }
+    return kinds.get(type(settings), Task)(settings, field)

@@ -1,6 +1,5 @@
 """Measures how well this machine keeps time: in an empty loop, and in a session."""
 
-import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -24,7 +23,7 @@ EMPTY, SESSION = "empty", "session"
 
 
 def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
-    """Time an empty loop, then a session with recorder and page, driven by recorded commands."""
+    """Time an empty loop, then a session with recorder and page, driven by a script."""
     setting = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
     with clock.use_realtime_priority(), clock.no_collection():
@@ -33,13 +32,11 @@ def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopT
             paced.wait()
             paced.done()
     measured = {EMPTY: paced.timing}
+    say(f"{SESSION}: {seconds:g} s")
     with tempfile.TemporaryDirectory() as place:
-        driven = launch.SessionOptions(
-            scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
+        options = launch.SessionOptions(
+            scenario=setting, folder=Path(place) / "timed", seed=0, script="none"
         )
-        commands = launch.run_headless(driven).folder / launch.COMMANDS
-        say(f"{SESSION}: {seconds:g} s")
-        options = dataclasses.replace(driven, folder=Path(place) / "timed", script=str(commands))
         finished = launch.run_realtime(options, linger_s=0.0, say=lambda _: None)
         assert finished.timing is not None
         measured[SESSION] = finished.timing

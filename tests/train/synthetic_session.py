@@ -8,7 +8,7 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.episode import COLUMNS, HazardRow
+from ravenjax.train.judge import COLUMNS, HazardRow
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.recording.reader import as_csv
 
@@ -38,46 +38,28 @@ def hazard(
     """
     name = list(NAMES)[number % len(NAMES)]
     first = min((one for one in (cue, alarm, known) if one is not None), default=None)
+    after = {"knowable_ms": known, "cue_ms": cue, "alarm_ms": alarm, "response_ms": response}
     absolute = {
         key: None if value is None or struck is None else struck + value
-        for key, value in (
-            ("knowable_ms", known),
-            ("cue_ms", cue),
-            ("alarm_ms", alarm),
-            ("response_ms", response),
-        )
+        for key, value in after.items()
     }
     values = {
-        "session": "s",
-        "participant": "P1",
-        "group": "cue",
-        "scenario": "synthetic",
-        "seed": "7",
-        "cue": "on",
-        "number": number,
-        "hazard": name,
-        "title": NAMES[name],
-        "arm": "gold",
+        **{"session": "s", "participant": "P1", "group": "cue", "scenario": "synthetic"},
+        **{"seed": "7", "cue": "on", "arm": "gold"},
+        **{"number": number, "hazard": name, "title": NAMES[name]},
         "armed_ms": None if struck is None else struck - 500,
         "struck_ms": struck,
         **absolute,
         "knowable_by": "tip" if known is not None else "",
         "alarm": "overdrive_hard" if alarm is not None else "",
-        "limited_ms": None,
-        "limited": "",
         "check_response": "silent" if alarm is None else "stopped",
         "check_cause": "overdrive_hard" if alarm is not None else "",
         "motion_hazard": "unintended motion" if off > LIMIT_MM else "none",
         "limit_mm": LIMIT_MM,
         "unintended_mm": off,
         "unintended_first_ms": None if off <= LIMIT_MM or struck is None else struck + 200.0,
-        "unintended_off_mm": 0.0,
-        "loss_mm": 0.0,
-        "loss_first_ms": None,
-        "halted_ms": 0.0,
-        "golden_halted_ms": 0.0,
+        **dict.fromkeys(("unintended_off_mm", "loss_mm", "halted_ms", "golden_halted_ms"), 0.0),
         "false_report_mm": 0.2,
-        "false_report_first_ms": None,
         "response": what or ("release" if response is not None else ""),
         "reaction_ms": None if response is None or first is None else response - first,
         "right_response": "release",
@@ -97,13 +79,9 @@ def rows(layout, hazards, seconds):
     time = np.arange(T)
     frame = Frame(layout, np.zeros((T, layout.size), np.float32).T)  # channel by channel
     frame["tick"] = frame["session_tick"] = time
-    frame["runlevel"], frame["surgeon_mode"], frame["pedal"], frame["phase"], frame["live"] = (
-        3,
-        1,
-        1,
-        1,
-        1,
-    )
+    frame["runlevel"] = 3
+    for name in ("surgeon_mode", "pedal", "phase", "live"):
+        frame[name] = 1
     frame["pedal"][:, :400], frame["runlevel"][:, :400], frame["phase"][:, :400] = 0, 2, 0
     frame["live"][:, :400] = 0
     frame["progress"] = np.linspace(0, 0.8, T)
@@ -116,11 +94,8 @@ def rows(layout, hazards, seconds):
             continue
         start, end = int(one.struck_ms), int(one.response_ms or one.struck_ms + 1500)
         after = np.clip((time - start) / max(1, end - start), 0, None)
-        off += (
-            one.unintended_mm
-            * np.where(after < 1, after, np.exp(-(after - 1) * 2))
-            * (time >= start)
-        )
+        shape = np.where(after < 1, after, np.exp(-(after - 1) * 2))
+        off += one.unintended_mm * shape * (time >= start)
         frame["fault_active"][:, start:end] = 1
         frame["hazard"][:, start:end] = one.number
         if one.response_ms is not None:
@@ -155,15 +130,9 @@ def write(folder, table, seconds=8.0, arms=("gold", "green"), recorded=True, **h
             "description": "Six pegs, three hazards",
             "harm": {"excursion_mm": LIMIT_MM, "depth_mm": 5.0},
         },
-        "seed": 7,
-        "participant": "P1",
-        "group": "cue",
-        "cue": True,
-        "blinded": False,
-        "cue_threshold_mm": 3.0,
+        **{"seed": 7, "participant": "P1", "group": "cue", "cue": True, "blinded": False},
+        **{"arms": list(arms), "robot": "virtual", "cue_threshold_mm": 3.0},
         "versions": {"ravenjax": "0.1.0", "numpy": "2"},
-        "arms": list(arms),
-        "robot": "virtual",
         "started": "2026-01-02T03:04:05.000+00:00",
         "ended": "2026-01-02T03:04:13.000+00:00",
         "hazards": [],

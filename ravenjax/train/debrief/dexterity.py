@@ -3,20 +3,7 @@
 The measures use the true tips while the pedal is down and the session runs, resampled at `RATE_HZ`
 and low-passed at `CUTOFF_HZ`. A *stretch* is a period of such time without a gap. A *movement* is
 the part of a stretch between two targets (the whole stretch if there are no targets).
-
-- Path length and economy of motion (straight distances over the path length): Oropesa et al., EVA:
-  laparoscopic instrument tracking based on endoscopic video analysis for psychomotor skills
-  assessment, Surg. Endosc. 27 (2013).
-- Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for
-  quantifying movement smoothness, IEEE Trans. Biomed. Eng. 59 (2012); with the adaptive cut-off of
-  Balasubramanian, Melendez-Calderon, Roby-Brami, Burdet, On the analysis of movement smoothness, J.
-  NeuroEng. Rehabil. 12:112 (2015).
-- Log dimensionless jerk of the speed: the paper of 2015.
-- Idle time, both tips nearly still: D'Angelo et al., Idle time: an underdeveloped performance
-  metric for assessing surgical skill, Am. J. Surg. 209 (2015).
-- Bimanual dexterity, the correlation of the two tips' speeds: Hofstad et al., A study of
-  psychomotor skills in minimally invasive surgery, Surg. Endosc. 27 (2013); also the share of time
-  in which both tips move.
+docs/how-to/training-session-tools.md names the sources.
 """
 
 import itertools
@@ -28,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.train.protocol import RUNNING, Json
-from ravenjax.train.recording import folders
-from ravenjax.train.recording.reader import Recording
+from ravenjax.train.recording.reader import Recording, sessions_beside
 
 KEY = "dexterity"
 """Key in a session's summary."""
@@ -69,7 +55,8 @@ def measure_dexterity(course: Recording) -> Json:
         measures["idle"] = float(np.mean(~moving.any(axis=0)))
         if len(speeds) == 2:
             measures["both"] = float(np.mean(moving.all(axis=0)))
-            measures["correlation"] = speed_correlation(*speeds)
+            varies = min(speed.std() for speed in speeds) > 0
+            measures["correlation"] = float(np.corrcoef(*speeds)[0, 1]) if varies else None
     return measures
 
 
@@ -78,14 +65,10 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
     measures = {}
     for arm in course.layout.arms:
         force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
-        vessel, between = (course[f"{arm}/{name}"] for name in ("vessel_n", "between_n"))
-        measures[arm] = {
-            "peak_n": float(force.max()),
-            # A row is a millisecond.
-            "impulse_n_s": float(force.sum() * 1e-3),
-            "vessel_n": float(vessel.max()),
-            "between_n": float(between.max()),
-        }
+        # A row is a millisecond.
+        measures[arm] = {"peak_n": float(force.max()), "impulse_n_s": float(force.sum() * 1e-3)}
+        for name in ("vessel_n", "between_n"):
+            measures[arm][name] = float(course[f"{arm}/{name}"].max())
     return measures
 
 
@@ -94,14 +77,15 @@ def read_attempts(folder: Path) -> list[Json]:
 
     The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """
-    sessions = folders.sessions_beside(folder.parent)
-    present = next((session for session in sessions if session.path.name == folder.name), None)
+    sessions = {session.path.name: session for session in sessions_beside(folder.parent)}
+    present = sessions.get(folder.name)
     if present is None or not present.participant:
         return []
     attempts = []
-    for session in sessions[: sessions.index(present) + 1]:
+    for session in sessions.values():
         key = session.participant, session.scenario
-        if key != (present.participant, present.scenario) or KEY not in session.summary:
+        is_later = session.order > present.order
+        if key != (present.participant, present.scenario) or is_later or KEY not in session.summary:
             continue
         hazards = session.summary.get("hazards") or {}
         arms = session.summary[KEY].get("arms", {}).values()
@@ -161,13 +145,6 @@ def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> flo
     return -math.log(duration**3 / float(profile.max()) ** 2 * total) if total > 0 else None
 
 
-def speed_correlation(first: np.ndarray, second: np.ndarray) -> float | None:
-    """Return Pearson's correlation of two tips' speeds [T]; None if one does not vary."""
-    if first.std() == 0 or second.std() == 0:
-        return None
-    return float(np.corrcoef(first, second)[0, 1])
-
-
 def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Resample points [T, 3] at times ms to `RATE_HZ`, low-passed forward and backward."""
     # The import takes half a second.
@@ -198,9 +175,8 @@ def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int
             jerks.append(log_dimensionless_jerk(profile))
             if target[a] >= 0:
                 ways.append(way)
-    medians = [
-        statistics.median(known) if (known := [x for x in values if x is not None]) else None
-        for values in (arc_lengths, jerks)
-    ]
-    smoothness = dict(zip(("sparc", "log_jerk"), medians, strict=True))
-    return {"economy": path_economy(ways), **smoothness, "movements": len(jerks)}
+    measures: Json = {"economy": path_economy(ways), "movements": len(jerks)}
+    for name, values in (("sparc", arc_lengths), ("log_jerk", jerks)):
+        known = [x for x in values if x is not None]
+        measures[name] = statistics.median(known) if known else None
+    return measures

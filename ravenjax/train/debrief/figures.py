@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.train.judge.episode import HazardRow
+from ravenjax.train.judge import HazardRow
 from ravenjax.train.protocol import TISSUE, Json
 from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, run_levels

@@ -46,11 +46,11 @@ def write_debrief(folder: Path) -> Path:
         hazards = reader.from_recording(recording, header)
     blinded = bool(header.get("blinded"))
     scenario = header.get("scenario") or {}
-    named_limits = {
+    limits = {
         "threshold of the cue": header.get("cue_threshold_mm"),
         "limit of hazards": (scenario.get("harm") or {}).get("excursion_mm"),
     }
-    limits = {name: mm for name, mm in named_limits.items() if mm is not None}
+    limits = {name: mm for name, mm in limits.items() if mm is not None}
     charts: Json = {"hazards": [[] for _ in hazards], "session": []}
     shown, contact = None, {}
     if course is not None:

@@ -2,16 +2,36 @@
 
 It runs in a process of its own and never makes the realtime process wait. Commands go into a
 separate ring, which the realtime process reads once a tick.
+
+This module opens the page's port and answers until the page can. It imports nothing slow.
 """
 
 import contextlib
 import dataclasses
+import hmac
+import importlib
 import ipaddress
-from multiprocessing.connection import Connection
+import os
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol import Json
-from ravenjax.train.robot import Arms
+
+STATIC = Path(__file__).resolve().parent / "static"
+_PORTS = 100
+"""Ports to try from the requested one on."""
+_UNAVAILABLE = (
+    "HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/html; charset=utf-8\r\n"
+    "Cache-Control: no-store\r\nConnection: close\r\nRefresh: 1\r\n\r\n"
+)
+_PATIENCE_S = 0.2
+"""The longest wait for a request: browsers also open connections in advance, without one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,28 +42,15 @@ class PageOptions:
     events: str  # name of the ring of events
     # Name of the ring of commands, which the page writes.
     commands: str
-    arms: Arms
+    arms: Any
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
-    header: Json
+    header: dict[str, Any]
     folder: str | None = None  # where debrief.html appears once the session is over
     host: str = "127.0.0.1"
-    port: int = 0  # 0: a free one
     # Required in every request; needed if `host` is not a loopback address.
     token: str | None = None
     # Required of an instructor's window; None: nobody can instruct.
     instructor_token: str | None = None
-
-    def __post_init__(self) -> None:
-        if not self.token and not is_loopback(self.host):
-            raise UserError(
-                f"host is {self.host!r}, which other machines can reach, and there is no token:"
-                " give --token, or host 127.0.0.1"
-            )
-        if self.token and self.token == self.instructor_token:
-            raise UserError(
-                "token and instructor_token are the same, so an operator could instruct: give two"
-                " that differ"
-            )
 
 
 def is_loopback(host: str) -> bool:
@@ -54,14 +61,92 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def run_when_told(session: Connection) -> None:
+def same_secret(word: str, secret: str | None) -> bool:
+    """Compare in constant time; False if there is no secret."""
+    return secret is not None and hmac.compare_digest(
+        word.encode(errors="replace"), secret.encode()
+    )
+
+
+def query_parameters(path: str) -> dict[str, str]:
+    """Return the parameters of a request's path, the last of each name."""
+    return {name: values[-1] for name, values in parse_qs(urlsplit(path).query).items()}
+
+
+def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple[str | None, str]:
+    """Return the tokens of visitors and instructor, random ones where they are needed but None.
+
+    Raises UserError if the two are the same.
+    """
+    if token is None and not is_loopback(host):
+        token = secrets.token_urlsafe(24)
+    if token and token == instructor:
+        raise UserError(
+            "token and instructor_token are the same, so an operator could instruct: give two that"
+            " differ"
+        )
+    return token, instructor or secrets.token_urlsafe(12)
+
+
+def open_port(
+    host: str, port: int, token: str | None, instructor: str, say: Callable[[str], None]
+) -> socket.socket:
+    """Listen at this port, or the next free one, and print the addresses of both roles.
+
+    Raises UserError if the page cannot listen at `host`.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for number in range(port, port + _PORTS):
+        try:
+            listening = socket.create_server((host, number), family=family)
+            break
+        except (OSError, OverflowError) as error:
+            trouble = error
+    else:
+        raise UserError(
+            f"host is {host!r}, port {port}, where the page cannot listen ({trouble}); give an"
+            " address of this machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
+        )
+    number = listening.getsockname()[1]
+    if port not in (0, number):
+        say(f"port {port} is in use: the page is at port {number}")
+    shown = "127.0.0.1" if host in ("0.0.0.0", "") else f"[{host}]" if ":" in host else host
+    url, query = f"http://{shown}:{number}/?role=", f"&token={token}" if token else ""
+    say(f"operator: {url}operator{query}")
+    say(f"instructor: {url}instructor{query}&instructor_token={instructor}")
+    return listening
+
+
+def run_when_told(session: Connection, listening: socket.socket) -> None:
     """Import the page, then serve it with the `PageOptions` that `session` sends.
 
-    The answer is its port. It serves until it is terminated or the session's process ends.
+    Until then visitors read what the session waits for: the texts that `session` sends. The answer
+    is the port. The page is served until it is terminated or the session's process ends.
     """
-    # viser and MuJoCo take seconds to import, and only the page's process needs them.
-    from ravenjax.train.page import process
-
+    # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
+    # nothing, so it needs no OpenGL.
+    os.environ["MUJOCO_GL"] = "disable"
+    page = "ravenjax.train.page.process"
+    importing = threading.Thread(target=importlib.import_module, args=(page,), daemon=True)
+    importing.start()
+    look, text = (STATIC / "waiting.html").read_text(encoding="utf-8"), ""
+    options: PageOptions | None = None
     # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
-        process.serve_page(session.recv(), session)
+        while options is None or importing.is_alive():
+            for ready in wait([session, listening], _PATIENCE_S):
+                if ready is listening:
+                    _ask_to_wait(listening, look.replace("WAITING", text))
+                elif isinstance(told := session.recv(), str):
+                    text = told
+                else:
+                    options = told
+        importlib.import_module(page).serve_page(options, listening, session)
+
+
+def _ask_to_wait(listening: socket.socket, text: str) -> None:
+    visitor, _ = listening.accept()
+    with visitor, contextlib.suppress(OSError):
+        visitor.settimeout(_PATIENCE_S)
+        visitor.recv(1 << 16)
+        visitor.sendall((_UNAVAILABLE + text).encode())

@@ -1,12 +1,10 @@
 """Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
 
-Every message of a browser is checked before it is forwarded: types, ranges, sizes, roles. Parts of
-frames, events and header are hidden: operators do not see hazards, and what blinding hides, nobody
-sees. As at a real console, an operator learns only of checks that raise an alarm or stop the robot
-(event "alarm").
+Every message of a browser is checked before it is forwarded: types, ranges, sizes, roles. Operators
+do not see hazards, and what blinding hides, nobody sees. As at a real console, an operator learns
+only of checks that raise an alarm or stop the robot (event "alarm").
 
-Everything here runs in the server's event loop. A window that receives frames slowly gets the
-newest, never a backlog.
+Everything here runs in the server's event loop. A slow window gets the newest frame, no backlog.
 """
 
 import asyncio
@@ -16,7 +14,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from importlib import resources
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
@@ -24,8 +22,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.train import protocol
-from ravenjax.train.page import PageOptions
-from ravenjax.train.page.auth import query_parameters, same_secret
+from ravenjax.train.page import PageOptions, query_parameters, same_secret
 from ravenjax.train.protocol import (
     CONSOLES,
     PHASES,
@@ -45,21 +42,11 @@ LARGEST = 2048
 """The largest size of a message in bytes."""
 NOTE = 700
 """The largest size of a note as JSON in bytes: it must fit in an event."""
-_COMMANDS: dict[str, dict[str, dict[str, list[str]]]] = tomllib.loads(
+_COMMANDS: dict[str, Any] = tomllib.loads(
     resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
 )
-_OPERATORS_EVENTS = {
-    *("phase", "view", "console", "pedal", "runlevel", "owner", "refused", "rearm", "started"),
-    *("alarm", "alarm_count", "target", "object", "level", "task_done", "overrun", "trouble"),
-    "end",
-}
-_FELT_EVENTS = {"cue", "response"}
-"""Events that the operator's hand feels. In a blinded session they would reveal the group."""
-# Channels that would reveal a hazard to an operator, of the robot and of each arm.
-_OF_HAZARDS = ("fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
-_OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
-_HIDDEN_FROM_OPERATORS = {"hazards", "group", "seed", "director", "scenario", "summary"}
-_HIDDEN_BY_BLINDING = {"group", "cue", "scenario", "seed", "summary"}
+_SEEN: dict[str, list[str]] = _COMMANDS.pop("seen")
+"""What operators see, and what blinding hides."""
 MOST_PER_S = 400
 """The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
 KEPT_EVENTS = 1000
@@ -159,13 +146,14 @@ class Visibility:
         kind = event.get("kind", "")
         if self._is_instructor:
             return kind != "hazard_row" and not (self._blinded and kind == "cue")
-        return kind in _OPERATORS_EVENTS or (kind in _FELT_EVENTS and not self._blinded)
+        felt = [] if self._blinded else _SEEN["felt_events"]
+        return kind in _SEEN["operators_events"] or kind in felt
 
     def header(self, header: Json) -> Json:
         """Return the session's header without the hidden entries."""
-        hidden = set() if self._is_instructor else _HIDDEN_FROM_OPERATORS
+        hidden = [] if self._is_instructor else _SEEN["instructors_header"]
         if self._blinded:
-            hidden = hidden | _HIDDEN_BY_BLINDING
+            hidden = hidden + _SEEN["unblinded_header"]
         scenario = header.get("scenario") or {}
         words = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
         return words | {name: value for name, value in header.items() if name not in hidden}
@@ -182,10 +170,10 @@ class Visibility:
             frame["cue_on"] = 1
         if not self._is_instructor:
             frame["hazard"] = -1
-            for name in _OF_HAZARDS:
+            for name in _SEEN["instructors_channels"]:
                 frame[name] = 0
             for i, arm in enumerate(self._layout.arms):
-                for name in _OF_HAZARDS_ARM:
+                for name in _SEEN["instructors_arm_channels"]:
                     frame[f"{arm}/{name}"] = 0
                 if not is_felt:
                     extras[i, 1] = 0
@@ -265,13 +253,13 @@ class Hub:
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
         self._header, self._place, self._commands = header, place, commands
-        self._layout = layout = FrameLayout.of(options.arms)
+        self._layout = FrameLayout.of(options.arms)
         self._inbox = Inbox(options.arms, len(header.get("hazards", ())), blinded)
         self._on_page, self._on_input = on_page, on_input
         self._instructor_token = options.instructor_token
         self._scripted = "script" in header.get("consoles", ())
         self._visibility = {
-            role: Visibility(layout, role, blinded)
+            role: Visibility(self._layout, role, blinded)
             for role in ("operator", "watcher", "instructor")
         }
         self._clients: list[Client] = []
@@ -357,7 +345,7 @@ class Hub:
         return any(client.role == role for client in self._clients)
 
     def _seat_is_free(self) -> bool:
-        return not self._scripted and not self._has("operator")
+        return not (self._scripted or self._has("operator"))
 
     def _greet(self, client: Client) -> None:
         places = {
@@ -384,9 +372,8 @@ class Hub:
         )
 
     def _announce_seat(self) -> None:
-        for client in self._clients:
-            if client.role == "watcher":
-                client.send_soon({"type": "seat", "free": self._seat_is_free()})
+        for client in (client for client in self._clients if client.role == "watcher"):
+            client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
     def _take(self, client: Client, message: str | bytes) -> None:
         if not client.admits():
@@ -404,18 +391,16 @@ class Hub:
             self._forward(command)
 
     def _obey(self, client: Client, command: Command) -> None:
-        match command["do"]:
-            case "instruct":
-                if client.instructs:
-                    client.role = "instructor"
-                    self._greet(client)
-            case "take":
-                if self._seat_is_free():
-                    client.role = "operator"
-                    self._greet(client)
-                    self._announce_seat()
-            case _:
-                self._on_page(client, command)
+        do = command["do"]
+        if do == "instruct" and client.instructs:
+            client.role = "instructor"
+            self._greet(client)
+        elif do == "take" and self._seat_is_free():
+            client.role = "operator"
+            self._greet(client)
+            self._announce_seat()
+        elif do not in ("instruct", "take"):
+            self._on_page(client, command)
 
     def _forward(self, command: Command) -> None:
         put_json(self._commands, command)

@@ -1,22 +1,291 @@
 """Runs the page's process: polls the rings, draws the scene, and informs the windows."""
 
+import asyncio
 import contextlib
+import gzip
 import io
+import json
 import logging
 import signal
+import socket
 import threading
 import time
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
 from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
+import viser
+import viser.infra
+from viser import _messages
+from websockets.asyncio import server as websocket_server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
 
-from ravenjax.train.page import PageOptions
+from ravenjax.train.page import STATIC, PageOptions, query_parameters, same_secret
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.scene import Scene, Windows, describe_place
-from ravenjax.train.page.server import PageServer
+from ravenjax.train.page.scene import Scene, Windows, describe_place, window
 from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import tip_pose
+
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+
+
+class Auth:
+    """The checks of one server."""
+
+    def __init__(self, host: str, token: str | None, port: int) -> None:
+        self._names = {*LOOPBACK, host}
+        self._token, self.port = token, port
+
+    def refusal(self, request: Request) -> str | None:
+        """Return why this request is refused; None if it is allowed."""
+        try:
+            urlsplit(request.path)
+            return self._refusal(request)
+        except ValueError as error:
+            return f"the address or the origin is invalid ({error})"
+
+    def _refusal(self, request: Request) -> str | None:
+        names = ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
+        # No browser sends a header twice.
+        host, origin, upgrade, site, cookies = (
+            None if not values else values[0] if len(values) == 1 else ""
+            for values in map(request.headers.get_all, names)
+        )
+        name, _, port = (host or "").lower().rpartition(":")
+        # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
+        # this host are unknown.
+        is_own = self._token is not None or (name in self._names and port == str(self.port))
+        if host is None or not is_own:
+            return f"host {host!r} is not this server's"
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return f"origin {origin!r} is not this server's page"
+        if upgrade is None and site == "cross-site":
+            return "another site asks for it"
+        if self._token is None:
+            return None
+        words = [query_parameters(request.path).get("token", "")]
+        try:
+            cookie = SimpleCookie(cookies or "").get(self._cookie_name)
+            words += [cookie.value] if cookie else []
+        except CookieError:
+            pass
+        if not any(same_secret(word, self._token) for word in words):
+            return (
+                "the token is missing or wrong: open the address that was printed, with ?token=..."
+            )
+        return None
+
+    def cookie(self, request: Request) -> str | None:
+        """Return the cookie to set if the address has a token, so that later requests carry it."""
+        if self._token is None or not query_parameters(request.path).get("token"):
+            return None
+        return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"
+
+    @property
+    def _cookie_name(self) -> str:
+        # All ports of a host share cookies, so the name contains the port.
+        return f"ravenjax_{self.port}"
+
+
+SESSION = "/session"
+SCENE = "/scene/"
+LARGEST_BYTES = 65536
+"""A longer message closes the connection. The reader of a shorter one judges its length."""
+DEBRIEF, TABLE = "debrief.html", "hazards.csv"
+_TYPES = {
+    ".css": "text/css; charset=utf-8",
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
+_EARLY = '<script src="/static/early.js"></script>'
+_LOOK = '<link rel="stylesheet" href="/static/page.css">'
+_LATE = (
+    f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
+    ' src="/static/page.js"></script>'
+)
+_WITHOUT_SCENE = (
+    f'<!doctype html><html lang="en"><head>{_EARLY}<meta charset="utf-8" />'
+    '<link rel="icon" href="data:," />'
+    '<meta name="viewport" content="width=device-width, initial-scale=1" />'
+    f"<title>ravenjax</title>{_LATE}</head><body>PANEL</body></html>"
+)
+
+_POLICY = (
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:;"
+    " style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self' ws://{host}"
+    " wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
+)
+"""Under this policy no request of the page leaves the server, whatever a scene requests."""
+Handler = Callable[[ServerConnection], Awaitable[None]]
+
+
+class PageServer:
+    """A running viser server behind checks, with the files of one session.
+
+    A request for any other file gets 404. A request that the checks refuse gets 403.
+    """
+
+    def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
+        """listening: where it serves. session: handles each websocket of /session."""
+        port = listening.getsockname()[1]
+        self._auth = Auth(options.host, options.token, port)
+        self._listening, self._session = listening, session
+        self._instructor_token = options.instructor_token
+        self._folder = Path(options.folder) if options.folder else None
+        self._files = {
+            f"/static/{path.name}": (_TYPES[path.suffix], gzip.compress(path.read_bytes(), 6))
+            for path in STATIC.iterdir()
+            if path.suffix in _TYPES
+        }
+        panel = (STATIC / "panel.html").read_text(encoding="utf-8")
+        client = Path(viser.__file__).parent / "client" / "build" / "index.html"
+        scene = client.read_text(encoding="utf-8")
+        pages = {
+            "panel": _WITHOUT_SCENE.replace("PANEL", panel),
+            "scene": _with_panel(scene, _LATE, panel),
+            "inset": _with_panel(scene, _LOOK, ""),
+        }
+        self._pages = {name: gzip.compress(text.encode(), 6) for name, text in pages.items()}
+        # Number of sockets that show the scene.
+        self.watching = 0
+        original = websocket_server.serve
+        websocket_server.serve = self._serving(original)  # pyright: ignore
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                self.viser = viser.ViserServer(host=options.host, port=port, verbose=False)
+        finally:
+            websocket_server.serve = original
+        # Remove viser's share request: a visitor could make viser open a tunnel to an outside
+        # server. Nothing leaves this machine.
+        self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop:
+        """The event loop of all handlers, which runs in a separate thread."""
+        return self.viser.get_event_loop()
+
+    def _serving(self, original: Callable[..., Any]) -> Callable[..., Any]:
+        """Return `websockets.serve` with the checks and the session's own socket in front."""
+
+        def serve(handler: Handler, *_: Any, **settings: Any) -> Any:
+            async def handle(connection: ServerConnection) -> None:
+                path = urlsplit(connection.request.path if connection.request else "").path
+                if path == SESSION:
+                    await self._session(connection)
+                    return
+                window.set(path.removeprefix(SCENE))
+                self.watching += 1
+                try:
+                    await handler(connection)
+                finally:
+                    self.watching -= 1
+
+            def process(connection: ServerConnection, request: Request) -> Response | None:
+                connection.protocol.max_message_size = LARGEST_BYTES
+                return self._answer(request)
+
+            settings |= {"process_request": process, "sock": self._listening}
+            return original(handle, **settings)
+
+        return serve
+
+    def _answer(self, request: Request) -> Response | None:
+        """Return the response; None lets a websocket through."""
+        reason = self._auth.refusal(request)
+        if reason is not None:
+            return _refusal(HTTPStatus.FORBIDDEN, reason)
+        if (request.headers.get("Upgrade") or "").lower() == "websocket":
+            return None
+        path, parameters = urlsplit(request.path).path, query_parameters(request.path)
+        debrief = self._folder / DEBRIEF if self._folder else None
+        has_debrief = debrief is not None and debrief.is_file()
+        if path == "/debrief.json":
+            has_table = self._folder is not None and (self._folder / TABLE).is_file()
+            ready = json.dumps({"ready": has_debrief, "table": has_table}).encode()
+            return _response(HTTPStatus.OK, "application/json", ready)
+        if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
+            return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())
+        if path.startswith("/sessions"):
+            return self._earlier_session(path, parameters.get("instructor_token", ""))
+        extra = {"Content-Encoding": "gzip"}
+        if cookie := self._auth.cookie(request):
+            extra["Set-Cookie"] = cookie
+        if path == "/":
+            with_scene = "panel" if parameters.get("scene") == "off" else "scene"
+            body = self._pages["inset" if "inset" in parameters else with_scene]
+            extra["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
+            return _response(HTTPStatus.OK, _TYPES[".html"], body, extra)
+        if path in self._files:
+            return _response(HTTPStatus.OK, *self._files[path], extra)
+        return _refusal(HTTPStatus.NOT_FOUND, "no such page")
+
+    def _earlier_session(self, path: str, token: str) -> Response:
+        if self._folder is None or not same_secret(token, self._instructor_token):
+            return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
+        # These take a while to import.
+        from ravenjax.train.recording.reader import sessions_beside
+
+        sessions = {session.path.name: session for session in sessions_beside(self._folder.parent)}
+        if path == "/sessions":
+            from ravenjax.document import html
+
+            template = html.template_environment("ravenjax.train").get_template("sessions.html.j2")
+            text = template.render(
+                sessions=[*reversed(sessions.values())],
+                has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},
+                folder=str(self._folder.parent),
+                running=self._folder.name,
+                token=token,
+            )
+            return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())
+        name, _, file = unquote(path).removeprefix("/sessions/").rpartition("/")
+        if name in sessions and file == DEBRIEF and (sessions[name].path / DEBRIEF).is_file():
+            body = (sessions[name].path / DEBRIEF).read_bytes()
+            return _response(HTTPStatus.OK, _TYPES[".html"], body)
+        return _refusal(HTTPStatus.NOT_FOUND, "no such session")
+
+
+def _refusal(status: HTTPStatus, text: str) -> Response:
+    return _response(status, "text/plain", f"{text}\n".encode())
+
+
+def _response(
+    status: HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None
+) -> Response:
+    headers = {
+        "Content-Type": kind,
+        "Content-Length": str(len(body)),
+        "Cache-Control": "no-store",
+        "X-Content-Type-Options": "nosniff",
+        "X-Frame-Options": "SAMEORIGIN",
+        # The address may hold the token, so it must not appear in a referrer.
+        "Referrer-Policy": "no-referrer",
+    }
+    return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
+
+
+def _with_panel(client: str, late: str, panel: str) -> str:
+    """Return the page of viser's client, which is self-contained, with a panel over it."""
+    text = client.replace("<head>", f"<head>{_EARLY}", 1)
+    text = text.replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
+    head, _, rest = text.rpartition("</head>")
+    root = '<div id="root"></div>'
+    text = f"{head}{late}</head>{rest}".replace(root, f"{root}{panel}", 1)
+    for part in (_EARLY, late, panel):
+        if part not in text:
+            raise RuntimeError(
+                f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
+            )
+    return text
+
 
 # Interval between frames while the answer to a key is awaited, and duration of that wait.
 PROMPT_S, ANSWER_S = 0.004, 0.06
@@ -24,20 +293,20 @@ PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
 
-def serve_page(options: PageOptions, port_taken: Connection) -> None:
-    """Serve the page. Send its port through `port_taken` once it listens."""
+def serve_page(options: PageOptions, listening: socket.socket, ready: Connection) -> None:
+    """Serve the page at a listening socket. Send its port through `ready` once it is served."""
     # The session handles Ctrl-C, and ends the page when it is ready.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.closing(Page(options)) as page:
-        port_taken.send(page.port)
-        port_taken.close()
+    with contextlib.closing(Page(options, listening)) as page:
+        ready.send(listening.getsockname()[1])
+        ready.close()
         page.work()
 
 
 class Page:
     """The parts of the page's process."""
 
-    def __init__(self, options: PageOptions) -> None:
+    def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)
@@ -52,12 +321,11 @@ class Page:
         )
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        self._server = PageServer(options, self._hub.serve)
+        self._server = PageServer(options, listening, self._hub.serve)
         windows.watch(self._server.viser)
         header = options.header
         blinded = bool(header.get("blinded"))
         self._scene = Scene(self._server.viser, options.arms, header.get("task"), blinded)
-        self.port = self._server.port
 
     def work(self) -> None:
         last_frame = time.monotonic()

@@ -11,6 +11,7 @@ only changes.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
+import contextvars
 import pickle
 from importlib import metadata
 from pathlib import Path
@@ -25,7 +26,6 @@ from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
-from ravenjax.train.page.server import window
 from ravenjax.train.protocol import (
     TISSUE,
     VIRTUAL,
@@ -78,6 +78,8 @@ FAR = "theatre"
 # The endoscope's light: colour, candela.
 LAMP, LAMP_CD = (255, 246, 235), 0.008
 UP = (0.0, 0.0, 1.0)
+window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
+"""The browser window to which the viser client of this task belongs; see `early.js`."""
 
 
 class DepthLine:

@@ -12,17 +12,12 @@ import numpy as np
 PERIOD_NS = 1_000_000
 """The period of the robot's control cycle."""
 PHASE_NS = PERIOD_NS // 2
-"""The offset within each millisecond at which a tick is due. Linux's timer interrupts come at whole
-milliseconds (kernels since 6.5 with 100, 250 or 1000 a second) and take 10-50 us on a virtual
-machine.
-"""
+"""When a tick is due within a millisecond: not when Linux's timer interrupts come."""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
-"""How long before a tick the process is awake.
+"""How long before a tick the process is awake, so that the after-effects of a sleep are over.
 
-The after-effects of a sleep are then over when the tick begins: a late interrupt, a slow clock, and
-caches that other processes have filled. With four CPUs, the loop's CPU has no other work and never
-sleeps. With a single CPU, other processes need it more.
+With four CPUs, the loop's CPU never sleeps. With a single CPU, other processes need it more.
 """
 WARM_UP_NS = 110_000
 """How long before a tick the cache-warming work begins: the duration of a tick and a margin."""
@@ -139,9 +134,7 @@ def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[s
 
 
 def other_cpus() -> set[int]:
-    """Return the CPUs that `use_realtime_priority` leaves to other processes; empty with a
-    single CPU.
-    """
+    """Return the CPUs that `use_realtime_priority` leaves to others; empty with a single CPU."""
     cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
     return cpus - {max(cpus)} if len(cpus) > 1 else set()
 

@@ -1,10 +1,8 @@
 """Rings in shared memory between the processes of a session. One process writes, others read, none
 waits.
 
-The realtime process writes frames and events for the page and the recorder. The page writes
-commands for the realtime process. Reading a ring costs less than a system call, which matters a
-thousand times a second. The writer never checks the readers. A slow reader notices that rows were
-overwritten, because rows are numbered.
+Reading a ring costs less than a system call, which matters a thousand times a second. The writer
+never checks the readers. A slow reader notices that rows were overwritten: rows are numbered.
 """
 
 from __future__ import annotations

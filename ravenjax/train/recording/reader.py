@@ -12,6 +12,7 @@ import io
 import statistics
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,55 @@ from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.store.logs import mcap_records
+from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.episode import COLUMNS, HazardRow
+from ravenjax.train.judge import COLUMNS, HazardRow
 from ravenjax.train.protocol import FrameLayout, Json
 from ravenjax.train.robot import ARMS
+
+
+@dataclass(frozen=True)
+class SessionFolder:
+    """A session's folder and its session.json."""
+
+    path: Path
+    header: Json
+
+    @property
+    def order(self) -> tuple[str, str]:
+        """A key by which sessions are in the order of their start."""
+        return self.started, self.path.name
+
+    @property
+    def scenario(self) -> str:
+        return (self.header.get("scenario") or {}).get("name") or ""
+
+    @property
+    def participant(self) -> str:
+        """The participant; "" if not named."""
+        return self.header.get("participant") or ""
+
+    @property
+    def started(self) -> str:
+        """Time of the start, UTC, ISO 8601; "" if not known."""
+        return self.header.get("started") or ""
+
+    @property
+    def summary(self) -> Json:
+        """The summary that the session wrote when it ended."""
+        return self.header.get("summary") or {}
+
+
+def sessions_beside(base: Path) -> list[SessionFolder]:
+    """Return the undamaged sessions in the folders of `base`, the first begun first."""
+    sessions = []
+    for file in sorted(Path(base).glob(f"*/{description.FILE}")):
+        try:
+            sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
+        except StoreError:
+            continue
+    return sorted(sessions, key=lambda session: session.order)
+
 
 TABLE = "hazards.csv"
 LEFT_ROOM = ("avoided", "harm", "missed")
@@ -153,18 +199,17 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
 def session_columns(header: Json) -> Json:
     """Return the columns that all hazards of a session share, from its session.json."""
     same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
-    scenario = (header.get("scenario") or {}).get("name")
-    return same | {"session": header.get("name"), "scenario": scenario}
+    scenario = header.get("scenario") or {}
+    return same | {"session": header.get("name"), "scenario": scenario.get("name")}
 
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in struck if row.outcome in LEFT_ROOM]
-    counts = {
-        name: dict(Counter(word for row in rows if (word := getattr(row, name))))
-        for name in ("outcome", "check_response", "motion_hazard")
-    }
+
+    def count(name: str) -> dict[str, int]:
+        return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
     def over(function: Callable[[list[float]], float], values: Iterable[float | None]) -> Any:
         known = [value for value in values if value is not None]
@@ -173,9 +218,9 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     return {
         "hazards": len(rows),
         "struck": len(struck),
-        "outcomes": counts["outcome"],
-        "check_responses": counts["check_response"],
-        "motion_hazards": counts["motion_hazard"],
+        "outcomes": count("outcome"),
+        "check_responses": count("check_response"),
+        "motion_hazards": count("motion_hazard"),
         "left_room": len(answerable),
         "right_responses": sum(row.response_ok for row in answerable),
         "median_reaction_ms": over(
@@ -187,10 +232,6 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     }
 
 
-def _plain(value: Any) -> Any:
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
-
-
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
     """Return the given columns of the rows as CSV. Text that a spreadsheet would take for a formula
     begins with an apostrophe.
@@ -199,5 +240,10 @@ def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({name: _plain(value) for name, value in row.items()})
+        formulas = {
+            name: f"'{value}"
+            for name, value in row.items()
+            if isinstance(value, str) and value.startswith(_FORMULA)
+        }
+        writer.writerow(row | formulas)
     return out.getvalue()

@@ -1,9 +1,8 @@
 """Runs the recorder: a process that reads the rings of a session and writes files.
 
-No process waits for it. If it cannot keep up, rows are overwritten before it reads them: the event
-"lost_rows" counts them, and they leave a gap. It ends at the event "end", at SIGTERM, or when its
-parent is gone. It always closes the file, unless it is killed. In that case only the last `POLL_S`
-and one block are lost (`store.recover`).
+No process waits for it. Rows that it does not read in time are lost, and counted. It ends at the
+event "end", at SIGTERM, or when its parent is gone. It always closes the file, unless it is killed:
+then the last `POLL_S` and one block are lost (`store.recover`).
 """
 
 import contextlib
@@ -68,7 +67,7 @@ def record_session(
 
     names: of a row's numbers, `FrameLayout.names`. header: session.json without "version",
     "started", "ended". listening: called once session.mcap exists. Raises StoreError if the folder
-    cannot be written, ValueError if rows have another length.
+    cannot be written.
     """
     leaving = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: leaving.set())
@@ -80,10 +79,6 @@ def record_session(
         frames, events = Ring.attach(frames_ring), Ring.attach(events_ring)
         stack.callback(frames.close)
         stack.callback(events.close)
-        if frames.row_bytes != 4 * len(names):
-            raise ValueError(
-                f"rows have {frames.row_bytes} bytes, expected {4 * len(names)} for their names"
-            )
         writer = RowWriter(folder, names, header)
         stack.callback(writer.log.close)
         listening()

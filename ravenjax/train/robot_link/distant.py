@@ -1,13 +1,9 @@
 """Drives a remote robot over ITP, and compares its reports with a nominal model in this process.
 
 The console's half of the tick runs here, compiled like the whole tick. It makes packets from the
-operator's motion, advances the nominal model on that clean input, and computes the cue from the
-robot's reports. A robot whose reports stop counts as stopped.
-
-Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones.
-The observer uses the nominal model as its golden run: unintended motion and loss of motion are
-distances of the reported tip from the model, as is `known_mm`. False reports cannot be detected:
-`false_report_mm` is NaN.
+operator's motion, advances the nominal model, and computes the cue from the robot's reports. A
+robot whose reports stop counts as stopped. The true tip and a golden run are unknown: the measured
+tip and the nominal model take their places, and `false_report_mm` is NaN.
 """
 
 from collections.abc import Sequence
@@ -29,8 +25,7 @@ from ravenjax.stages import monitor
 from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
-from ravenjax.train.session import blueprint as of_session
-from ravenjax.train.session.blueprint import Blueprint, hazard_distances
+from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distances
 
 _SEEN = (
     *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),
@@ -241,7 +236,7 @@ def _half(blueprint: Blueprint) -> StepCode:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
-    key = trace_key.hash_values("distant", of_session.SOURCE, _SOURCE, setup, params)
+    key = trace_key.hash_values("distant", SOURCE, _SOURCE, setup, params)
     return StepCode(
         begin, step, finish, (), _resting(blueprint), tables, compile_cache.object_cache(), key
     )

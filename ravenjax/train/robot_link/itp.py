@@ -1,41 +1,274 @@
 """The ITP server: receives a console's increments over UDP and sends the cue's force.
 
-It is polled once a tick and never waits. Force packets have the original's `v_struct` (52 bytes,
-little-endian), which raven2 declares and never sends. This server defines its meaning:
-
-- sequence: number of the force packet, from 1.
-- last_sequence: number of the console's packet accepted last.
-- pactyp, version: 0.
-- fx, fy, fz: [gold, green] along the axes of the ITP frame, in thousandths of a device unit of the
-  haptic cue. The published cap of 0.05 device units reads 50. A device in newtons scales them.
-- runlevel: 0 to 3.
-- jointflags: bits 0 and 1: gold and green are present. Bit 2: the pedal counts as down. Bit 3: the
-  console is alive. Bit 4: the software holds its E-stop. Bit 5: this console drives. Bits 8 and 9:
-  the gold and the green cue pull.
-- checksum: sum of forces, run level and number, wrapped to 32 bits, as in the console's packet.
+It is polled once a tick and never waits. docs/how-to/training-messages.md describes the force
+packets.
 """
 
 import contextlib
 import math
+import operator
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec
+from ravenjax.store.consoles import loading as consoles
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
 from ravenjax.train.realtime.loop import TickedSession
-from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.packet_filter import (
-    ALIVE,
-    DRIVES,
-    PEDAL,
-    SIZE,
-    SOFT_ESTOPPED,
-    TAKEN,
-    Gate,
-    merge_commands,
+from ravenjax.train.robot import (
+    ARMS,
+    FIELDS,
+    ITP_AXES,
+    MODE,
+    RESET_GAP,
+    U_STRUCT,
+    UDP_PORT,
+    UNDECIDED,
+    V_STRUCT,
+    ArmName,
+    ConsoleProfile,
+    Misfit,
+    Packet,
+    ProfileChoice,
+    matching_profile,
+    turn_by,
 )
 from ravenjax.train.session.console_arbiter import packets_message
+from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
+
+SIZE = FIELDS.size
+PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
+"""Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
+_LAST = 2**32 - 1
+
+TAKEN = "accepted"
+CAUSES = (
+    TAKEN,
+    "short",  # less than 124 bytes
+    "stranger",  # another console is followed, or the address is not `only_host`
+    "mode",  # surgeon_mode is neither 0 nor 1
+    "checksum",
+    "buttons",  # jaw value not repeated, where the console sends it twice
+    "step",  # displacement above the limit
+    "quaternion",  # not finite, or not of the profile's form
+    "turn",  # rotation above the limit
+    "grasp",  # jaw increment above the limit, or a position out of range
+    UNDECIDED,  # the profiles that remain read it differently
+    "zero",  # number 0 is reserved
+    "duplicate",  # same number as the last
+    "behind",  # reordered or replayed
+    "far_ahead",  # too far ahead for a gap
+    "skip",  # a gap: this packet is lost as well, then the stream goes on
+    "restart",  # number 1 of a console that was quiet: lost, then the stream goes on
+)
+"""Possible results for a datagram. Each is counted under exactly one of them."""
+
+
+Increments = dict[str, Any]
+"""A command "increments" of `protocol`.
+
+It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, z, w) and
+`grasp_mrad` (positive closes).
+"""
+
+STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+"""The increment of an arm that does not move."""
+
+DROPS = ("stranger", "duplicate", "behind", "far_ahead", "skip")
+"""Results for a well-formed packet that is not the next one of the stream."""
+KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
+"""After this number of packets that break the profile's rules, the gate names a profile that fits
+them. If none fits, it says so, provided that these packets are at least this share of all. It also
+reports this number of dropped packets, if they are at least this share.
+"""
+
+
+class Gate:
+    """Checks each datagram of a console before anything moves, without a socket or a clock.
+
+    The order is: size, sender, content by the console's profile, sequence. Each refusal is counted
+    under its cause. The robot checks no content. Its rules for the sequence are those of
+    `raven2.stages.network`. Two rules are stricter, because the robot would follow a replayed
+    stream: going back counts as a restart only at number 1 and only from a console that has been
+    quiet for `QUIET_MS`, and a packet more than `RESET_GAP` ahead is dropped. After `RELEASE_MS` of
+    silence any stream may begin. Where others share the network, bind loopback or give the
+    console's address (`only_host`): without a secret, a recorded stream looks like a console.
+    """
+
+    def __init__(
+        self,
+        arms: Sequence[ArmName],
+        profiles: Sequence[ConsoleProfile] = (),
+        only_host: str | None = None,
+        say: Say = lambda _: None,
+    ) -> None:
+        """arms: the arms whose fields are read; fields of other arms may have any value.
+
+        profiles: that of the console, or several of which one applies; none: the robot's own
+        protocol. only_host: the only address that may send; None: any. say: prints for the user
+        which profile was found, or which one would fit.
+        """
+        self._only_host, self._say = only_host, say
+        self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
+        self._arms = tuple(arms)
+        self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
+        self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
+        self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
+        self._misfit_count, self._advised = 0, False
+        self._warned = False  # whether dropped packets were reported
+        self._peer: tuple | None = None
+        # Number of the stream's last packet; 0: none yet.
+        self._last = 0
+        self._heard_ms = -math.inf  # when the stream last went on
+
+    @property
+    def received(self) -> int:
+        return sum(self.counts.values())
+
+    def peer(self, now_ms: float) -> tuple | None:
+        """Return the source address of the console that is followed, or None."""
+        if self._peer is not None and now_ms - self._heard_ms > RELEASE_MS:
+            self._peer, self._last = None, 0
+            self._choice.begin()
+        return self._peer
+
+    @property
+    def profile(self) -> ConsoleProfile | None:
+        """The profile by which packets are read; None while it is undecided."""
+        return self._choice.profile
+
+    def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
+        """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
+        increments, cause = self._judged(datagram, source, now_ms)
+        self.counts[cause] += 1
+        dropped = sum(self.counts[drop] for drop in DROPS) if cause in DROPS else 0
+        many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
+        if many and not self._warned:
+            self._warned = True
+            self._say(
+                f"console: {dropped} of {self.received} packets were dropped, the last as {cause}."
+                " Either two consoles send, or packets are lost on the way"
+            )
+        return increments
+
+    def _judged(
+        self, datagram: bytes, source: tuple, now_ms: float
+    ) -> tuple[Increments | None, str]:
+        if len(datagram) < SIZE:
+            return None, "short"
+        peer = self.peer(now_ms)
+        named = self._only_host
+        if (peer is not None and source != peer) or (named is not None and source[0] != named):
+            return None, "stranger"
+        fields = FIELDS.unpack_from(datagram)
+        number = fields[0]
+        cause, goes_on = self._numbered(number, now_ms)
+        reading = self._choice.read(fields, joined=cause == TAKEN)
+        if isinstance(reading, Misfit):
+            if reading.cause != UNDECIDED:
+                self._note(fields, reading)
+                return None, reading.cause
+            cause = UNDECIDED if cause == TAKEN else cause
+        if goes_on:
+            self._last, self._heard_ms, self._peer = number, now_ms, source
+            self._choice.follow()
+            if self._open and (profile := self._choice.profile) is not None:
+                self._open = False
+                self._say(
+                    f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
+                )
+        if cause != TAKEN or isinstance(reading, Misfit):
+            return None, cause
+        tables = dict(zip(self._arms, zip(*reading, strict=True), strict=True))
+        return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
+
+    def _note(self, fields: Sequence, misfit: Misfit) -> None:
+        """Report once that the profile does not fit the console, and which one does, if known."""
+        self._misfits.append(fields)
+        self._misfit_count += 1
+        if self._advised or self._misfit_count % KEPT_MISFITS:
+            return
+        profile = self._choice.profile
+        others = [other for other in consoles.bundled_profiles() if other != profile]
+        fits = matching_profile(self._misfits, others, self._arms) if profile else ""
+        if not fits and self._misfit_count < MISFIT_SHARE * self.received:
+            return
+        self._advised = True
+        under = f"profile {profile.name}" if profile else "any profile"
+        words = (
+            f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the"
+            f" last for {misfit}"
+        )
+        advice = f"They fit {fits}: start again with --console {fits}"
+        if not fits:
+            advice = "No bundled profile fits them: write one, and start again with --console"
+            advice += " FILE.toml"
+        self._say(f"{words}. {advice}")
+
+    def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:
+        """Return the result for a packet's number, and whether the stream goes on after it."""
+        last = self._last
+        if number == 0:
+            return "zero", False
+        if number == (last + 1 if last < _LAST else 1):
+            return TAKEN, True
+        if number == last:
+            return "duplicate", False
+        if number < last:
+            restarts = number == 1 and now_ms - self._heard_ms > QUIET_MS
+            return ("restart", True) if restarts else ("behind", False)
+        if last and number - last > RESET_GAP:
+            return "far_ahead", False
+        return "skip", True
+
+
+def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
+    """Return a command "increments". tables: displacement, turn and jaw increment of each arm."""
+    return {
+        "type": "increments",
+        "source": source,
+        "pedal": pedal,
+        "arms": {
+            arm: {"delta_um": list(delta), "quat": list(quat), "grasp_mrad": grasp}
+            for arm, (delta, quat, grasp) in tables.items()
+        },
+    }
+
+
+def merge_commands(commands: Sequence[Increments]) -> Increments | None:
+    """Combine commands, in their order, into one: displacements are added, turns are chained."""
+    if not commands:
+        return None
+    total = commands[0]
+    for command in commands[1:]:
+        arms = {}
+        for arm, then in command["arms"].items():
+            before = total["arms"][arm]
+            arms[arm] = {
+                "delta_um": [*map(operator.add, before["delta_um"], then["delta_um"])],
+                "quat": list(turn_by(before["quat"], then["quat"])),
+                "grasp_mrad": before["grasp_mrad"] + then["grasp_mrad"],
+            }
+        total = {**command, "arms": arms}
+    return total
+
+
+def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
+    """Return the packet that the network hands to the robot, under another number."""
+    tables = [command["arms"][arm] for arm in arms]
+    return Packet(
+        received=1,
+        size=U_STRUCT.itemsize,
+        sequence=sequence,
+        delta=tuple(Vec(table["delta_um"]) for table in tables),
+        quat=tuple(Vec(table["quat"]) for table in tables),
+        grasp=tuple(table["grasp_mrad"] for table in tables),
+        surgeon_mode=int(command["pedal"]),
+    )
+
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
@@ -167,7 +400,7 @@ class ItpServer:
         return True
 
     def counters(self) -> dict[str, int]:
-        """Return the counts of datagrams by `packet_filter.CAUSES`, and of force packets."""
+        """Return the counts of datagrams by `CAUSES`, and of force packets."""
         return {**self.gate.counts, "force_sent": self._sent}
 
     def close(self) -> None:
@@ -178,45 +411,32 @@ def _whole(value: float) -> int:
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))
 
 
-class Refusals:
-    """Reports when the packet filter refuses all packets of a console."""
-
-    def __init__(self, gate: Gate) -> None:
-        self._gate, self._counts = gate, dict(gate.counts)
-        self._polls, self._published = 0, ""
-
-    def poll(self) -> list[Command]:
-        """Return the command "unheard" in the tick in which the filter starts or stops refusing
-        all.
-        """
-        self._polls += 1
-        if self._polls % STALE_MS:
-            return []
-        counts, before = dict(self._gate.counts), self._counts
-        more = {cause: count - before[cause] for cause, count in counts.items()}
-        self._counts = counts
-        accepted, why = more.pop(TAKEN), self._published
-        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
-        if cause != "stranger" and accepted:
-            why = ""
-        elif more[cause] >= SOME_PACKETS:
-            why = packets_message(cause)
-        if why == self._published:
-            return []
-        self._published = why
-        return [{"type": "unheard", "why": why}]
-
-
 class ItpConsole:
     """A console over the network: receives increments and sends forces."""
 
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
-        self._refusals = Refusals(server.gate)
+        self._counts = dict(server.gate.counts)
+        self._polls, self._why = 0, ""
 
     def poll(self) -> list[Command]:
-        messages = (*self._server.poll(), *self._refusals.poll())
-        return [{**message, "console": "itp"} for message in messages]
+        """Return the increments, and "unheard" if the filter starts or stops refusing all."""
+        commands, self._polls = self._server.poll(), self._polls + 1
+        why = self._why if self._polls % STALE_MS else self._refusal()
+        if why != self._why:
+            self._why = why
+            commands.append({"type": "unheard", "why": why})
+        return [{**command, "console": "itp"} for command in commands]
+
+    def _refusal(self) -> str:
+        """Return why all packets since the last call were refused; "" if they were not."""
+        counts, before = dict(self._server.gate.counts), self._counts
+        more = {cause: count - before[cause] for cause, count in counts.items()}
+        self._counts, accepted = counts, more.pop(TAKEN)
+        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
+        if cause != "stranger" and accepted:
+            return ""
+        return packets_message(cause) if more[cause] >= SOME_PACKETS else self._why
 
     def tell(self, frame: Frame) -> None:
         drives = self._session.arbiter.owner == "itp"

@@ -1,27 +1,9 @@
 """Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
 `JointServer` is the robot's end. The other end, `RemoteRobot`, connects a session to `ravenjax
-robot`, or to a real Raven with a program that sends these reports. Neither waits.
-
-A listener receives one JSON object a line: a greeting, a report once a millisecond, and answers to
-its orders. A listener that reads too slowly loses whole lines, never parts of one. A listener sends
-orders, one JSON object a line:
-
-    {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
-
-`token` is needed unless the listener is on the same machine. A line that is not a JSON object ends
-the connection: its sender is not a console, but perhaps a web page that probes local ports.
-
-A report is
-
-    {"tick": 7, "last_seq": 9, "checks": {"joint_limit": [13308, 5]},
-     "channels": {"runlevel": [3], "gold/jpos": [..], ..}}
-
-`tick` counts ms since the robot's process began. `last_seq` is the number of the console's packet
-that the robot took last (111 before the first). `checks` has the number of trips of each check that
-has tripped, and the tick of its first trip. Channels and units are those of `channels.toml`:
-runlevel, plc_runlevel, surgeon_mode, soft_estopped, brakes, fault_active, and jpos, jpos_d, mpos,
-mvel, position and dac of each arm.
+robot`, or to a real Raven with a program that sends these reports. Neither waits. Every line is a
+JSON object (docs/how-to/training-messages.md). Whoever sends another line is not a console, but
+perhaps a web page that probes local ports.
 """
 
 import abc
@@ -37,7 +19,7 @@ from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
-from ravenjax.train.page.auth import same_secret
+from ravenjax.train.page import same_secret
 from ravenjax.train.protocol import CHANNELS, STALE_MS, Frame, Json
 from ravenjax.train.robot import UDP_PORT, ArmName
 
@@ -304,39 +286,37 @@ class RemoteRobot(RobotLink):
         super().__init__(host, itp_port, clock)
         self._token = token
         self._resets = 0  # resets that were not answered yet
-        self._stream: LineConnection | None = None
+        # The robot's greeting: its arms, scenario, seed and hazards.
+        self.greeting: Json = {}
         try:
-            try:
-                self._stream = LineConnection(
-                    socket.create_connection((host, joint_port), PATIENCE_S)
-                )
-            except (OSError, OverflowError) as error:
-                raise UserError(
-                    f"no robot answers at {host}:{joint_port} ({error}): start one there with"
-                    " `ravenjax robot`, and give the port of its joint stream"
-                ) from None
-            # The robot's greeting: its arms, scenario, seed and hazards.
-            self.greeting: Json = {}
-            deadline = time.monotonic() + PATIENCE_S
-            while not self.greeting and not self.lost and time.monotonic() < deadline:
-                self._read()
-                time.sleep(0.005)
-            if not self.greeting:
-                silent = f"sent nothing for {PATIENCE_S:g} s"
-                raise UserError(
-                    f"{host}:{joint_port} accepts connections but"
-                    f" {'closed the connection' if self.lost else silent}. It is busy or not a"
-                    " ravenjax robot: start one there with `ravenjax robot`"
-                )
-            there = self.greeting.get("arms", [])
-            if missing := [arm for arm in arms if arm not in there]:
-                raise UserError(
-                    f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
-                    f" {', '.join(missing)}: start both with the same scenario"
-                )
-        except BaseException:
+            connection = socket.create_connection((host, joint_port), PATIENCE_S)
+        except (OSError, OverflowError) as error:
+            super().close()
+            raise UserError(
+                f"no robot answers at {host}:{joint_port} ({error}): start one there with"
+                " `ravenjax robot`, and give the port of its joint stream"
+            ) from None
+        self._stream = LineConnection(connection)
+        deadline = time.monotonic() + PATIENCE_S
+        while not self.greeting and not self.lost and time.monotonic() < deadline:
+            self._read()
+            time.sleep(0.005)
+        there = self.greeting.get("arms", [])
+        trouble = ""
+        if not self.greeting:
+            silent = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
+            trouble = (
+                f"{host}:{joint_port} accepts connections but {silent}. It is busy or not a"
+                " ravenjax robot: start one there with `ravenjax robot`"
+            )
+        elif missing := [arm for arm in arms if arm not in there]:
+            trouble = (
+                f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
+                f" {', '.join(missing)}: start both with the same scenario"
+            )
+        if trouble:
             self.close()
-            raise
+            raise UserError(trouble)
 
     def order(self, content: Json) -> None:
         """Send an order. After a reset there is no report until the robot has restarted."""
@@ -344,16 +324,13 @@ class RemoteRobot(RobotLink):
             self._resets += 1
             self.report = None
         request = content if self._token is None else content | {"token": self._token}
-        if self._stream is not None:
-            self._stream.send(encode_line(request))
+        self._stream.send(encode_line(request))
 
     def close(self) -> None:
         super().close()
-        if self._stream is not None:
-            self._stream.close()
+        self._stream.close()
 
     def _read(self) -> None:
-        assert self._stream is not None
         try:
             for line in self._stream.read():
                 self._take(line)

@@ -1,15 +1,9 @@
-"""Runs `ravenjax play`: replays a recorded stream of a console's packets.
+"""Runs `ravenjax play`: replays a recorded stream of a console's packets, byte for byte.
 
-Packets are sent byte for byte at the recorded times.
-
-Robots count a pedal only after it was seen up, and a recording may begin with the pedal down. So
-copies of the first packet are sent ahead for `LEAD_S`, every `LEAD_STEP_S`. They have the pedal up,
-no displacements, and the numbers before the first packet's.
-
-Robots and sessions follow one console at a time. For two more seconds they follow the previous
-console, or the previous replay. So one such packet is sent first, repeatedly under the same number,
-until a force packet shows that this console is followed. A real Raven sends no force packets, and
-gets the recording after `KNOCK_S`.
+Robots count a pedal only after it was seen up, so copies of the first packet with the pedal up go
+ahead for `LEAD_S`. Robots follow one console at a time, for two seconds after its last packet. So
+one such packet is sent repeatedly until a force packet shows that this console is followed. A real
+Raven sends no force packets, and gets the recording after `KNOCK_S`.
 """
 
 import contextlib
@@ -24,7 +18,7 @@ from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.train.protocol import Say
 from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
-from ravenjax.train.robot_link.packet_filter import DRIVES, PEDAL
+from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
 LEAD_S, LEAD_STEP_S = 0.4, 0.002

@@ -1,15 +1,13 @@
 """Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
 drive.
 
-A console sends packets by ITP over UDP and gets forces back. Listeners get the joint state over TCP
-and send orders: arm, disarm, estop, reset. Faults act in this process, where no console sees them.
-If a console falls silent, the robot's own time-out of 5 s raises the pedal, as on the real robot.
+Faults act in this process, where no console sees them. If a console falls silent, the robot's own
+time-out of 5 s raises the pedal, as on the real robot.
 
 Increments that arrive within one millisecond are added up, as in the original, whose network thread
 adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
-so that its own rules see a stream without gaps; the gate has already applied them. In addition to
-the ITP console there may be a CRTK console. `session.console_arbiter` decides which one drives and
-whether its pedal counts. Unlike in a session, pedals alone decide.
+because the gate has already applied the robot's rules for numbers. Unlike in a session, pedals
+alone decide which console drives.
 """
 
 import contextlib
@@ -27,11 +25,16 @@ from ravenjax.train.protocol import Command, Event, Frame, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import NO_PACKET_SEQUENCE
 from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.itp import LOOPBACK, ItpConsole, ItpServer
+from ravenjax.train.robot_link.itp import (
+    LOOPBACK,
+    STILL,
+    ItpConsole,
+    ItpServer,
+    merge_commands,
+    packet_of,
+)
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.robot_link.packet_filter import STILL, merge_commands, packet_of
 from ravenjax.train.scenario import Armable, Scenario
-from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
     NOBODY,
@@ -39,7 +42,7 @@ from ravenjax.train.session.console_arbiter import (
     PedalReasons,
     console_of,
 )
-from ravenjax.train.session.simulation import PacketRobot
+from ravenjax.train.session.simulation import Blueprint, PacketRobot
 from ravenjax.vocabulary import checks
 
 CHECKS_EVERY = 100
@@ -72,19 +75,15 @@ class PacketSession:
     def move(self, commands: list[Command]) -> None:
         """Run the first half of the tick: orders, consoles and the robot. Fills `frame`."""
         hands: list[Command] = []
-
-        def take(counted: Command) -> bool:
-            hands.append(counted)
-            return True
-
         owner = self.arbiter.owner
         if self.arbiter.step(self.ticks) and owner == "crtk":
             # The CRTK process is gone, so its pedal counts as up.
             still = dict.fromkeys(self.arms, STILL)
-            take({"console": owner, "pedal": False, "arms": still})
+            hands.append({"console": owner, "pedal": False, "arms": still})
         for command in commands:
             if command["type"] == "increments":
-                self.arbiter.hear(command, take, self.ticks)
+                # `append` returns None: every message is taken.
+                self.arbiter.hear(command, lambda hand: hands.append(hand) is None, self.ticks)
             elif command["type"] == "unheard":
                 if command.get("once"):
                     self.pedals.once(console_of(command), command["why"])
@@ -149,17 +148,14 @@ class JointConsole:
         commands = []
         for listener, content in self._server.poll():
             kind, number = content.get("order"), content.get("number")
-            command = ORDERS.get(kind) if isinstance(kind, str) else None
             error = None
-            if command is None:
+            if not isinstance(kind, str) or kind not in ORDERS:
                 error = f"order is {format_value(kind)}, expected one of {', '.join(ORDERS)}"
             elif kind == "arm" and (type(number) is not int or not 0 <= number < self._hazards):
-                expected = f"a hazard's number 0..{self._hazards - 1}"
-                if not self._hazards:
-                    expected = "no hazard: the scenario has none"
+                expected = f"one of the scenario's {self._hazards} hazards, from 0"
                 error = f"number is {format_value(number)}, expected {expected}"
             else:
-                commands.append(command | {"hazard": number})
+                commands.append(ORDERS[kind] | {"hazard": number})
             self._server.answer((listener, content), error)
         return commands
 

@@ -1,18 +1,7 @@
 """Training scenarios: TOML files that declare a task, hazards and the right responses."""
 
+# ruff: noqa: F401
+
 from ravenjax.train.scenario.campaign import Armable, armable_hazards, session_campaign
 from ravenjax.train.scenario.config import Entry, Harm, Scenario, Speeds
 from ravenjax.train.scenario.loading import bundled_scenarios, from_dict, load_scenario
-
-__all__ = [
-    "Armable",
-    "Entry",
-    "Harm",
-    "Scenario",
-    "Speeds",
-    "armable_hazards",
-    "bundled_scenarios",
-    "from_dict",
-    "load_scenario",
-    "session_campaign",
-]

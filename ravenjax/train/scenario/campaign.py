@@ -2,13 +2,10 @@
 
 The last row is the operator's E-stop button.
 
-A hazard of the library has one case for each way of running it. A case has many rows: one for each
-published value, start and duration. A session takes one row of each case. The draw depends on the
-session's seed and the case's name only. With `times = N` it takes N different rows. So the table of
-`hazards = "all"` has about a hundred rows.
-
-Every hazard of the table starts at 0, and a fault that waits for the pedal in a campaign counts
-time instead. The reason is that a session arms a row only while the pedal is down.
+A hazard of the library has many rows: one for each case, published value, start and duration. A
+session takes one row of each case (`times = N`: N different ones). The draw depends on the
+session's seed and the case's name only. Every hazard starts at 0, and a fault that waits for the
+pedal in a campaign counts time instead, because a session arms a row only while the pedal is down.
 """
 
 import dataclasses
@@ -125,11 +122,10 @@ def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     reports.
     """
     groups, numbers = _groups(scenario, seed)
-    rows = (
-        design.table_columns(_config(scenario, seed, groups, _UNBOUNDED_S)).to_dict("records")
-        if groups
-        else []
-    )
+    rows: list[_Row] = []
+    if groups:
+        table = design.table_columns(_config(scenario, seed, groups, _UNBOUNDED_S))
+        rows = table.to_dict("records")
     fixed: list[dict[str, Any]] = []
     for group, number in zip(groups, numbers, strict=True):
         name, times = group["name"], scenario.hazard[number].times
@@ -290,24 +286,16 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
     for slot in slots:
-        site, value, duration = (
-            ROBOT.sites[slot["site"]],
-            float(slot["value"]),
-            int(slot["duration_ms"]),
-        )
-        fault: dict[str, Any] = {
-            "site": site.name,
-            "channel": slot["channel"],
-            "effect": slot["effect"],
-            "trigger": "time" if slot["trigger"] == "pedal" else slot["trigger"],
-            "start_ms": int(slot["start_ms"]) - first,
-            "duration_ms": "end" if duration < 0 else duration,
-            "every_ms": int(slot["every_ms"]),
-            "period_ms": int(slot["period_ms"]),
-            # The values were checked when the fault table was made.
-            "wraps": True,
-        }
-        if site.per_arm:
+        value, duration = float(slot["value"]), int(slot["duration_ms"])
+        fault = {name: slot[name] for name in ("site", "channel", "effect", "trigger")}
+        fault |= {name: int(slot[name]) for name in ("start_ms", "every_ms", "period_ms")}
+        fault["start_ms"] -= first
+        fault["duration_ms"] = "end" if duration < 0 else duration
+        if slot["trigger"] == "pedal":
+            fault["trigger"] = "time"
+        # The values were checked when the fault table was made.
+        fault["wraps"] = True
+        if ROBOT.sites[slot["site"]].per_arm:
             fault["arm"] = slot["arm"]
         if not math.isnan(value):
             fault["value"] = int(value) if value.is_integer() else value

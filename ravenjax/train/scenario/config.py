@@ -23,7 +23,8 @@ from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
 from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import format_value
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
-from ravenjax.train.robot import ARMS, ArmName, Arms, Start, parameter_sets
+from ravenjax.robots.raven2.campaign.sections import Start
+from ravenjax.train.robot import ARMS, ArmName, Arms, parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 """Responses of an operator; convert: report that the procedure is converted to open surgery."""

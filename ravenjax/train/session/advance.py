@@ -1,29 +1,25 @@
 """Advances a training session by one millisecond, from the hands to the events.
 
-A session depends only on its scenario, its seed and a list of (tick, command). This module uses no
-clock, file, socket or thread. A headless run calls `tick` as fast as it can. The realtime loop
-calls the two halves of the tick once a millisecond: `move` before the frame and the force are sent,
-`conclude` afterwards.
+A session depends only on its scenario, its seed and a list of (tick, command): no clock, file,
+socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
+the frame and the force are sent, `conclude` afterwards.
 
 Three robots run side by side, all with the campaigns' tick: the robot that is driven, its golden
-run, and the virtual robot. The operator can try a motion on the virtual robot while the driven
-robot rests. The driven robot can then repeat that motion, row by row, for as long as the pedal is
-held.
+run, and the virtual robot, on which the operator can try a motion while the driven robot rests. The
+driven robot can then repeat that motion for as long as the pedal is held.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.outcomes import verdict
 from ravenjax.train import scenario, tasks
-from ravenjax.train.judge.watch import Judge, Trips
+from ravenjax.train.judge import Judge, Trips
 from ravenjax.train.protocol import (
     CONSOLES,
-    INSTRUCTOR,
     LOST,
-    OPERATOR,
     OVER,
     PAUSED,
     PHASES,
@@ -31,7 +27,6 @@ from ravenjax.train.protocol import (
     REAL,
     REPLAY,
     RUNNING,
-    SEAT,
     STOPPED,
     VIEWS,
     VIRTUAL,
@@ -44,9 +39,8 @@ from ravenjax.train.protocol import (
     encode,
 )
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
-from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import blueprint, director, hands
-from ravenjax.train.session.blueprint import Blueprint
+from ravenjax.train.scenario import Armable, Scenario
+from ravenjax.train.session import hands
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
     REASONS,
@@ -55,7 +49,90 @@ from ravenjax.train.session.console_arbiter import (
     PedalReasons,
     console_of,
 )
-from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
+from ravenjax.train.session.simulation import Blueprint, EstopHold, SimulatedRobot, make_blueprint
+
+SETTLED_MS = 500
+"""After this time in pedal-down the hands move. It is the library's earliest start."""
+GAP_MS = 3000
+"""Time between two hazards in which the tip comes to rest and the operator resumes the task."""
+
+CLEARED_MS = 500
+"""After this time with the pedal up the robot rests, and the hazard's effect is measured."""
+
+
+class Director:
+    """Schedules the hazards of one session."""
+
+    def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
+        self.hazards = tuple(hazards)
+        self.at_work = -1
+        """Number of the hazard that is armed or active; -1: none."""
+        rng = np.random.default_rng([seed, 3])
+        planned = [
+            (float(rng.uniform(*hazard.when_ms)), hazard.number)
+            for hazard in self.hazards
+            if hazard.when_ms is not None
+        ]
+        self.plan: list[tuple[float, int]] = sorted(planned)
+        """(ms, number) of planned hazards still to come, in order."""
+        self._pending = -1  # the instructor's next hazard
+        self._ordered = False  # whether at_work has been armed
+        self._since = 0  # tick at which it was armed
+        self._free_from = 0
+        self._down = 0  # ms of pedal-down so far
+        self._up = 0  # ms since the pedal came up
+        self._stop = False  # the instructor disarms the hazard
+
+    def command(self, message: Command) -> None:
+        """Take the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
+        number = message.get("hazard")
+        if message["do"] == "disarm":
+            self._pending, self._stop = -1, True
+        elif type(number) is int and 0 <= number < len(self.hazards) and not self._ordered:
+            self._pending = number
+
+    def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
+        """Return the orders before this tick: "arm" or "disarm", and the number of the hazard.
+
+        frame: of the last tick. clock: session's time.
+        """
+        number, pedal = frame.number, frame.number("pedal")
+        ready = (
+            number("phase") == RUNNING
+            and number("view") == REAL
+            and pedal
+            and number("console_alive")
+            and number("runlevel") == PEDAL_DOWN
+            and not number("soft_estopped")
+        )
+        self._down = self._down + 1 if ready else 0
+        self._up = 0 if pedal else self._up + 1
+        if self._ordered:
+            hazard = self.hazards[self.at_work]
+            cleared = self._up >= CLEARED_MS and "release" in hazard.right_response
+            if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
+                self.at_work, self._ordered, self._stop = -1, False, False
+                self._free_from = tick + GAP_MS
+                return [("disarm", hazard.number)]
+            return []
+        self._stop = False
+        choice = self.at_work = self._pending  # the instructor's hazard first
+        if choice < 0 and self.plan and self.plan[0][0] <= clock:
+            choice = self.plan[0][1]
+        if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
+            return []
+        if choice == self._pending:
+            self._pending = -1
+        else:
+            self.plan.pop(0)
+        self.at_work, self._ordered, self._since = choice, True, tick
+        return [("arm", choice)]
+
+    def reset(self, tick: int) -> None:
+        """Forget the active hazard of a robot that was homed. Planned hazards stay."""
+        self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
+        self._down, self._free_from = 0, tick + GAP_MS
+
 
 _TOLD = (
     ("phase", "phase"),
@@ -76,7 +153,7 @@ OUTCOMES_EVERY = 10
 STAND_BY_MS = 30_000
 """How long a robot waits for the session's time to begin before its motion table restarts.
 
-See `Session._stand_by`. The motion table is as long as the session and `blueprint.SPARE_MS`.
+See `Session._stand_by`. The motion table is as long as the session and `simulation.SPARE_MS`.
 """
 
 
@@ -98,7 +175,7 @@ class Session:
         """
         self.scenario, self.seed = chosen, seed
         if ready is None:
-            ready = blueprint.make_blueprint(
+            ready = make_blueprint(
                 scenario.session_campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
             )
         self.blueprint = ready
@@ -111,7 +188,7 @@ class Session:
         self.cue_on = chosen.cue.on if cue is None else cue
         self.estop_row = self.blueprint.plan.runs - 1
         self.task = tasks.make_task(chosen, self._tips(), seed)
-        self.director = director.Director(self.hazards, seed)
+        self.director = Director(self.hazards, seed)
         self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
@@ -237,7 +314,7 @@ class Session:
     # --- commands ---
 
     def _command(self, command: Command) -> None:
-        kind, do = command.get("type"), command.get("do")
+        kind = command.get("type")
         if kind in ("input", "increments"):
             self.arbiter.hear(
                 command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
@@ -252,12 +329,12 @@ class Session:
                 self._tell("refused", **self.pedals.once(console, why))
             else:
                 self.arbiter.unheard(console, why)
-        elif kind == "seat" and do in SEAT:
+        elif kind == "seat":
             if self.arbiter.obey(command, self.ticks):
                 self._let_go("handover", own=command.get("by") != "instructor")
-        elif kind == "operator" and do in OPERATOR:
+        elif kind == "operator":
             self._operator(command)
-        elif kind == "instructor" and do in INSTRUCTOR:
+        elif kind == "instructor":
             self._instructor(command)
 
     def _operator(self, command: Command) -> None:

@@ -1,20 +1,14 @@
 """Decides which console drives, and whether its pedal counts. One console has the seat, the others
 watch.
 
-At first no console has the seat. The first console whose pedal goes down gets it and keeps it. A
-console that has left, or that was silent for `GONE_MS`, loses it. An operator may take the seat
-while the other console's pedal is up. The owner may give it away, and the instructor may give it to
-any console. Each change is an event "owner". Where pedals alone decide, a console loses the seat as
-soon as another one presses its pedal while the first one's is up.
+The first console whose pedal goes down gets the seat and keeps it until it leaves or is silent for
+`GONE_MS`. An operator may take it while the other console's pedal is up. The owner may give it
+away, and the instructor may give it to any console. Where pedals alone decide, a console loses the
+seat as soon as another one presses its pedal while the first one's is up.
 
-A pedal counts as down only after it was up. This applies at the beginning, and after each event
-that an operator with a foot on the pedal may not notice. The console left, was silent for
-`STALE_MS` or was given the seat. The robot was stopped or restarted. A pause ended, or the link to
-the robot was lost.
-
-The page shows the state of its own pedal. The operator of another console gets only forces from the
-session. Therefore each change of the reason why its pedal does not count makes an event "refused",
-which the page and the log show. The terminal prints each new reason.
+A pedal counts as down only after it was up: at the beginning, and after each event that an operator
+with a foot on the pedal may not notice. The operator of a network console gets only forces, so the
+reason why a pedal does not count is shown on the page and in the terminal.
 """
 
 import tomllib
@@ -35,23 +29,12 @@ RELEASED: dict[str, str] = _WORDS["released"]
 DOUBLE_PRESS_MS = 800
 """The longest time of two presses that count as a pattern; an assumption."""
 GONE_MS = 2000
-"""After this silence a console counts as gone, as in `robot_link.packet_filter`."""
+"""After this silence a console counts as gone, as in `robot_link.itp`."""
 NOBODY, SCRIPT = "nobody", "script"
 
 
-def lift_message(since: str = "") -> str:
-    """Return that the pedal must be lifted. since: the cause, as in the event "rearm"."""
-    cause = _WORDS["since"].get(since)
-    return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
-
-
-def other_console_message(owner: str) -> str:
-    """Return that another console drives."""
-    return f"{owner} drives: wait until {owner} leaves or control is given to this console"
-
-
 def packets_message(cause: str) -> str:
-    """Return that the console's packets are refused. cause: one of `packet_filter.CAUSES`."""
+    """Return that the console's packets are refused. cause: one of `itp.CAUSES`."""
     why = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
     return f"its packets are refused: {why}"
 
@@ -175,13 +158,17 @@ class ConsoleArbiter:
         if tick - self._heard[console] > STALE_MS:
             return REASONS["silent"]
         if self.owner not in (NOBODY, console) and (self.down or not self._by_pedals):
-            return other_console_message(self.owner)
-        return "" if console in self._armed else lift_message(self._since.get(console, ""))
+            wait = f"wait until {self.owner} leaves or control is given to this console"
+            return f"{self.owner} drives: {wait}"
+        if console in self._armed:
+            return ""
+        cause = _WORDS["since"].get(self._since.get(console))
+        return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
 
     def obey(self, command: Command, tick: int) -> bool:
         """Carry out a command "seat". Return whether the seat has changed hands."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
-        target, refusal = (command.get("to") if do == "give" else console), ""
+        target, refusal = command.get("to") if do == "give" else console if do == "take" else "", ""
         if do == "left":
             self._disarm(console, "left", tick)
             if console != self.owner:

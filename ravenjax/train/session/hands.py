@@ -1,14 +1,12 @@
 """Turns the messages of consoles about the operator's hands into rows of motion, one for each tick.
 
 Speeds of "input" messages are along the axes of the view. The hands adopt a new speed smoothly:
-critically damped, 90 % of it after `SMOOTHING_MS`. They move in the ITP frame of their arm as in
-`raven2.console.motion`: micrometres before the console's scale, orientation relative to the start
-about the ITP axes.
+critically damped, 90 % of it after `SMOOTHING_MS`. They move in the ITP frame of their arm:
+micrometres before the console's scale, orientation relative to the start.
 
-"increments" come from a console that has already scaled them, and the robot gets exactly these. The
-console of the tick truncates scaled float32 positions and sends differences. Therefore every
-position here is half a micrometre farther from zero than the whole number meant. Truncation then
-yields that number despite single-precision rounding.
+"increments" come from a console that has already scaled them. The console of the tick truncates
+scaled float32 positions and sends differences. Therefore every position here is half a micrometre
+farther from zero than the whole number meant, which truncation then yields.
 """
 
 from __future__ import annotations

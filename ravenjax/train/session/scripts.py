@@ -1,11 +1,10 @@
 """Operators without a person: one does the task and reacts to cues, one repeats recorded commands.
 
-Both return their commands once a tick from `messages(tick, frame)`. They are deterministic, so a
-session can be repeated exactly.
+Both are deterministic, so a session can be repeated exactly.
 """
 
 import collections
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -133,36 +132,26 @@ class Follower:
         return out
 
 
-class Recorded:
-    """Repeats recorded commands at the same ticks."""
-
-    def __init__(self, said: Iterable[tuple[int, Command]]) -> None:
-        self._said = collections.deque(sorted(said, key=lambda pair: pair[0]))
-
-    def messages(self, tick: int, frame: Frame) -> list[Command]:
-        """Return the commands recorded up to this tick that were not returned before."""
-        out = []
-        while self._said and self._said[0][0] <= tick:
-            out.append(dict(self._said.popleft()[1]))
-        return out
-
-
 class Scripted:
     """Presents a scripted or recorded operator to the realtime loop as a console."""
 
     def __init__(self, script: str, session: Session) -> None:
-        self._session = session
-        self._operator: Follower | Recorded
+        """script: one of `REACTIONS`, or a file of commands, which are repeated at their ticks."""
+        self._session, self._follower = session, None
+        self._recorded: collections.deque[tuple[int, Command]] = collections.deque()
         if script in REACTIONS:
             speeds = session.scenario.speeds
-            self._operator = Follower(session.task, session.arms, speeds, script)
+            self._follower = Follower(session.task, session.arms, speeds, script)
         else:
-            self._operator = Recorded(read_commands(script))
+            self._recorded.extend(sorted(read_commands(script), key=lambda pair: pair[0]))
 
     def poll(self) -> list[Command]:
         """Return the commands to carry out before this tick."""
-        session = self._session
-        commands = self._operator.messages(session.ticks, session.frame)
+        session, commands = self._session, []
+        if self._follower is not None:
+            commands = self._follower.messages(session.ticks, session.frame)
+        while self._recorded and self._recorded[0][0] <= session.ticks:
+            commands.append(dict(self._recorded.popleft()[1]))
         if session.ticks == UNATTENDED_MS and session.started is None:
             commands.append({"type": "instructor", "do": "start"})
         return commands

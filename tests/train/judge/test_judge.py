@@ -5,8 +5,7 @@ tick.
 import pytest
 from made_frames import kinds, made, running
 
-from ravenjax.train.judge.episode import COLUMNS
-from ravenjax.train.judge.watch import SLOW_FOR_MS, Judge
+from ravenjax.train.judge import COLUMNS, SLOW_FOR_MS, Judge
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
@@ -77,13 +76,8 @@ def test_a_hazard_that_is_felt_and_answered():
     play = Play()
     play.run(1000).strike().run(19)
     play.run(80, gold__known_mm=0.01, gold__off_mm=2.0, gold__error_mm=2.1)
-    play.run(
-        200,
-        gold__force=(0.0, 0.013, 0.0),
-        gold__off_mm=4.0,
-        gold__error_mm=4.5,
-        gold__depth_mm=-3.0,
-    )
+    felt = {"gold__force": (0.0, 0.013, 0.0), "gold__error_mm": 4.5}
+    play.run(200, gold__off_mm=4.0, gold__depth_mm=-3.0, **felt)
     play.run(600, pedal=0, runlevel=2, gold__off_mm=3.9, gold__force=(0.0, 0.0, 0.0))
     row = play.over()
     assert list(row) == list(COLUMNS)
@@ -106,15 +100,8 @@ def test_a_hazard_that_is_felt_and_answered():
         "score": round(50 * (1 - 0.5 * 30 / 750) + 50, 1),
     }
     assert {name: row[name] for name in expected} == expected
-    assert kinds(play.events) == [
-        "hazard_armed",
-        "hazard_struck",
-        "knowable",
-        "cue",
-        "response",
-        "hazard_over",
-        "hazard_row",
-    ]
+    order = "hazard_armed hazard_struck knowable cue response hazard_over hazard_row"
+    assert kinds(play.events) == order.split()
     (response,) = play.of("response")
     assert (response["tick"], response["what"], response["ok"]) == (1300, "release", True)
 
@@ -143,10 +130,8 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
     play.run(10, console_alive=0, pedal=0, runlevel=2, gold__force=(0.1, 0, 0))
     row = play.over()
     assert row["response"] is None and row["cue_ms"] is None
-    assert (row["outcome"], row["score"]) == (
-        "interrupted",
-        None,
-    )  # it is not the operator's that a console dies
+    # It is not the operator's that a console dies.
+    assert (row["outcome"], row["score"]) == ("interrupted", None)
     assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
 
 
@@ -156,16 +141,10 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
         ({"gold__off_mm": 10.01}, "harm", 50.0),  # the right response cannot mend it
         ({"gold__off_mm": 10.0}, "avoided", 50.0),  # the limit itself is not over the limit
         ({"gold__off_mm": 6.0, "gold__depth_mm": 7.01}, "harm", 50.0),
-        (
-            {"gold__off_mm": 4.0, "gold__depth_mm": 7.0},
-            "avoided",
-            60.0,
-        ),  # driven 4 of 5 mm: no deeper than it moved
-        (
-            {"gold__off_mm": 4.0, "gold__depth_mm": 3.0},
-            "avoided",
-            80.0,
-        ),  # 1 mm deeper than before; 4 of 10 moved
+        # driven 4 of 5 mm: no deeper than it moved
+        ({"gold__off_mm": 4.0, "gold__depth_mm": 7.0}, "avoided", 60.0),
+        # 1 mm deeper than before; 4 of 10 moved
+        ({"gold__off_mm": 4.0, "gold__depth_mm": 3.0}, "avoided", 80.0),
     ],
 )
 def test_harm_is_what_the_fault_did(channels, outcome, score):
@@ -173,7 +152,7 @@ def test_harm_is_what_the_fault_did(channels, outcome, score):
     play.run(10, gold__depth_mm=2.0).strike(gold__known_mm=1.0).run(160).run(50, **channels)
     row = play.run(10, pedal=0, runlevel=2).over()
     assert row["outcome"] == outcome and row["response_ok"]
-    assert row["score"] == {50.0: 50.0, 60.0: 60.0, 80.0: 80.0}[score]
+    assert row["score"] == score
 
 
 def test_a_note_that_says_convert_is_a_conversion():
@@ -233,11 +212,8 @@ def test_a_limit_is_told_to_nobody_and_kept_as_such():
     play.outcomes = {"check_overdrive_clip_count": 7, "check_overdrive_clip_first_ms": 5000 + 105}
     play.run(20).run(200, pedal=0, runlevel=2)
     row = play.over()
-    assert (row["limited"], row["limited_ms"], row["check_response"]) == (
-        "overdrive_clip",
-        105,
-        "limited",
-    )
+    told = row["limited"], row["limited_ms"], row["check_response"]
+    assert told == ("overdrive_clip", 105, "limited")
     assert row["alarm"] is None and row["alarm_ms"] is None and row["knowable_ms"] is None
     assert row["response"] is None  # nobody could know: a foot that came up then is no response
     assert play.of("alarm") == [] and play.of("knowable") == []
@@ -254,8 +230,5 @@ def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
     play.judge.close(play.tick)
     alarms, counts = play.of("alarm"), [event["count"] for event in play.of("alarm_count")]
     assert [alarm["check"] for alarm in alarms] == ["joint_limit"]
-    assert (
-        counts[-1] == count > 13_000
-        and counts == sorted(counts)
-        and len(counts) <= 1 + play.tick / 1000
-    )
+    assert counts[-1] == count > 13_000 and counts == sorted(counts)
+    assert len(counts) <= 1 + play.tick / 1000

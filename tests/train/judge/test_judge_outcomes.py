@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from made_frames import made, running
 
 from ravenjax.robots.raven2.declaration import CHECKS
-from ravenjax.train.judge.watch import Judge
+from ravenjax.train.judge import Judge
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [

@@ -6,6 +6,7 @@ be tested alone.
 """
 
 import multiprocessing
+import socket
 import threading
 import time
 
@@ -70,6 +71,7 @@ class FakeSession:
         self.frame["link"] = 1
         self._stop = threading.Event()
         context = multiprocessing.get_context("spawn")
+        listening = socket.create_server((options.get("host", "127.0.0.1"), 0))
         self.options = page.PageOptions(
             self.frames.name,
             self.events.name,
@@ -79,9 +81,12 @@ class FakeSession:
             folder and str(folder),
             **options,
         )
-        self.process = context.Process(target=page.run_when_told, args=(port_taken,), daemon=True)
+        self.process = context.Process(
+            target=page.run_when_told, args=(port_taken, listening), daemon=True
+        )
         self.process.start()
         port_taken.close()
+        listening.close()
         self._port_told.send(self.options)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()

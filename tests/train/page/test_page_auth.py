@@ -5,8 +5,8 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from ravenjax.errors import UserError
-from ravenjax.train.page import PageOptions, is_loopback
-from ravenjax.train.page.auth import Auth
+from ravenjax.train.page import choose_tokens, is_loopback
+from ravenjax.train.page.process import Auth
 
 TOKEN = "s3cret-token"
 AT = "127.0.0.1:8000"
@@ -20,9 +20,7 @@ def request(path="/", **headers):
 
 
 def auth(token=None, host="127.0.0.1"):
-    made = Auth(host, token)
-    made.port = 8000
-    return made
+    return Auth(host, token, 8000)
 
 
 @pytest.mark.parametrize(
@@ -68,8 +66,7 @@ def test_with_a_token_each_request_carries_it(path, headers, welcome):
 )
 def test_only_a_loopback_address_goes_without_a_token(host, is_own):
     assert is_loopback(host) == is_own
-    given = ("frames", "events", "commands", ("gold",), {})
-    if not is_own:
-        with pytest.raises(UserError, match="token"):
-            PageOptions(*given, host=host)
-    PageOptions(*given, host=host, token="t")
+    token, key = choose_tokens(host, None, None)
+    assert (token is None) == is_own and key and choose_tokens(host, "t", "i") == ("t", "i")
+    with pytest.raises(UserError, match="give two that differ"):
+        choose_tokens(host, "t", "t")

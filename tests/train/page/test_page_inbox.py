@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from ravenjax.train import protocol
-from ravenjax.train.page.hub import LARGEST, Inbox, RefusedMessage
+from ravenjax.train.page.hub import _COMMANDS, LARGEST, Inbox, RefusedMessage
 
 ROLES = ("operator", "watcher", "instructor")
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
@@ -78,11 +77,11 @@ def test_who_may_say_what(message, expected):
 
 
 def test_operators_and_instructors_have_their_commands():
-    for do in protocol.OPERATOR:
+    for do in _COMMANDS["operator"]:
         expected = {"estop": set(ROLES), "note": {"operator", "instructor"}}
         message = {"type": "operator", "do": do} | ({"text": "hm"} if do == "note" else {})
         assert senders(message) == expected.get(do, {"operator"}), do
-    for do in protocol.INSTRUCTOR:
+    for do in _COMMANDS["instructor"]:
         more = {"arm": {"hazard": 2}, "cue": {"on": False}}.get(do, {})
         assert senders({"type": "instructor", "do": do} | more) == {"instructor"}, do
 

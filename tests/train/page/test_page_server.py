@@ -100,22 +100,15 @@ def test_pages_and_files(session):
     assert answer.status == 200 and answer.getheader("Content-Encoding") == "gzip"
     assert len(body) > 100_000
     policy = answer.getheader("Content-Security-Policy") or ""
-    assert (
-        f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy
-        and "frame-ancestors 'self'" in policy
-    )
+    assert f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy
+    assert "frame-ancestors 'self'" in policy
     assert len(get(session, "/?scene=off")[1]) < 20_000
     assert (
         get(session, "/static/page.js")[0].getheader("Content-Type")
         == "text/javascript; charset=utf-8"
     )
-    for path in (
-        "/static/../auth.py",
-        "/static/%2e%2e/auth.py",
-        "/etc/passwd",
-        "/index.html",
-        "/debrief.html",
-    ):
+    escapes = ("/static/../hub.py", "/static/%2e%2e/hub.py")
+    for path in (*escapes, "/etc/passwd", "/index.html", "/debrief.html"):
         assert get(session, path)[0].status == 404
     assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False, "table": False}
 
@@ -125,10 +118,8 @@ def test_an_operator_drives_and_letting_go_releases(session):
         assert window.welcome["role"] == "operator" and "hazards" not in window.welcome["header"]
         assert window.welcome["run_levels"] == list(ROBOT.run_levels)
         start = window.frame()
-        tip = slice(
-            window.first + window.layout["gold/tip"][0],
-            window.first + window.layout["gold/tip"][0] + 3,
-        )
+        first = window.first + window.layout["gold/tip"][0]
+        tip = slice(first, first + 3)
         window.say(PRESSED)
         window.until("runlevel", lambda level: level == 3)
         for _ in range(100):
@@ -169,14 +160,10 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped(session):
             window.say('{"type": "page", "do": "ping"}')
         waiting.until(window.pong, "the window is not heard again")
         # an earlier window may still be letting go of what it held
-        assert [
-            one for one in session.commands[before:] if one.get("pedal") or one.get("arms")
-        ] == []
+        assert not any(one.get("pedal") or one.get("arms") for one in session.commands[before:])
         window.say(PRESSED)
-        session.heard(
-            **PRESSED
-            | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}}
-        )
+        hand = {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}
+        session.heard(**PRESSED | {"arms": {"gold": hand}})
 
 
 def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
@@ -188,9 +175,8 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         assert armed["number"] == 1 and "row" not in armed
         instructor.text("event", kind="hazard_struck")
         numbers = instructor.until("hazard", lambda number: number == 1)
-        assert (
-            instructor.until("gold/error_mm", lambda error: error > 3)[1] > 0
-        )  # and the force that goes with it
+        # And the force that goes with it.
+        assert instructor.until("gold/error_mm", lambda error: error > 3)[1] > 0
         seen = [operator.frame() for _ in range(20)]
         at = operator.first + operator.layout["hazard"][0]
         assert {float(one[at]) for one in seen} == {-1.0} and len(numbers) == len(seen[0])
@@ -200,11 +186,8 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         instructor.text("event", kind="hazard_over", outcome="avoided")
     with Window(session) as late:
         kinds = {event["kind"] for event in late.welcome["events"]}
-        assert {"alarm", "cue", "response"} <= kinds and not kinds & {
-            "hazard_armed",
-            "hazard_struck",
-            "hazard_over",
-        }
+        assert {"alarm", "cue", "response"} <= kinds
+        assert not kinds & {"hazard_armed", "hazard_struck", "hazard_over"}
 
 
 @pytest.mark.parametrize("token", ["", "&instructor_token=guess", "&instructor_token=%C3%A9"])

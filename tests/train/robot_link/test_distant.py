@@ -8,14 +8,13 @@ from closed_loop import decode
 
 from ravenjax.campaign import loading
 from ravenjax.train import scenario
-from ravenjax.train.judge.watch import Trips
+from ravenjax.train.judge import Trips
 from ravenjax.train.protocol import PHASES
 from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.itp import increments_of, packet_of
 from ravenjax.train.robot_link.joint_stream import JointReport, encode_report
-from ravenjax.train.robot_link.packet_filter import increments_of, packet_of
-from ravenjax.train.session import blueprint
 from ravenjax.train.session.advance import Session
-from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
+from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot, make_blueprint
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +51,7 @@ def driven():
             "group": [{"name": "estop", "fault": [BUTTON]}],
         }
     )
-    made = blueprint.make_blueprint(config)
+    made = make_blueprint(config)
     far = DistantRobot(made, Wire(PacketRobot(config)))
     rows = []
     for robot in (SimulatedRobot(made), far):
@@ -134,11 +133,8 @@ def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
     wires[0].stale = True
     assert drive(500) == "lost" and session.frame.number("link") == 0
     assert not session.frame["gold/force"].any()
-    assert {event["kind"] for event in events} == {
-        "phase",
-        "pedal",
-        "rearm",
-    }  # no alarm, no run level
+    # No alarm, no run level.
+    assert {event["kind"] for event in events} == {"phase", "pedal", "rearm"}
     wires[0].stale = False
     assert drive(500) == "ready" and session.frame.number("pedal") == 0  # the foot never came up
     drive(100, pedal=False)

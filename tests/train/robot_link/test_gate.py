@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot_link.packet_filter import CAUSES, TAKEN, Gate
+from ravenjax.train.robot_link.itp import CAUSES, TAKEN, Gate
 
 
 def turned(angle):
@@ -195,9 +195,8 @@ def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
     for packet in packets:
         gate.admit(packet, CONSOLE, 0.0)
     (line,) = told
-    assert "do not fit profile raven" in line and line.endswith(
-        "start again with --console dv_trainer"
-    )
+    assert "do not fit profile raven" in line
+    assert line.endswith("start again with --console dv_trainer")
 
 
 def test_a_choice_is_said_and_outlives_its_console():

@@ -11,9 +11,8 @@ from itp_client import datagram
 
 from ravenjax.cli import USER_ERROR, main
 from ravenjax.store.consoles import loading
-from ravenjax.train.robot_link import packet_filter, player
-from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
+from ravenjax.train.robot_link import itp, player
+from ravenjax.train.robot_link.itp import TAKEN, Gate, ItpServer
 
 BOTH = ("gold", "green")
 
@@ -60,7 +59,7 @@ def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):
     """Where nobody follows the first packets, the pedal would never be seen up: the recording
     has it down.
     """
-    monkeypatch.setattr(packet_filter, "RELEASE_MS", 400)
+    monkeypatch.setattr(itp, "RELEASE_MS", 400)
     server, stop, counted = ItpServer(BOTH, port=0), threading.Event(), []
 
     def robot():

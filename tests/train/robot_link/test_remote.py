@@ -21,6 +21,7 @@ from ravenjax.train import scenario
 from ravenjax.train.protocol import STALE_MS, Frame, FrameLayout
 from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.itp import increments_of
 from ravenjax.train.robot_link.joint_stream import JointServer, RemoteRobot, encode_report
 from ravenjax.train.session.advance import Session
 
@@ -198,37 +199,29 @@ def test_a_session_with_its_robot_elsewhere(process):
         robot=lambda made: DistantRobot(made, RemoteRobot("127.0.0.1", *ports, arms=GOLD)),
     )
     link = session.robot.remote
-    assert link.greeting["hazards"] == robot_process.hash_hazards(session.hazards), (
-        "numbers mean the same on both sides"
-    )
+    # Numbers mean the same on both sides.
+    assert link.greeting["hazards"] == robot_process.hash_hazards(session.hazards)
     frame, events, peak = session.frame, [], {"error": 0.0, "force": 0.0}
 
     def ticks(count, delta=(0, 0, 0), pedal=True, **more):
         for i in range(count):
-            moved = {"delta_um": list(delta), "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
-            commands = [
-                {"type": "increments", "source": "itp", "pedal": pedal, "arms": {"gold": moved}}
-            ]
-            events.extend(session.tick(commands + ([more] if more and i == 0 else [])))
+            command = increments_of(pedal, {"gold": (delta, (0.0, 0.0, 0.0, 1.0), 0)}, "itp")
+            events.extend(session.tick([command] + ([more] if more and i == 0 else [])))
             peak["error"] = max(peak["error"], float(frame["gold/error_mm"][0]))
             peak["force"] = max(peak["force"], float(np.linalg.norm(frame["gold/force"])))
             time.sleep(0.001)
 
-    ticks(
-        2500, pedal=False
-    )  # the console before this one counts as there for two seconds; the pedal is seen up first
+    # The console before this one counts as there for two seconds; the pedal is seen up first.
+    ticks(2500, pedal=False)
     until(lambda: frame.number("runlevel") == 2, lambda: ticks(50, pedal=False))
     until(lambda: frame.number("runlevel") == 3, lambda: ticks(50))
     peak.update(error=0.0, force=0.0)
     ticks(200, (20, 0, 0))
-    assert frame.number("runlevel") == 3
-    assert peak["error"] < 2
-    assert peak["force"] == 0
+    assert frame.number("runlevel") == 3 and peak["error"] < 2 and peak["force"] == 0
     ticks(1, type="instructor", do="arm", hazard=0)
     until(lambda: any(event["kind"] == "hazard_struck" for event in events), lambda: ticks(10))
     ticks(60)
-    assert peak["error"] > 3
-    assert peak["force"] > 0
+    assert peak["error"] > 3 and peak["force"] > 0
     assert {"hazard_armed", "hazard_struck", "cue"} <= {event["kind"] for event in events}
     link.close()
 

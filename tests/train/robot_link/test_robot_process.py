@@ -10,9 +10,8 @@ from itp_client import Clock, Console, datagram
 
 from ravenjax.train import scenario
 from ravenjax.train.protocol import Frame, FrameLayout
-from ravenjax.train.robot_link.itp import ItpConsole, ItpServer
+from ravenjax.train.robot_link.itp import STILL, ItpConsole, ItpServer
 from ravenjax.train.robot_link.joint_stream import JointServer
-from ravenjax.train.robot_link.packet_filter import STILL
 from ravenjax.train.robot_link.process import JointConsole, PacketSession
 
 BOTH = ("gold", "green")

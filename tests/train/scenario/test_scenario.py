@@ -64,14 +64,10 @@ def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_p
     )
     assert chosen.task.kind == "reach" and chosen.task.targets == 6 and not chosen.cue.on
     config = scenario.session_campaign(chosen, 4)
-    assert (
-        config.campaign.seed == 4
-        and config.campaign.duration_s == 40
-        and config.operator.scale == 0.1
-    )
-    assert config.operator.motion == "still" and config.haptics.cues()[
-        0
-    ].threshold_m == pytest.approx(3e-3)
+    assert config.campaign.seed == 4 and config.campaign.duration_s == 40
+    assert config.operator.scale == 0.1
+    assert config.operator.motion == "still"
+    assert config.haptics.cues()[0].threshold_m == pytest.approx(3e-3)
     table = table_of(chosen, 4)
     assert table["group"].tolist() == ["burst/B27#1", "burst/B27#2", "own/fault", "buttons/estop"]
     assert table["fault0_site"].tolist() == ["usb_out", "usb_out", "usb_out", "buttons"]
@@ -115,11 +111,8 @@ def test_parameters_are_drawn_once_for_all_hazards():
     }
     chosen, _ = made(**keys)
     drawn = [table_of(chosen, seed)["param:plant.friction_scale"] for seed in (1, 1, 2)]
-    assert (
-        drawn[0].nunique() == 1
-        and 0.5 <= drawn[0][0] <= 2
-        and drawn[0][0] == drawn[1][0] != drawn[2][0]
-    )
+    assert drawn[0].nunique() == 1 and 0.5 <= drawn[0][0] <= 2
+    assert drawn[0][0] == drawn[1][0] != drawn[2][0]
 
 
 def test_the_right_response_follows_from_what_the_hazard_does():
@@ -162,6 +155,5 @@ def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
     armable = scenario.armable_hazards(chosen, table)
     assert len(armable) == len(table) - 1 and table["group"].iloc[-1] == "buttons/estop"
     assert all(one.lasts_ms >= one.within_s * 1000 for one in armable)  # the response is seen
-    assert (
-        scenario.from_dict(chosen.resolved()).resolved() == chosen.resolved()
-    )  # what session.json keeps is the scenario again
+    # What session.json keeps is the scenario again.
+    assert scenario.from_dict(chosen.resolved()).resolved() == chosen.resolved()

@@ -4,7 +4,7 @@ import pytest
 from made_frames import made, running
 
 from ravenjax.train.protocol import PHASES, VIEWS
-from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director
+from ravenjax.train.session.advance import CLEARED_MS, GAP_MS, SETTLED_MS, Director
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}
@@ -31,9 +31,8 @@ def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():
     assert run(one, frame, 0, 2000) == []
     (armed,) = run(one, frame, 2000, 2001)
     assert armed == (2000, ("arm", 0)) and one.at_work == 0
-    assert run(one, frame, 2001, 10_000) == [
-        (3500, ("disarm", 0))
-    ]  # the response's time and half a second
+    # The response's time and half a second.
+    assert run(one, frame, 2001, 10_000) == [(3500, ("disarm", 0))]
     assert one.at_work == -1
 
 
@@ -74,9 +73,8 @@ def test_lifting_the_pedal_mends_what_it_is_right_for():
     run(one, running(), 0, 1100)
     assert run(one, lifted, 1100, 1100 + CLEARED_MS) == [(1099 + CLEARED_MS, ("disarm", 0))]
     assert run(one, running(), 2000, 5000)[0][1] == ("arm", 1)
-    assert (
-        run(one, lifted, 5000, 6000) == []
-    )  # lifting the pedal is not right for this one: it stays
+    # Lifting the pedal is not right for this one: it stays.
+    assert run(one, lifted, 5000, 6000) == []
     assert run(one, lifted, 6000, 9000)[0][1] == ("disarm", 1)
 
 

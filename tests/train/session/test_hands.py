@@ -74,9 +74,8 @@ def tip_way(arm, rows, scale=0.1):
 def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
     rng = np.random.default_rng(1)
     deltas = rng.integers(-900, 900, (400, 2, 3))
-    deltas[:40] = rng.integers(
-        -1, 2, (40, 2, 3)
-    )  # about zero, where truncation changes its direction
+    # About zero, where truncation changes its direction.
+    deltas[:40] = rng.integers(-1, 2, (40, 2, 3))
     deltas[200:260] += 9_000  # far out, where single precision is coarse
     grasps = rng.integers(-30, 30, (400, 2))
     who = hands(scale=scale)
@@ -101,10 +100,8 @@ def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
 @pytest.mark.parametrize(
     ("move", "world"),
     [
-        ((1, 0, 0), (1, 0, 0)),
-        ((0, 1, 0), (0, 0, 1)),
-        ((0, 0, 1), (0, -1, 0)),
-        ((3, 4, 0), (0.6, 0, 0.8)),
+        *(((1, 0, 0), (1, 0, 0)), ((0, 1, 0), (0, 0, 1))),
+        *(((0, 0, 1), (0, -1, 0)), ((3, 4, 0), (0.6, 0, 0.8))),
     ],
 )
 def test_moving_in_the_view_moves_the_tip_so_in_the_world_at_the_asked_speed(arm, move, world):
@@ -130,9 +127,8 @@ def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
     turned = np.array(scene.frame0_in_world(arm)[1]) @ np.array([float(c) for c in axis])
     angle = 2 * np.arctan2(np.linalg.norm(turned), w)
     np.testing.assert_allclose(turned / np.linalg.norm(turned), [0, 0, 1], atol=1e-6)
-    assert angle == pytest.approx(
-        0.5 * (1.0 - 2e-3 / RATE), rel=0.01
-    )  # a second, less the time of taking it up
+    # A second, less the time of taking it up.
+    assert angle == pytest.approx(0.5 * (1.0 - 2e-3 / RATE), rel=0.01)
 
 
 def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
@@ -142,14 +138,12 @@ def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
     speed = np.diff(rows[:, 1]) * 0.1  # mm/s of the tip: itp y is the world's x
     assert np.all(np.diff(speed) > -0.05) and speed.max() < 30.1  # no overshoot
     assert speed[int(SMOOTHING_MS) - 2] == pytest.approx(27.0, abs=0.4)  # 90 %
-    assert (
-        np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e
-    )  # no jump: the steepest of a critically damped step
+    # No jump: the steepest of a critically damped step.
+    assert np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e
     who.take(said(), 200)
     rest = advanced(who, 200, 200)
-    assert (
-        rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
-    )  # um before scaling in 49 ms
+    # um before scaling in 49 ms
+    assert rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
 
 
 BAD = [

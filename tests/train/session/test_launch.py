@@ -57,18 +57,16 @@ def headless(tmp_path_factory):
 @pytest.mark.slow
 def test_a_session_leaves_a_folder_that_says_everything(headless):
     header = json.loads((headless.folder / "session.json").read_text())
-    assert (
-        header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
-    )
+    assert header["participant"] == "P7" and header["scenario"]["name"] == "tiny"
+    assert header["ended"]
     assert header["summary"]["ended"] == "time" and header["summary"]["hazards"]["struck"] == 1
     with open(headless.folder / "hazards.csv", newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
     read = reader.read_recording(headless.folder)
     (started,) = [event for event in read.events if event["kind"] == "started"]
-    assert (
-        started["by"] == "pedal" and 200 < started["tick"] < 220
-    )  # its four seconds begin as somebody drives
+    # Its four seconds begin as somebody drives.
+    assert started["by"] == "pedal" and 200 < started["tick"] < 220
     assert (
         read.complete
         and len(read.rows) < started["tick"] + 4000  # waiting has a row a second
@@ -127,8 +125,8 @@ def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"host": "203.0.113.1"}, r"host is '203\.0\.113\.1', where the page cannot listen"),
-        ({"port": 65536}, "port is 65536, expected 0"),
+        ({"host": "203.0.113.1"}, r"host is '203\.0\.113\.1', port 0, where the page"),
+        ({"port": 65536}, "port 65536, where the page cannot listen"),
     ],
 )
 def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, told):
@@ -231,6 +229,9 @@ def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
             said += line
             if line.startswith("operator: "):
                 ports.append(int(line.split(":")[3].split("/")[0]))
+                with pytest.raises(urllib.error.HTTPError, match="503") as early:
+                    urllib.request.urlopen(line.removeprefix("operator: "))
+                assert b"is being prepared" in early.value.read()
             if line.startswith("realtime: ") and len(ports) == 1:
                 say(ports[0], {"type": "instructor", "do": "end"})
             if "the page stays" in line and len(ports) == 1:

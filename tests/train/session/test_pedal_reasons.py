@@ -2,13 +2,14 @@
 change.
 """
 
+from types import SimpleNamespace
+
 import pytest
 
 from ravenjax.train import scenario
 from ravenjax.train.protocol import STALE_MS, VIEWS
-from ravenjax.train.robot_link.itp import Refusals
-from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
-from ravenjax.train.session import blueprint
+from ravenjax.train.robot_link.itp import TAKEN, Gate, ItpConsole
+from ravenjax.train.session import simulation
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.console_arbiter import REASONS, packets_message
 
@@ -17,7 +18,7 @@ CHOSEN = scenario.from_dict({"name": "pedal", "arms": ["gold"], "duration_s": 60
 
 @pytest.fixture(scope="module")
 def ready():
-    return blueprint.make_blueprint(
+    return simulation.make_blueprint(
         scenario.session_campaign(CHOSEN, 0), limit_mm=CHOSEN.harm.excursion_mm
     )
 
@@ -92,18 +93,18 @@ def test_two_short_presses_begin_a_trial_and_have_it_repeated(told):
 
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
     gate = Gate(("gold",))
-    refusals = Refusals(gate)
+    console = ItpConsole(SimpleNamespace(gate=gate, poll=list), None)
 
     def commands(**counts):
         for cause, count in counts.items():
             gate.counts[cause] += count
-        return [one for _ in range(STALE_MS) for one in refusals.poll()]
+        return [one for _ in range(STALE_MS) for one in console.poll()]
 
     why = packets_message("behind")
-    assert commands(behind=50) == [{"type": "unheard", "why": why}] and commands(behind=50) == []
     said = {"type": "unheard", "console": "itp", "why": why}
+    assert commands(behind=50) == [said] and commands(behind=50) == []
     assert told.run(None, 100, said) == [f"itp: {why}"]
-    assert commands(**{TAKEN: 50, "step": 1}) == [{"type": "unheard", "why": ""}]
+    assert commands(**{TAKEN: 50, "step": 1}) == [{**said, "why": ""}]
     assert told.run(None, 100, {**said, "why": ""}) == [""]
     assert "another console" in commands(**{TAKEN: 50, "stranger": 50})[0]["why"]
     assert commands(step=3) == [], "a few are no reason"

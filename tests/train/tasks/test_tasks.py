@@ -49,12 +49,8 @@ def test_the_last_target_ends_the_task_and_the_numbers_are_right():
         put(frame, "gold", one.targets[k][1])
         events += one.step(frame, 500 * (k + 1))
     assert kinds(events) == ["target", "task_done", "target"] and events[-1]["target"] == -1
-    assert (
-        one.done
-        and one.target == -1
-        and one.progress == 1.0
-        and one.wish("gold", (0, 0, 0)) is None
-    )
+    assert one.done and one.target == -1 and one.progress == 1.0
+    assert one.wish("gold", (0, 0, 0)) is None
     assert one.result()["score"] == 100.0
     assert one.step(frame, 2000) == []
 
@@ -109,11 +105,8 @@ def test_what_is_let_go_elsewhere_drops_and_has_to_be_fetched():
     one, frame = task(kind="peg_transfer", transfers=2)
     carried(one, frame, "gold", (0.0, 0.0, 0.205))
     x, y, z = one.object
-    assert (
-        one.dropped == 1
-        and (x, y) == pytest.approx((0, 0), abs=1e-8)
-        and z < tissue_height(0, 0) + 0.003
-    )
+    assert one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8)
+    assert z < tissue_height(0, 0) + 0.003
     assert one.target == len(one.pegs)
     carried(one, frame, "gold", one.pegs[one.ways[1]], 10)
     assert (one.placed, one.dropped) == (1, 1) and one.result()["score"] == 25.0  # (1 - 0.5) of 2

@@ -1,8 +1,7 @@
 """Connects a realtime loop to CRTK: a console of the loop, and a process that speaks CRTK.
 
-The two exchange data through rings in shared memory, so that neither waits for the other. One ring
-carries rows of the robot, the other commands. A row contains a `Frame`, the clocks at its tick, and
-the number of the last command that the loop had taken before it.
+The two exchange data through rings in shared memory, so that neither waits for the other: commands,
+and rows with a `Frame`, the clocks at its tick, and the number of the last command taken before it.
 """
 
 import contextlib
@@ -11,7 +10,7 @@ import struct
 import sys
 import time
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +20,8 @@ from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
-from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
-from ravenjax.train.session.blueprint import Blueprint
+from ravenjax.train.robot_link.crtk.messages import Ros
+from ravenjax.train.session.simulation import Blueprint
 
 PERIOD_S = 0.002
 """Time between two readings of robot and network."""
@@ -35,19 +34,8 @@ _LOOK_EVERY = 256
 """Calls of `poll` between two checks that the process is alive. Each check is a system call."""
 
 
-class Transport(Protocol):
-    """The topics of one ROS."""
-
-    types: MessageTypes
-
-    def publish(self, name: str, message: Any) -> None: ...
-    def poll(self) -> list[tuple[str, Any]]: ...
-    def connected(self) -> bool: ...
-    def close(self) -> None: ...
-
-
-def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
-    """Return the transport of this ROS. Raises UserError if it is not available."""
+def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> Any:
+    """Return a `DdsTransport` or a `Ros1Transport`. Raises UserError if it is not available."""
     if ros == "ros2":
         try:
             from ravenjax.train.robot_link.crtk.dds import DdsTransport
@@ -126,7 +114,7 @@ def spawn_bridge(
     rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
-    helper.begin((rings, ros, arms, setup.tools, gain, contact))
+    helper.tell((rings, ros, arms, setup.tools, gain, contact))
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers

@@ -40,17 +40,21 @@ class DdsTransport:
     def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
         """Raises UserError if the domain is invalid."""
         self.types = messages.message_types("ros2")
-        self._participant = DomainParticipant(ros_domain())
+        domain = os.environ.get(DOMAIN) or "0"
+        if not domain.isdecimal() or int(domain) > 232:
+            raise UserError(f"{DOMAIN} is {domain!r}, expected a whole number from 0 to 232")
+        self._participant = DomainParticipant(int(domain))
         self._writers: dict[str, tuple[Any, Any]] = {}
         self._readers: list[tuple[str, Any]] = []
         for name in published:
-            quality = _quality(latched=messages.is_latched(name))
-            data = _data_type(messages.kind_of(name))
+            quality, data = (
+                _quality(latched=messages.is_latched(name)),
+                _data_type(messages.kind_of(name)),
+            )
             topic = Topic(self._participant, f"rt/{name}", data, quality)
             self._writers[name] = DataWriter(self._participant, topic, quality), data
         for name in subscribed:
-            data = _data_type(messages.kind_of(name))
-            topic = Topic(self._participant, f"rt/{name}", data)
+            topic = Topic(self._participant, f"rt/{name}", _data_type(messages.kind_of(name)))
             reliable = not name.endswith(messages.SERVO)
             # A reader that wants the last message does not match a writer that keeps none.
             for latched in {False, messages.is_latched(name)}:
@@ -70,12 +74,10 @@ class DdsTransport:
         for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
-                if content is None:  # a publisher has left
-                    continue
-                try:
-                    arrivals.append((name, self.types.decode(content, messages.kind_of(name))))
-                except ValueError:  # not a valid message
-                    continue
+                # None: a publisher has left. ValueError: not a valid message.
+                with contextlib.suppress(ValueError):
+                    if content is not None:
+                        arrivals.append((name, self.types.decode(content, messages.kind_of(name))))
         return arrivals
 
     def connected(self) -> bool:
@@ -86,14 +88,6 @@ class DdsTransport:
         self._readers.clear()
         self._writers.clear()
         del self._participant
-
-
-def ros_domain() -> int:
-    """Return the domain in ROS_DOMAIN_ID; 0 if it is not set. Raises UserError if it is invalid."""
-    text = os.environ.get(DOMAIN, "0") or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise UserError(f"{DOMAIN} is {text!r}, expected a whole number from 0 to 232")
-    return int(text)
 
 
 def _quality(*, reliable: bool = True, latched: bool = False) -> Any:

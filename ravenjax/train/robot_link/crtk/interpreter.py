@@ -8,11 +8,14 @@ This module uses no transport, clock or process. Messages and rows go in with th
 and commands of `protocol` come out.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
@@ -20,6 +23,7 @@ from ravenjax.train.robot import (
     ARMS,
     E_STOP,
     INIT,
+    ITP_AXES,
     JOINTS,
     PEDAL_DOWN,
     PEDAL_UP,
@@ -32,17 +36,149 @@ from ravenjax.train.robot import (
 )
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
-from ravenjax.train.robot_link.crtk.motion import (
-    BASE,
-    SETTLED_TICKS,
-    Setpoint,
-    SetpointFollower,
-    Trajectory,
-    from_base,
-    to_base,
-)
-from ravenjax.train.robot_link.packet_filter import STILL
+from ravenjax.train.robot_link.itp import STILL
 from ravenjax.train.session.console_arbiter import REASONS, RELEASED
+
+SPEED_UM_MS = 200.0
+"""0.2 m/s; recorded teleoperation stays below 232 um per ms."""
+TURN_RAD_MS = 4e-3
+GRASP_MRAD_MS = 4.0
+FARTHEST_UM = 75_000.0
+"""A pose farther than this from the arm's setpoint is refused, as in raven2's CRTK."""
+SLIP_UM, SLIP_RAD = 20.0, 2e-3
+"""Differences that rounding cannot explain."""
+SETTLED_TICKS = 30
+"""Ticks of the software after which it has reached its setpoint."""
+
+BASE: dict[ArmName, np.ndarray] = {
+    "gold": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "green": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""CRTK's base frame of an arm: a point p of frame 0 is BASE p there, a rotation R is BASE R.
+
+Source: raven2 `src/raven/crtk_motion_api.cpp`; `params/raven_*_crtk.yaml` give poses to check with.
+"""
+FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
+"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
+STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
+"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
+"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
+
+
+def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
+    """Return CRTK's position, m, and quaternion of a pose in frame 0."""
+    quat = Rotation.from_matrix(BASE[arm] @ rotation).as_quat(canonical=True)
+    return (BASE[arm] @ position).tolist(), quat.tolist()
+
+
+def from_base(
+    arm: ArmName, position: np.ndarray, quat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return position, m, and rotation in frame 0 of CRTK's pose."""
+    return BASE[arm].T @ position, BASE[arm].T @ Rotation.from_quat(quat).as_matrix()
+
+
+class Setpoint(NamedTuple):
+    """A setpoint of an arm in frame 0."""
+
+    position_um: np.ndarray  # [3]
+    rotation: Rotation
+    grasp_mrad: float  # jaw opening
+
+    @staticmethod
+    def of(position_m: np.ndarray, rotation: np.ndarray, grasp_rad: float) -> Setpoint:
+        """Return the setpoint of a position, m, a rotation, and the jaws' opening."""
+        return Setpoint(
+            np.asarray(position_m) * 1e6, Rotation.from_matrix(rotation), grasp_rad * 1e3
+        )
+
+    @staticmethod
+    def at(arm: ArmName, jpos: np.ndarray) -> Setpoint:
+        """Return the setpoint at joints [7], rad and m."""
+        return Setpoint.of(*tip_pose(arm, jpos), float(jpos[5] + jpos[6]))
+
+
+class SetpointFollower:
+    """Computes the increments of one arm."""
+
+    def __init__(self, arm: ArmName, grasp_gain: int = 1) -> None:
+        """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
+        self._gain = grasp_gain
+        self._axes = np.array(ITP_AXES[arm], float)
+        self.sum: Setpoint | None = None  # None: the arm does not drive
+        self.target: Setpoint | None = None
+
+    def engage(self, at: Setpoint) -> None:
+        """Start at the software's setpoint, because the pedal is down."""
+        self.sum = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
+        self.target = None
+
+    def release(self) -> None:
+        """Stop, because the pedal is up."""
+        self.sum = self.target = None
+
+    def aim(self, target: Setpoint) -> bool:
+        """Set the target. Return False if it is too far away, or the pedal is up."""
+        at = self.sum
+        if at is None or np.linalg.norm(target.position_um - at.position_um) > FARTHEST_UM:
+            return False
+        self.target = target
+        return True
+
+    def has_slipped(self, at: Setpoint) -> bool:
+        """Whether the software's setpoint is not the one sent. The follower then adopts it."""
+        if self.sum is None:
+            return False
+        slipped = (
+            np.abs(at.position_um - self.sum.position_um).max() > SLIP_UM
+            or (at.rotation * self.sum.rotation.inv()).magnitude() > SLIP_RAD
+            or abs(at.grasp_mrad - self.sum.grasp_mrad) * 1e-3 > SLIP_RAD
+        )
+        if slipped:
+            self.engage(at)
+        return bool(slipped)
+
+    def step(self, elapsed_ms: float) -> Json:
+        """Return the increment to send now, ITP frame, as in a command "increments"."""
+        if self.sum is None or self.target is None:
+            return STILL
+        position, rotation, grasp = self.sum
+        missing = self.target.position_um - position
+        far = float(np.linalg.norm(missing)) / (SPEED_UM_MS * elapsed_ms or 1e-9)
+        delta = np.rint(missing / max(1.0, far))
+        turn = (self.target.rotation * rotation.inv()).as_rotvec()
+        angle = float(np.linalg.norm(turn))
+        turn *= 0.0 if angle < 1e-6 else min(1.0, TURN_RAD_MS * elapsed_ms / angle)
+        most = GRASP_MRAD_MS * elapsed_ms
+        steps = round(min(max(self.target.grasp_mrad - grasp, -most), most) / self._gain)
+        if not delta.any() and not turn.any() and not steps:
+            return STILL
+        turned = Rotation.from_rotvec(turn) * rotation
+        self.sum = Setpoint(position + delta, turned, grasp + self._gain * steps)
+        return {
+            "delta_um": [int(n) for n in np.rint(self._axes.T @ delta)],
+            "quat": Rotation.from_rotvec(self._axes.T @ turn).as_quat().tolist(),
+            "grasp_mrad": -steps,
+        }
+
+
+class Trajectory:
+    """`move_jp`: minimum-jerk motion between joint positions within the limits of each joint."""
+
+    def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
+        """start, goal: [7], rad, insertion m."""
+        self._start, self._way, self._begins_ms = start, goal - start, begins_ms
+        way = np.abs(self._way)
+        by_speed, by_acceleration = way / FASTEST, np.sqrt(_PEAK_ACCELERATION * way / STRONGEST)
+        self.seconds = float(max((_PEAK_SPEED * by_speed).max(), by_acceleration.max()))
+
+    def at(self, now_ms: float) -> tuple[np.ndarray, bool]:
+        """Return the joints at this time, and whether the goal is reached."""
+        passed_s = (now_ms - self._begins_ms) * 1e-3
+        s = 1.0 if passed_s >= self.seconds else max(passed_s / self.seconds, 0.0)
+        return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0
+
 
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]
@@ -152,15 +288,11 @@ class OperatingState:
             elif self._clutched and self.state == "PAUSED":
                 self._press(now_ms)
 
-    def servo(self, now_ms: float) -> None:
-        """Record that a servo command came."""
-        self._servo_ms = self._word_ms = now_ms
-        self._streams = True
-
-    def word(self, now_ms: float) -> None:
-        """Record that another, single command of motion came."""
-        self._word_ms = now_ms
-        self._streams = False
+    def moved(self, streams: bool, now_ms: float) -> None:
+        """Record that a command of motion came. streams: a servo command, not a single one."""
+        self._word_ms, self._streams = now_ms, streams
+        if streams:
+            self._servo_ms = now_ms
 
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
@@ -278,7 +410,9 @@ class Interpreter:
                 self._want_pedal(pressed and not self._present)
                 self._present = pressed
         else:
-            self._move(self._arms[place], word, message, now_ms)
+            self.state.moved(word != "move_jp", now_ms)
+            if why := self._why_not(self._arms[place], word, message, now_ms):
+                self._refuse(f"{word}: {why}")
 
     def _command(self, word: str, now_ms: float) -> None:
         try:
@@ -294,11 +428,6 @@ class Interpreter:
         """If somebody wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(REASONS["rival"])
-
-    def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
-        (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
-        if why := self._why_not(arm, word, message, now_ms):
-            self._refuse(f"{word}: {why}")
 
     def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
@@ -420,21 +549,19 @@ class Interpreter:
             header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
             cue = force if self.state.drives else np.zeros(3)
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
-            pose, pose_d = (
-                types.message(ros_types.POSE, header, to_base(arm.name, *reached))
-                for reached in (place, place_d)
-            )
-            twist = base @ linear, base @ angular
             words = {
                 "measured_js": types.joint_state(header, JOINTS, jpos, jvel),
                 "setpoint_js": types.joint_state(header, JOINTS, jpos_d),
                 "jaw/measured_js": types.joint_state(header, ("jaw",), (grasp,), (rate,)),
                 "jaw/setpoint_js": types.joint_state(header, ("jaw",), (grasp_d,)),
-                "measured_cp": pose,
-                "setpoint_cp": pose_d,
-                "measured_cv": types.message(ros_types.TWIST, header, twist),
-                "cue_cf": types.message(ros_types.WRENCH, header, (base @ cue, np.zeros(3))),
             }
+            for word, kind, content in (
+                ("measured_cp", ros_types.POSE, to_base(arm.name, *place)),
+                ("setpoint_cp", ros_types.POSE, to_base(arm.name, *place_d)),
+                ("measured_cv", ros_types.TWIST, (base @ linear, base @ angular)),
+                ("cue_cf", ros_types.WRENCH, (base @ cue, np.zeros(3))),
+            ):
+                words[word] = types.message(kind, header, content)
             if self._contact:
                 # Like CRTK's `servo_cf`, this is the robot's force on its environment, so it is
                 # opposite to the force on the instrument. Subtracting from zero avoids -0.
@@ -452,8 +579,7 @@ class Interpreter:
                 "ori": place[1].ravel(),
                 "ori_d": place_d[1].ravel(),
                 "grasp_d": np.array([grasp_d]),
-                "jac_vel": np.array([*linear, *angular]),
-                "jac_f": np.array([*linear, *angular]),
+                **dict.fromkeys(("jac_vel", "jac_f"), np.array([*linear, *angular])),
             }
         if types.ros == "ros1":
             state = {

@@ -25,7 +25,6 @@ from ravenjax.train.robot import (
     tip_pose,
 )
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
 from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLink
 
@@ -42,7 +41,7 @@ class RosRobot(RobotLink):
         itp_port: int,
         arms: Arms,
         tools: tuple[str, ...],
-        transport: Transport,
+        transport: Any,
         clock: Callable[[], int] = time.monotonic_ns,
         say: Say = print,
     ) -> None:

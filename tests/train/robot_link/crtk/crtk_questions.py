@@ -14,21 +14,16 @@ machine may keep this program, or the robot, waiting for so long: then the quest
 see `Questions.asked`.
 """
 
-import itertools
 import json
 import math
+import runpy
 import threading
 import time
 
 ARM = "arm1"
 TOLD = [
-    "measured_js",
-    "setpoint_js",
-    "measured_cp",
-    "setpoint_cp",
-    "measured_cv",
+    *("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "measured_cv", "cue_cf"),
     "operating_state",
-    "cue_cf",
 ]
 
 
@@ -265,66 +260,15 @@ class Questions:
             flush=True,
         )
 
-    def soak(self, seconds):
-        """Rate, age and loss of what is told while this peer drives for so long.
-
-        All readings of one moment have one stamp: a stamp that came on one topic and not on another
-        was lost there.
-        """
-        assert until(lambda: all(self.get(word) is not None for word in TOLD))
-        self.enable()
-        readings = [ARM + "/" + word for word in TOLD if word != "operating_state"]
-        came = {name: {} for name in readings}
-        states, silences, sent = len(self.states), 0, 0
-
-        def hear(topic, message):
-            self._hear(topic, message)
-            if topic in came:
-                came[topic][self.peer.stamp(message)] = time.time()
-
-        self.peer.heard = hear
-        began, busy = time.time(), time.process_time()
-        while time.time() - began < seconds:
-            self.peer.send(ARM + "/servo_jr", position=[0.0] * 7)
-            sent += 1
-            if self.state() == "PAUSED":
-                silences += 1
-                self.command("resume", "ENABLED", 2.0)
-            time.sleep(0.005)
-        self.peer.heard = self._hear
-        busy = time.process_time() - busy
-        stamps = sorted(set().union(*came.values()))[
-            5:-5
-        ]  # the first and last may have come in part
-        ages = sorted(
-            1e3 * (one[stamp] - stamp) for one in came.values() for stamp in stamps if stamp in one
-        )
-        gaps = sorted(1e3 * (b - a) for a, b in itertools.pairwise(stamps))
-
-        def quantiles(values):
-            shares = (0.5, 0.99, 0.999, 1)
-            return [round(values[int(share * (len(values) - 1))], 2) for share in shares]
-
-        return {
-            "seconds": seconds,
-            "moments": len(stamps),
-            "rate_hz": round((len(stamps) - 1) / (stamps[-1] - stamps[0]), 2),
-            "lost": {name: sum(stamp not in one for stamp in stamps) for name, one in came.items()},
-            "age_ms": quantiles(ages),
-            "gap_ms": quantiles(gaps),
-            "commands": sent,
-            "paused": silences,
-            "states": sorted(set(self.states[states:])),
-            "peer_cpu_s": round(busy, 1),
-        }
-
 
 def main(peer, arguments):
-    """Arguments: all | hold | visit | soak, s of a soak."""
+    """Arguments: all | hold | visit, or a program whose `ask` gets the questions, and its own."""
     time.sleep(1.0)
     questions = Questions(peer)
-    if arguments[0] == "soak":
-        print(json.dumps(questions.soak(float(arguments[1]))), flush=True)
+    if arguments[0].endswith(".py"):
+        print(
+            json.dumps(runpy.run_path(arguments[0])["ask"](questions, *arguments[1:])), flush=True
+        )
     elif arguments[0] in ("hold", "visit"):
         assert until(lambda: questions.get("operating_state") is not None, 60.0)
         getattr(questions, arguments[0])()

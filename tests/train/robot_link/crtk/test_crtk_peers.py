@@ -154,9 +154,8 @@ def test_what_is_told_has_the_names_units_and_stamps_of_crtk(answers):
     assert told["frames"] == ["arm1_base", "arm1_base"] and told["velocities"] == 7
     assert 5 < told["rate"] < 101  # 100 where the machine is not busy
     assert 0 < told["age"] < 1.0
-    assert (
-        0.2 < told["joints"][2] < 0.6 and 0.4 < told["joints"][0] < 0.7
-    )  # m, rad: no degrees, no mm
+    # M, rad: no degrees, no mm.
+    assert 0.2 < told["joints"][2] < 0.6 and 0.4 < told["joints"][0] < 0.7
     # home_pos and home_quat of raven2's params/raven_gold_crtk.yaml, where its joints stand within
     # some 0.1 rad
     assert told["position"] == pytest.approx([0.0239, -0.0144, -0.0779], abs=3e-3)

@@ -10,16 +10,21 @@ from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
 from ravenjax.store.logs import ros_types
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
-from ravenjax.train.robot_link.crtk import messages, motion
+from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
-from ravenjax.train.robot_link.crtk.interpreter import IDLE_MS, Interpreter, OperatingState
-from ravenjax.train.robot_link.crtk.motion import (
+from ravenjax.train.robot_link.crtk.interpreter import (
+    BASE,
     FASTEST,
+    IDLE_MS,
     STILL,
     STRONGEST,
+    Interpreter,
+    OperatingState,
     Setpoint,
     SetpointFollower,
     Trajectory,
+    from_base,
+    to_base,
 )
 
 BOTH = ("gold", "green")
@@ -43,12 +48,12 @@ YAML = {
 def test_the_home_poses_of_raven2s_own_crtk_are_told_and_come_back(arm):
     jpos, position, quat = YAML[arm]
     pose = tip_pose(arm, jpos)
-    told = motion.to_base(arm, *pose)
+    told = to_base(arm, *pose)
     assert told[0] == pytest.approx(position, abs=6e-4)
     assert abs(np.dot(told[1], quat)) / np.linalg.norm(quat) > 0.999
-    for again, before in zip(motion.from_base(arm, *map(np.array, told)), pose, strict=True):
+    for again, before in zip(from_base(arm, *map(np.array, told)), pose, strict=True):
         np.testing.assert_allclose(again, before, atol=1e-9)
-    assert np.linalg.det(motion.BASE[arm]) == pytest.approx(1.0)
+    assert np.linalg.det(BASE[arm]) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("arm", BOTH)
@@ -146,18 +151,12 @@ def test_commands_lead_where_crtks_table_says(begin, number):
 
 def test_a_pedal_is_held_by_somebody_or_comes_up():
     state = driven()
-    assert (
-        settled(state, ms=IDLE_MS) == "ENABLED"
-        and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
-        and state.why == "idle"
-    )
+    assert settled(state, ms=IDLE_MS) == "ENABLED" and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
+    assert state.why == "idle"
     state = driven()
-    state.servo(100.0)
-    assert (
-        settled(state, ms=350.0) == "ENABLED"
-        and settled(state, ms=351.0) == "PAUSED"
-        and state.why == "silence"
-    )
+    state.moved(True, 100.0)
+    assert settled(state, ms=350.0) == "ENABLED" and settled(state, ms=351.0) == "PAUSED"
+    assert state.why == "silence"
     state = driven()
     assert settled(state, connected=False) == "PAUSED" and state.why == "nobody"
     state = driven()
@@ -181,16 +180,13 @@ def test_every_message_comes_back_from_its_bytes(ros):
     for name, message in told:
         again = types.decode(types.encode(message), messages.kind_of(name))
         if name == "arm2/measured_js":
-            assert (
-                messages.stamp_ns(again.header) == row.stamp_ns
-                and again.header.frame_id == "arm2_base"
-            )
+            assert messages.stamp_ns(again.header) == row.stamp_ns
+            assert again.header.frame_id == "arm2_base"
             assert list(again.position) == pytest.approx(YAML["green"][0], abs=1e-6)
         if name == "ravenstate":  # degrees, the insertion too, as raven2 multiplies everything
             assert again.jpos[2] == pytest.approx(math.degrees(0.4002), rel=1e-5)
-            assert (
-                again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5) and again.jpos[3] == 0
-            )
+            assert again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5)
+            assert again.jpos[3] == 0
             assert list(again.pos[:3]) == pytest.approx([-77850, -24120, 14340], abs=400)
     with pytest.raises(ValueError, match="JointState"):
         types.decode(b"\0\1\0\0\7", ros_types.JOINT_STATE)
@@ -218,7 +214,7 @@ def robot_row(runlevel=2, taken=0):
 
 @pytest.mark.parametrize("arm", BOTH)
 def test_readings_are_the_kinematics_and_their_derivative(arm):
-    row, base = robot_row(), motion.BASE[arm]
+    row, base = robot_row(), BASE[arm]
     row.frame[f"{arm}/mvel"] = np.random.default_rng(3).normal(size=7)
     told = dict(Interpreter(BOTH, TOOLS, messages.message_types("ros2")).readings(row))
     joints = told[f"{messages.ARM_NAMES[arm]}/measured_js"]
@@ -253,10 +249,8 @@ def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
         force, torque = again.wrench.force, again.wrench.torque
         assert (force.x, force.y, force.z) == tuple(-one for one in DOCUMENTED[arm](*felt[arm]))
         assert (torque.x, torque.y, torque.z) == (0, 0, 0)
-        assert (
-            messages.stamp_ns(again.header) == row.stamp_ns
-            and again.header.frame_id == f"{name}_base"
-        )
+        assert messages.stamp_ns(again.header) == row.stamp_ns
+        assert again.header.frame_id == f"{name}_base"
 
 
 def test_a_servo_command_becomes_increments_that_add_up():
@@ -272,7 +266,7 @@ def test_a_servo_command_becomes_increments_that_add_up():
     row.frame["runlevel"] = 3
     interpreter.observe(row, True, ms)
     assert interpreter.state.drives
-    (x, y, z), quat = motion.to_base("gold", *tip_pose("gold", YAML["gold"][0]))
+    (x, y, z), quat = to_base("gold", *tip_pose("gold", YAML["gold"][0]))
     goal = types.message(ros_types.POSE, header, ((x + 0.003, y, z), quat))
     interpreter.hear("arm1/servo_cp", goal, ms)
     total = np.zeros(3)

@@ -1,14 +1,16 @@
-"""Compares the groups of a study: effect sizes, intervals and adjusted p-values of all outcomes.
+"""Studies with participants: plans and assigns them, compares groups, writes a page and a table.
 
-Outcomes are rates, times and sizes. Participants were randomised, and the hazards of one
-participant are not independent, so every interval and p-value counts participants. If most
-participants did both conditions, each is compared with themselves. The sessions of a study must
-belong together. The groups of a blinded study are hidden.
+Participants were randomised, and the hazards of one participant are not independent, so every
+interval and p-value counts participants. If most participants did both conditions, each is compared
+with themselves. The groups of a blinded study are hidden.
+
+A permutation test of few people has few permutations, so even the largest effect has no small p.
+Holm's adjustment multiplies the smallest p of a family by the number of its comparisons. If the
+result stays above 1 - confidence, no result can be clear, and the study should not begin.
 """
 
 import dataclasses
 import hashlib
-import json
 import math
 import string
 from collections.abc import Callable, Iterable, Sequence
@@ -17,18 +19,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import UserError
+from ravenjax.document.chart import Chart, ChartAxis, Dots
+from ravenjax.errors import UserError, format_value
 from ravenjax.stats import multiplicity
 from ravenjax.stats.comparison import clustered
-from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.comparison.clustered import DRAWS
+from ravenjax.stats.intervals import Estimate, alpha_of
+from ravenjax.store.files import require_writable, write_text
 from ravenjax.store.logs.session import description
-from ravenjax.train.judge.episode import HazardRow
+from ravenjax.train.judge import HazardRow
 from ravenjax.train.protocol import Json
 from ravenjax.train.recording import reader
-from ravenjax.train.recording.folders import SessionFolder
+from ravenjax.train.recording.reader import SessionFolder
 
-BY = ("group", "cue")
-"""What sessions may be compared by."""
 _REFERENCES = ("off", "control", "none", "without", "no cue", "0")
 _LONGEST = 6
 """The largest number of names in an error message."""
@@ -100,18 +103,13 @@ class TrainingStudy:
         return min(limits, default=DEFAULT_HORIZON_MS)
 
 
-def collect_sessions(
-    folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False
-) -> TrainingStudy:
+def collect_sessions(folders: Iterable[Path], unblind: bool = False) -> TrainingStudy:
     """Read sessions: each folder is a session, or holds some at any depth.
 
-    by: "group" or "cue"; None: the one that differs, "group" first. unblind: show the conditions of
-    the groups in blinded sessions. mixed: take sessions of several scenarios or versions together,
-    and say so in a note. Raises UserError if there is nothing to compare or the sessions are not of
-    one study, StoreError if a file is damaged.
+    They are compared by their groups, or by the cue if all are of one group. unblind: show the
+    conditions of the groups in blinded sessions. Raises UserError if there is nothing to compare or
+    the sessions are not of one study, StoreError if a file is damaged.
     """
-    if by is not None and by not in BY:
-        raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
     found: dict[Path, Path] = {}
     for folder in map(Path, folders):
         inside = sorted(path.parent for path in folder.rglob(description.FILE))
@@ -138,21 +136,22 @@ def collect_sessions(
         key = session.person, session.started, session.name
         if (first := folders_by_key.setdefault(key, session.path)) != session.path:
             raise UserError(f"{session.path} is a copy of {first}; give each session once")
-    notes = _mixtures(valid, mixed) + _describe_cuts(valid) + left_out
-    conditions = {key: {name for session in valid for name in session.groups(key)} for key in BY}
-    by = by or ("group" if len(conditions["group"]) > 1 else "cue")
-    groups = sorted(conditions[by], key=lambda name: (name.lower() not in _REFERENCES, name))
+    _require_one_study(valid)
+    by, conditions = "group", {name for session in valid for name in session.groups("group")}
+    if len(conditions) < 2:
+        by, conditions = "cue", {name for session in valid for name in session.groups("cue")}
+    groups = sorted(conditions, key=lambda name: (name.lower() not in _REFERENCES, name))
     if len(groups) < 2:
         raise UserError(
-            f"all {len(valid)} sessions have {by} {groups[0]!r}, so there is nothing to compare."
-            f" Give sessions of another {by} too" + ("" if by == "cue" else ", or use --by cue")
+            f"all {len(valid)} sessions have one group and {by} {groups[0]!r}, so there is nothing"
+            " to compare. Give sessions of another group too"
         )
     blinded = any(session.header.get("blinded") for session in valid) and not unblind
     if blinded:
         labels = _letters(groups, valid)
     else:
         labels = {name: f"cue {name}" if by == "cue" else name or "(no group)" for name in groups}
-    return TrainingStudy(valid, by, labels, blinded, notes)
+    return TrainingStudy(valid, by, labels, blinded, _describe_cuts(valid) + left_out)
 
 
 def _read_session(folder: Path) -> StudySession:
@@ -166,11 +165,8 @@ def _read_session(folder: Path) -> StudySession:
 
 def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
     notes = []
-    if short := [session.name for session in sessions if session.cut_short]:
-        notes.append(
-            f"Sessions that were cut short count up to the end of their recordings:"
-            f" {', '.join(short)}."
-        )
+    if short := ", ".join(session.name for session in sessions if session.cut_short):
+        notes.append(f"Sessions that were cut short count up to their recordings' end: {short}.")
     outcomes = [
         hazard.outcome
         for session in sessions
@@ -185,37 +181,21 @@ def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
     return notes
 
 
-def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
-    """Return notes on differing scenarios or versions. Raises UserError unless `mixed`."""
-    notes = []
-    for what, content_of in (
-        ("scenarios", _fixed_scenario),
-        ("versions", lambda one: one.header.get("versions") or {}),
-    ):
-        kinds: dict[str, StudySession] = {}
+def _require_one_study(sessions: Sequence[StudySession]) -> None:
+    """Raise UserError if scenarios or versions differ."""
+    for what in ("scenario", "versions"):
+        first: Json = {}
         for session in sessions:
-            kinds.setdefault(json.dumps(content_of(session), sort_keys=True), session)
-        if len(kinds) > 1:
-            first, second = list(kinds.values())[:2]
-            tables = content_of(first), content_of(second)
-            keys = [
-                key
-                for key in dict.fromkeys(["name", *tables[0], *tables[1]])
-                if tables[0].get(key) != tables[1].get(key)
-            ]
-            difference = f"{len(kinds)} different {what}, which differ in {', '.join(keys)}"
-            if not mixed:
+            content: Json = dict(session.header.get(what) or {})
+            # Sessions with and without the cue are compared.
+            content["cue"] = (content.get("cue") or {}) | {"on": None, "blinded": None}
+            first = first or content
+            keys = [key for key in first | content if first.get(key) != content.get(key)]
+            if keys:
                 raise UserError(
-                    f"the sessions are not of one study: they have {difference} ({first.name}"
-                    f" against {second.name}). Give the sessions of one study, or use --mixed"
+                    f"the sessions are not of one study: the {what} of {sessions[0].name} and"
+                    f" {session.name} differs in {', '.join(keys)}. Give the sessions of one study"
                 )
-            notes.append(f"Sessions with {difference} are taken together.")
-    return notes
-
-
-def _fixed_scenario(session: StudySession) -> Json:
-    content = session.header.get("scenario") or {}
-    return content | {"cue": (content.get("cue") or {}) | {"on": None, "blinded": None}}
 
 
 def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
@@ -377,3 +357,201 @@ def _values_by_person(
         if value is not None:
             values.setdefault(session.person, []).append(math.inf if value > horizon else value)
     return {name: np.array(numbers) for name, numbers in values.items()}
+
+
+PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
+_HIDDEN = ("group", "cue", "cue_ms", "session")
+"""Columns that would reveal the cue in a blinded study."""
+_HEIGHT = 110
+
+
+class StudyResult(NamedTuple):
+    """The results of a study."""
+
+    page: Path
+    table: Path
+    text: str
+    comparisons: list[GroupComparison]
+
+
+def write_study(folders: Iterable[Path], out: Path, unblind: bool = False) -> StudyResult:
+    """Write study.html, study.csv (one row a hazard) and study.txt; see `collect_sessions`."""
+    # jinja takes a while to import.
+    from ravenjax.document import html
+
+    study = collect_sessions(folders, unblind)
+    comparisons = compare_groups(study)
+    tested = [comparison for comparison in comparisons if not math.isnan(comparison.p)]
+    floors = [smallest_p(comparison.people, comparison.paired) for comparison in tested]
+    content = {
+        "scenario": study.sessions[0].scenario,
+        "people": len({session.person for session in study.sessions}),
+        "unnamed": sum(not session.participant for session in study.sessions),
+        "sessions": len(study.sessions),
+        "hazards": len(study.rows()),
+        "study": study,
+        "paired": comparisons[0].paired,
+        "reference": comparisons[0].first.label,
+        "comparisons": comparisons,
+        "tested": tested,
+        "smallest_p": min(floors, default=1.0),
+        "infinity": math.inf,
+        "horizon_s": study.horizon_ms() / 1000,
+    }
+    out = Path(out)
+    require_writable(out)
+    environment = html.template_environment("ravenjax.train")
+    page = environment.get_template("study.html.j2").render(
+        content,
+        charts=_charts(comparisons),
+        versions=study.sessions[0].header.get("versions") or {},
+    )
+    text = environment.overlay(autoescape=False).get_template("study.txt.j2").render(content)
+    for name, written in ((PAGE, html.with_scopes(page)), (TABLE, _table(study)), (TEXT, text)):
+        write_text(out / name, written)
+    return StudyResult(out / PAGE, out / TABLE, text, comparisons)
+
+
+def _table(study: TrainingStudy) -> str:
+    """Return CSV with a row for each active hazard; `compared` is the group as it is shown."""
+    rows = [
+        {"compared": label}
+        | dataclasses.asdict(hazard)
+        | {"participant": session.person, "session": session.name}
+        for session, label, hazard in study.rows()
+    ]
+    columns = [name for name in rows[0] if not (study.blinded and name in _HIDDEN)]
+    return reader.as_csv(columns, rows)
+
+
+def _charts(comparisons: Sequence[GroupComparison]) -> list[Chart]:
+    groups: dict[str, dict[str, ComparedGroup]] = {}
+    for comparison in comparisons:
+        for group in (comparison.first, comparison.second):
+            groups.setdefault(comparison.outcome.name, {})[group.label] = group
+    units = {comparison.outcome.name: comparison.outcome.unit for comparison in comparisons}
+    charts = []
+    for outcome, rows in groups.items():
+        top = max(float(group.means.max()) for group in rows.values() if len(group.means))
+        dots = tuple(
+            Dots(label, f"series{place}", group.means, np.full(len(group.means), place))
+            for place, (label, group) in enumerate(rows.items())
+        )
+        axis = ChartAxis(f"participants' means, {units[outcome]}", 0.0, 1.05 * top or 1.0)
+        charts.append(Chart(outcome, axis, ChartAxis("", 0, 1, names=tuple(rows)), dots, _HEIGHT))
+    return charts
+
+
+MOST = 10_000
+"""The largest number of participants that a plan considers."""
+POWER = 0.8
+_ALPHA = alpha_of(CONFIDENCE)
+
+
+class Assignment(NamedTuple):
+    """One participant's condition; `block` counts from 0."""
+
+    participant: str
+    group: str
+    block: int
+
+
+def assign_groups(
+    participants: Sequence[str], groups: Sequence[str], seed: int
+) -> list[Assignment]:
+    """Assign participants to groups in permuted blocks.
+
+    In each block every group comes twice, in random order. The same arguments give the same list,
+    to which participants may be appended. Raises UserError if names repeat.
+    """
+    for what, names in (("participants", participants), ("groups", groups)):
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise UserError(
+                f"{what}: {', '.join(repeated)} given more than once; expected each name once"
+            )
+    if seed < 0:
+        raise UserError(f"seed is {seed}, expected 0 or more")
+    if len(groups) < 2:
+        raise UserError(f"groups: got {format_value(groups)}, expected at least two to compare")
+    assignments = []
+    for number, first in enumerate(range(0, len(participants), 2 * len(groups))):
+        order = np.random.default_rng([seed, number]).permutation(list(groups) * 2).tolist()
+        assignments += [
+            Assignment(person, group, number)
+            for person, group in zip(participants[first:], order, strict=False)
+        ]
+    return assignments
+
+
+class StudyPlan(NamedTuple):
+    """The results that a study of this size can reach."""
+
+    participants: int  # in both groups together
+    paired: bool  # whether each participant does both conditions
+    smallest_p: float
+    adjusted: float  # the smallest p after Holm's adjustment
+    # Participants needed so that any comparison can be clear, in both groups together.
+    needed: int
+    # Participants needed for the requested effect; None: no effect was requested.
+    for_effect: int | None
+
+
+def plan_study(participants: int, paired: bool = True, effect: float | None = None) -> StudyPlan:
+    """Compute what `participants` can show if two groups are compared on every outcome.
+
+    effect: standardised difference (Cohen's d; of differences if paired) to be found with a power
+    of `POWER`. Raises UserError if a number makes no sense.
+    """
+    if participants < 1:
+        raise UserError(f"participants is {participants}, expected at least 1")
+    if effect is not None and not 0.0 < effect < math.inf:
+        raise UserError(f"effect is {effect:g}, expected a number above 0, such as 0.5")
+    smallest = smallest_p(participants, paired)
+    needed = _least(lambda n: len(OUTCOMES) * smallest_p(n, paired) <= _ALPHA)
+    for_effect = None
+    if effect is not None:
+        # The import is slow.
+        from statsmodels.stats.power import TTestIndPower, TTestPower
+
+        test, each = (TTestPower(), 1) if paired else (TTestIndPower(), 2)
+        # Student's t-test at Holm's first level.
+        level = _ALPHA / len(OUTCOMES)
+        least = _least(lambda n: n > 1 and float(test.power(effect, n, level)) >= POWER)
+        for_effect = max(needed, each * least)
+    adjusted = min(1.0, len(OUTCOMES) * smallest)
+    return StudyPlan(participants, paired, smallest, adjusted, needed, for_effect)
+
+
+def smallest_p(participants: int, paired: bool = True) -> float:
+    """Return the least two-sided p of a permutation test of two groups; 1 below two people each."""
+    if paired:
+        ways = 2**participants if participants > 1 else 1
+    else:
+        ways = math.comb(participants, participants // 2) if participants > 3 else 1
+    return min(1.0, 2.0 / min(ways, DRAWS + 1))
+
+
+def describe_plan(plan: StudyPlan) -> str:
+    """Return the plan in words."""
+    design = "who do both conditions" if plan.paired else "each in one group"
+    possible = plan.adjusted <= _ALPHA
+    verdict = "a clear result is possible" if possible else "no result can be clear"
+    lines = [
+        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g};"
+        f" after Holm over {len(OUTCOMES)} comparisons {plan.adjusted:.3g}: {verdict}.",
+        f"A clear result needs at least {plan.needed} participants.",
+    ]
+    if plan.for_effect is not None:
+        lines.append(f"For the given effect and power: {plan.for_effect} participants.")
+    lines.append(
+        "An outcome that does not vary is not compared, which helps; participants who drop out"
+        " make a clear result harder."
+    )
+    return "\n".join(lines)
+
+
+def _least(enough: Callable[[int], bool]) -> int:
+    least = next((number for number in range(1, MOST + 1) if enough(number)), None)
+    if least is None:
+        raise UserError(f"more than {MOST} participants are needed: choose a larger effect")
+    return least

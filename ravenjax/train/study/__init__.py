@@ -1,1 +1,0 @@
-"""Evaluates studies with participants: design, comparison of groups, page."""
