@@ -10,7 +10,7 @@ from cyclopts import App, Parameter, validators
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import Overrides, Switch
+from ravenjax.cli.console import Overrides, Switch, load_module
 
 Crtk = Literal["ros1", "ros2"] | None
 ConsoleProfile = Annotated[str, Parameter("--console")]
@@ -265,8 +265,7 @@ def compare(
     unblind
         show the groups' names instead of A and B
     """
-    from ravenjax.train import study as studies
-
+    studies = load_module("training.study")
     result = studies.write_study(folders, out, unblind)
     console.print_text(result.text.rstrip())
     console.print_text(f"study: {result.page}")
@@ -288,9 +287,9 @@ def assign(
     groups
         names of the groups
     """
-    from ravenjax.train import study as studies
     from ravenjax.train.recording.reader import as_csv
 
+    studies = load_module("training.study")
     drawn = studies.assign_groups(participants, groups, seed)
     rows = (assignment._asdict() for assignment in drawn)
     console.print_text(as_csv(studies.Assignment._fields, rows).rstrip())
@@ -314,8 +313,7 @@ def plan(
     effect
         standardised difference to be found with a power of 0.8
     """
-    from ravenjax.train import study as studies
-
+    studies = load_module("training.study")
     console.print_text(studies.describe_plan(studies.plan_study(participants, paired, effect)))
 
 

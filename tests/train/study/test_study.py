@@ -9,12 +9,12 @@ import shutil
 import numpy as np
 import pytest
 import synthetic_session as synthetic
+from training import study
 
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats import intervals, multiplicity
 from ravenjax.stats.comparison import clustered
 from ravenjax.store.logs.session import description
-from ravenjax.train import study
 from ravenjax.train.recording import reader
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]

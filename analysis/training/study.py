@@ -400,7 +400,7 @@ def write_study(folders: Iterable[Path], out: Path, unblind: bool = False) -> St
     }
     out = Path(out)
     require_writable(out)
-    environment = html.template_environment("ravenjax.train")
+    environment = html.template_environment("ravenjax.train", "training")
     page = environment.get_template("study.html.j2").render(
         content,
         charts=_charts(comparisons),

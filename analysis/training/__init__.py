@@ -1,0 +1,1 @@
+"""Implements `ravenjax study`: compares groups of training sessions."""
