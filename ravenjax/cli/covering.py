@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, ResultFolder, Switch
+from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
 
 if TYPE_CHECKING:
     from ravenjax.analyses.coverage.checks import Coverage, CoverageTable
@@ -22,7 +22,7 @@ def coverage(
     *,
     of: Annotated[str | None, Parameter(name="--runs")] = None,
     pairs: Switch = False,
-    most: int = 10,
+    most: Count = None,
     out: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
@@ -39,19 +39,24 @@ def coverage(
     pairs
         compare runs with two faults with those that have one of them instead
     most
-        pairs of each kind that are listed
+        with --pairs: pairs of each kind that are listed; default 5
     out
         folder of the files; default FOLDER/coverage
     """
     from ravenjax.analyses.coverage import checks
     from ravenjax.analyses.deadline import read_deadlines
+    from ravenjax.errors import UserError
     from ravenjax.report.data.runs import Runs
     from ravenjax.store import files, manifest
 
+    if pairs and of is not None:
+        raise UserError("--runs and --pairs ask for different lists: give one of them")
+    if most is not None and not pairs:
+        console.print_note("--most has no effect without --pairs")
     place = out or folder / "coverage"
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
-            return _pairs(runs, place, most, as_json)
+            return _pairs(runs, place, most or 5, as_json)
         found = checks.measure_coverage(runs, read_deadlines(folder))
         if of is not None:
             columns = ("run", "site", "fault", "harm, ms", "detected, ms", "detected")
