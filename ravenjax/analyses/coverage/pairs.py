@@ -106,6 +106,7 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
         " END"
         for n in slots
     )
+    keys = keys or "NULL"
     acting = " + ".join(["0", *(f"(applied{n}_ticks > 0)::INTEGER" for n in slots)])
     setting = ["operator", *(name for name in runs.names if name.startswith("param:"))]
     frame = runs.table.frame(
