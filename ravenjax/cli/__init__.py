@@ -11,6 +11,7 @@ from cyclopts import App, CycloptsError
 from ravenjax.cli import (
     catalogue,
     console,
+    covering,
     explaining,
     exporting,
     gating,
@@ -47,6 +48,7 @@ for _command in (
     results.verify,
     results.compare,
     gating.gate,
+    covering.coverage,
     results.merge,
     machine.evidence,
     monitors.monitor,

@@ -1,4 +1,6 @@
-"""Stores the explained runs of a result folder in one Parquet file, a row per run."""
+"""Stores what was computed about runs of a result folder in Parquet files, such as explained runs:
+a row per run.
+"""
 
 from pathlib import Path
 
@@ -13,6 +15,8 @@ from ravenjax.store.manifest import Manifest
 
 FOLDER, FILE = "explained", "explained.parquet"
 """The usual folder inside a result folder, and the name of the table."""
+DEADLINES = Path("deadline", "deadlines.parquet")
+"""Place of the table of `ravenjax deadline` inside a result folder."""
 _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
@@ -28,9 +32,7 @@ def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
         others = before.loc[~before["run_id"].isin(ticks["run_id"])]
         ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
-    table = pa.Table.from_pandas(ticks, preserve_index=False)
-    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: own})
-    write_aside(path, lambda target: pq.write_table(table, target, compression="zstd"))
+    write_rows(path, ticks, record)
     return path
 
 
@@ -39,7 +41,22 @@ def read_explained(place: Path, record: Manifest) -> pd.DataFrame | None:
 
     Raises StoreError for a damaged file.
     """
-    path = place / FILE
+    return read_rows(place / FILE, record, "explain")
+
+
+def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
+    """Write a table about runs of a campaign. Raises StoreError if it cannot be written."""
+    own = manifest.code_hash(record.robot).encode()
+    table = pa.Table.from_pandas(rows, preserve_index=False)
+    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: own})
+    write_aside(path, lambda target: pq.write_table(table, target, compression="zstd"))
+
+
+def read_rows(path: Path, record: Manifest, command: str) -> pd.DataFrame | None:
+    """Return a table that `write_rows` wrote for the same campaign; None if there is none.
+
+    command: of ravenjax, which writes the table. Raises StoreError for a damaged file.
+    """
     if not path.is_file():
         return None
     try:
@@ -48,5 +65,5 @@ def read_explained(place: Path, record: Manifest) -> pd.DataFrame | None:
         return pq.read_table(path).to_pandas()
     except (pa.ArrowException, OSError) as error:
         raise StoreError(
-            f"{path}: damaged ({error}); delete it and write `ravenjax explain` again"
+            f"{path}: damaged ({error}); delete it and write `ravenjax {command}` again"
         ) from error

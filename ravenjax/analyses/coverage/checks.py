@@ -1,0 +1,260 @@
+"""Diagnostic coverage: the share of harmful faults that a check detects.
+
+IEC 61508-4 defines it as the rate of detected dangerous failures over that of all dangerous ones.
+Here a fault is dangerous if its run has an unintended motion. A fault that a check made harmless is
+not: only a run without that check, or in which it watches, shows what the fault would have done.
+"""
+
+import functools
+import itertools
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.errors import UserError, suggest_name
+from ravenjax.outcomes import events
+from ravenjax.report import wording
+from ravenjax.report.data import pair_intervals
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import Runs, after_onset
+from ravenjax.report.sections.detectors import list_alarms
+from ravenjax.report.sections.tables import EVERY_SITE
+from ravenjax.stats.intervals import Rate
+from ravenjax.store.access.query import RESULTS, quote_name
+
+Kind = Literal["built-in check", "check of your own", "detector", "cue"]
+EVERYTHING = "all checks and detectors"
+TOGETHER: dict[str, tuple[Kind, ...]] = {
+    "built-in checks": ("built-in check",),
+    "checks of your own": ("check of your own",),
+    "detectors": ("detector",),
+    EVERYTHING: ("built-in check", "check of your own", "detector"),
+    "all of these and the cue": ("built-in check", "check of your own", "detector", "cue"),
+}
+"""Sets of sources by kind: those that report a fault by themselves, and the cue."""
+VALID = f"plain AND faulty AND {FACTS}.activated AND NOT {FACTS}.failed"
+"""SQL condition of the runs that count: valid, with a fault that acted, and nobody reacts."""
+ACTION = "stop"
+"""The action whose deadlines count, see `ravenjax deadline`."""
+_LATEST = np.iinfo(np.int32).max
+
+
+class Source(NamedTuple):
+    """A check, a detector at one threshold, or the cue."""
+
+    name: str
+    kind: Kind
+    does: str  # in words
+    sql: str  # time at which it detects the fault of a run, ms; -1: never
+    # True if it reports a fault by itself. A check that limits without an alarm does not, nor one
+    # that also trips because another has stopped the robot. A detector does at its lowest threshold
+    # without a false alarm.
+    reports: bool
+
+
+class Coverage(NamedTuple):
+    """What one source, or several together, detect of the harmful faults of one site."""
+
+    site: str  # or EVERY_SITE
+    name: str
+    does: str
+    detected: Rate  # of the harmful faults
+    before: Rate  # detected before the harm
+    in_time: Rate | None  # detected by the deadline of a stop; None without deadlines
+    alone: int  # detected, and by no other source that reports by itself
+
+
+class SmallestSets(NamedTuple):
+    """The smallest sets of sources that detect all that every source together detects."""
+
+    criterion: str  # name of a field of Coverage
+    faults: int
+    sets: Sequence[tuple[str, ...]]
+
+
+class CoverageTable(NamedTuple):
+    """The coverage of every source over all harmful faults and over those of each site.
+
+    harmful: one row a run: row, run_id, group, site, distinct, effect_ms, harm_ms, deadline_ms and
+    the time at which each source detects the fault. A time is -1 if it never comes; deadline_ms is
+    so if a stop comes too late at any time, or if its deadline is unknown.
+    """
+
+    harmful: pd.DataFrame
+    sources: Sequence[Source]
+    rows: Sequence[Coverage]
+    smallest: Sequence[SmallestSets]
+    notices: Sequence[str]
+
+    def list_runs(self, name: str, runs: Runs) -> list[tuple[str, ...]]:
+        """Return run, site, fault, times of harm and detection, and which came first, of each
+        harmful fault. `name`: of a source, or of several together. Raises UserError.
+        """
+        named = {one.name: [one] for one in self.sources} | _together(self.sources)
+        if name not in named:
+            raise UserError(
+                f"--runs {name!r}: unknown, expected {', '.join(named)}{suggest_name(name, named)}"
+            )
+        found = _first_ms(self.harmful, named[name])
+        faults = runs.numbered(self.harmful["row"].tolist())
+        columns = (self.harmful[key] for key in ("run_id", "site", "harm_ms"))
+        return [
+            (
+                run_id,
+                site,
+                wording.describe_fault(fault, runs.robot),
+                str(harm),
+                str(ms) if ms >= 0 else wording.DASH,
+                "never" if ms < 0 else "before the harm" if ms < harm else "after the harm",
+            )
+            for run_id, site, harm, ms, fault in zip(*columns, found, faults, strict=True)
+        ]
+
+
+def list_sources(runs: Runs) -> list[Source]:
+    """Return the checks that may act in these runs, the detectors and the verdicts' cue."""
+    sources = []
+    for name in runs.manifest.shape.checks:
+        check = runs.manifest.robot.check(name)
+        kind: Kind = "check of your own" if check.own else "built-in check"
+        reports = check.action != "limit" and not check.follows
+        sources.append(Source(name, kind, check.does, events.check_ms_sql(name), reports))
+    for alarms in runs.once(list_alarms):
+        if alarms.column == "warned_ms":
+            sources.append(Source(alarms.name, "cue", "pulls at the hand", alarms.column, False))
+        elif alarms.column != "told_ms":
+            name = f"{alarms.name} above {alarms.threshold:g}"
+            sources.append(Source(name, "detector", "raises an alarm", alarms.column, alarms.quiet))
+    return sources
+
+
+def times_sql(sources: Sequence[Source]) -> str:
+    """Return SQL columns of the times (ms, -1: never) at which each source detects a fault."""
+    return "".join(f", {after_onset(f'({one.sql})')} AS {quote_name(one.name)}" for one in sources)
+
+
+def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> CoverageTable:
+    """Measure the coverage of each source in the runs of a campaign.
+
+    `deadlines`: from `ravenjax.analyses.deadline.read_deadlines`. Intervals resample the distinct
+    faults, or are Wilson's if each has one run. Enumerated faults have none.
+    """
+    sources = list_sources(runs)
+    harmful = runs.table.frame(
+        f'SELECT row, run_id, {FACTS}."group"::VARCHAR AS "group", site::VARCHAR AS site,'
+        ' "distinct", active_ms AS effect_ms, unintended_ms AS harm_ms, -1 AS deadline_ms'
+        f"{times_sql(sources)} FROM {RESULTS} JOIN {FACTS} USING (row) WHERE {VALID} AND unintended"
+        " ORDER BY row"
+    )
+    latest = {
+        "detected": np.full(len(harmful), _LATEST),
+        "before": harmful["harm_ms"].to_numpy() - 1,
+    }
+    unknown = fickle = 0
+    if deadlines is not None:
+        stops = deadlines.loc[deadlines["action"] == ACTION].set_index("run")
+        stops = stops.reindex(harmful["run_id"])
+        after = stops["deadline_ms"].to_numpy(float)
+        unknown = int(stops["effect_ms"].isna().sum())
+        fickle = int((stops["monotone"] == False).sum())  # noqa: E712
+        harmful["deadline_ms"] = np.where(
+            after >= 0, stops["effect_ms"].to_numpy(float) + after, -1
+        ).astype(int)
+        latest["in_time"] = harmful["deadline_ms"].to_numpy()
+    content = {
+        "kept": runs.count(f"{VALID} AND response = 'stopped' AND NOT unintended"),
+        "limit_mm": runs.manifest.limit_mm,
+        "harmful": len(harmful),
+        "sampled": runs.sampled(set(harmful["group"])),
+        "varied": [name for name in runs.names if name.startswith("param:checks.")],
+        "deadlines": deadlines is not None,
+        "unknown": unknown,
+        "fickle": fickle,
+    }
+    notices = wording.text_templates(__package__).get_template("notices.txt.j2").render(content)
+    return CoverageTable(
+        harmful,
+        sources,
+        list(_rows(runs, harmful, sources, latest)),
+        [_smallest(harmful, sources, name, limit) for name, limit in latest.items()],
+        notices.splitlines(),
+    )
+
+
+def _together(sources: Sequence[Source]) -> dict[str, list[Source]]:
+    teams = {
+        name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
+        for name, kinds in TOGETHER.items()
+    }
+    return {
+        name: team
+        for name, team in teams.items()
+        if team and (name == EVERYTHING or team != teams[EVERYTHING])
+    }
+
+
+def _first_ms(harmful: pd.DataFrame, team: Sequence[Source]) -> np.ndarray:
+    """Return when the first of several sources detects each fault, ms; -1: never."""
+    times = harmful[[one.name for one in team]].to_numpy()
+    first = np.where(times >= 0, times, _LATEST).min(axis=1, initial=_LATEST)
+    return np.where(first < _LATEST, first, -1)
+
+
+def _rows(
+    runs: Runs, harmful: pd.DataFrame, sources: Sequence[Source], latest: Mapping[str, np.ndarray]
+) -> Iterator[Coverage]:
+    sites = {EVERY_SITE: np.full(len(harmful), True)}
+    sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
+    reporting = [one for one in sources if one.reports]
+    teams = {one.name: [one] for one in sources} | _together(sources)
+    does = {one.name: one.does for one in sources}
+    for site, here in sites.items():
+        faults = harmful["distinct"].to_numpy()[here]
+        among = pair_intervals.pair_faults(
+            faults, runs.sampled(set(harmful["group"].to_numpy()[here]))
+        )
+        for name, team in teams.items():
+            ms = _first_ms(harmful, team)[here]
+            # Of one site, the sources that detect something there are enough.
+            if site != EVERY_SITE and name != EVERYTHING and not (ms >= 0).any():
+                continue
+            others = _first_ms(harmful, [one for one in reporting if one not in team])[here]
+            rates = {
+                criterion: pair_intervals.pair_rate((ms >= 0) & (ms <= limit[here]), among)
+                for criterion, limit in latest.items()
+            }
+            alone = int(((ms >= 0) & (others < 0)).sum())
+            three = rates["detected"], rates["before"], rates.get("in_time")
+            yield Coverage(site, name, does.get(name, ""), *three, alone)
+
+
+def _smallest(
+    harmful: pd.DataFrame, sources: Sequence[Source], criterion: str, limit: np.ndarray
+) -> SmallestSets:
+    hits = {}
+    for one in sources:
+        ms = harmful[one.name].to_numpy()
+        hit = (ms >= 0) & (ms <= limit)
+        if one.reports and hit.any():
+            # As a whole number, whose bits are the faults.
+            hits[one.name] = int.from_bytes(np.packbits(hit).tobytes())
+    whole = _union(hits.values())
+    needed = [
+        name
+        for name in hits
+        if _union(bits for other, bits in hits.items() if other != name) != whole
+    ]
+    for size in range(len(hits) - len(needed) + 1):
+        rest = itertools.combinations([name for name in hits if name not in needed], size)
+        teams = [(*needed, *more) for more in rest]
+        found = [team for team in teams if _union(hits[name] for name in team) == whole]
+        if found:
+            break
+    return SmallestSets(criterion, whole.bit_count(), found)
+
+
+def _union(bits: Iterable[int]) -> int:
+    return functools.reduce(operator.or_, bits, 0)

@@ -1,0 +1,28 @@
+"""Finds the point of no return of each harmful fault: until when an action still prevents it."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from ravenjax.store import manifest
+from ravenjax.store.access import explained
+
+
+def read_deadlines(directory: Path) -> pd.DataFrame | None:
+    """Return the table of `ravenjax deadline` in a result folder; None if the folder has none.
+
+    There is a row for each harmful fault and each action:
+
+    run, action    run id; name of the action
+    deadline_ms    last time at which the action prevents the harm, ms after the fault's first
+                   effect; negative: before the effect, so that the harm cannot be prevented
+    effect_ms      time of the fault's first effect, ms since the run began
+    visible_ms     first time at which a signal shows the fault, ms after its first effect; NaN:
+                   none does
+    margin_ms      deadline_ms minus visible_ms; NaN: no signal shows the fault
+    monotone       False if an earlier action, of those that were tried, does not prevent the harm
+
+    Raises StoreError for a folder without results, and for a damaged table.
+    """
+    record = manifest.read_manifest(directory)
+    return explained.read_rows(directory / explained.DEADLINES, record, "deadline")
