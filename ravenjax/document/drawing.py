@@ -59,7 +59,7 @@ _REPLACED = tuple(
 )
 
 
-def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
+def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Markup:
     """Return the chart as SVG for each of `kinds`. `described_by`: id of its numbers."""
     with matplotlib.rc_context(PAGE_STYLE):
         drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]

@@ -56,8 +56,7 @@ def _charts(course: TipCourse) -> list[Chart]:
             floor, top = np.full(2, low), np.full(2, high)
             marks: list[Mark] = [Curve("recorded", SAME, recorded_s, recorded)]
             if near.sum() <= DOTS:
-                size = (3.0,) * len(recorded)
-                marks.append(Dots("", SAME, recorded_s, recorded, size=size, in_legend=False))
+                marks.append(Dots("", SAME, recorded_s, recorded, in_legend=False))
             if last:
                 marks.append(Curve(f"replayed, {course.arm}", colour, after_s, after[:, row]))
             marks += [

@@ -26,7 +26,7 @@ def trace_plot(
     title: str = "",
     threshold_mm: float = 3.0,
     cue: int = 0,
-    events: Mapping[str, float] | None = None,
+    events: Mapping[str, float] | None,
     robot: Robot = robots.USUAL,
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
