@@ -5,6 +5,8 @@ Nothing is compiled, and no tick is imported, before that. All complaints are re
 each with file, line, key, what was found and what was expected.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any

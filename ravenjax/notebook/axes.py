@@ -6,6 +6,8 @@ Each function returns the table that a campaign file would hold: `uniform(0, 1)`
 list of values.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
