@@ -212,7 +212,7 @@ def _dependence(
     gap = Estimate(np.nan, np.nan, np.nan)
     if len(levels) > 1:
         first, *_, last = levels.values()
-        gap = rate_difference(last.k, last.n, first.k, first.n, 0.95)
+        gap = rate_difference(last.k, last.n, first.k, first.n)
     p = _p(hit, code[:, None] == np.flatnonzero(n), values)
     return Dependence(event, parameter, p, levels, gap)
 

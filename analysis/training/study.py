@@ -319,12 +319,10 @@ def _compare(
     )
     if outcome is RIGHT:
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
-        share = risk([hits / 100.0 for hits in two], [hits / 100.0 for hits in one], CONFIDENCE)
+        share = risk([hits / 100.0 for hits in two], [hits / 100.0 for hits in one])
         difference = Estimate(100.0 * share.value, 100.0 * share.low, 100.0 * share.high)
     else:
-        difference = clustered.mean_difference(
-            limited_two, limited_one, CONFIDENCE, is_paired=is_paired
-        )
+        difference = clustered.mean_difference(limited_two, limited_one, is_paired=is_paired)
     means = clustered.cluster_means(limited_one), clustered.cluster_means(limited_two)
     g, p = _NONE, math.nan
     if min(map(len, means)) > 1:

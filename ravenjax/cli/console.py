@@ -118,15 +118,9 @@ def print_written(paths: Iterable[Path]) -> None:
 
 def render_template(template: str, **content: Any) -> str:
     """Return the text of a template of this package."""
-    import jinja2
+    from ravenjax.report.wording import text_templates
 
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.cli"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return templates.get_template(template).render(content)
+    return text_templates("ravenjax.cli").get_template(template).render(content).rstrip("\n")
 
 
 def print_error(text: str) -> None:

@@ -5,7 +5,6 @@ to error to failure, also for a campaign.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,11 +96,12 @@ def _write(
     }
     named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
     trace_plot(
-        _plotted(series, rules.cue),
+        series,
         plot,
-        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}",
-        subtitle=f"{row['group']}: {wording.describe_fault(row, record.robot)}",
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
+        f"{row['group']}: {wording.describe_fault(row, record.robot)}",
         threshold_mm=rules.threshold_mm,
+        cue=rules.cue,
         robot=record.robot,
         events={name: float(row[column]) for name, column in named.items()},
     )
@@ -134,31 +134,6 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         "campaign_code_hash": record.code_hash,
     }
     return {name: str(value) for name, value in values.items()}
-
-
-def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
-    active = [
-        values
-        for name, values in series.items()
-        if name.startswith("fault") and name.endswith("_active")
-    ]
-    commands = {
-        n.replace("boards_cnt", "current_cmd"): v
-        for n, v in series.items()
-        if n.endswith("/boards_cnt")
-    }
-    forces = {
-        n.replace("cue_force", "haptic_force"): v[:, cue]
-        for n, v in series.items()
-        if n.endswith("/cue_force")
-    }
-    return {
-        **series,
-        **commands,
-        **forces,
-        **({"pedal": series["surgeon_mode"]} if "surgeon_mode" in series else {}),
-        **({"fault_active": sum(active) > 0} if active else {}),
-    }
 
 
 def explain(
@@ -242,6 +217,7 @@ def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
 
 def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
     from ravenjax.report import downloads
+    from ravenjax.report.drawing import save_figure
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_text
 
@@ -252,7 +228,10 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
         explained = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
         table, plot = (place / f"{explained.run_id}.{kind}" for kind in ("csv", "svg"))
         write_text(table, downloads.format_csv(explained.links) or "layer,signal\n")
-        paths = [table, plot] if chain_words.draw_timeline(explained, plot) else [table]
+        paths = [table]
+        if (figure := chain_words.timeline_figure(explained)) is not None:
+            save_figure(figure, plot)
+            paths.append(plot)
         records.append(explained._asdict() | {"visible": explained.first, "files": paths})
         if not as_json:
             _print(explained, paths)

@@ -6,6 +6,7 @@ dark schemes. SVG groups name their series, so that the page's script can hide t
 
 import io
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -29,6 +30,9 @@ BAND, FAINT, MANY = 0.16, 0.07, 3
 LONGEST = 0.05
 """Largest number of letters of a name beside an axis, per px of the width. Longer names are cut;
 the table of numbers has the full names.
+"""
+PX_PER_INCH, LETTERS, NAME = 100, 14, 2.3
+"""In print: scale of a chart's height, letters of a title per inch, inches per name of the legend.
 """
 PRINTED = 0.6
 """Size of dots and lines in print, relative to a page."""
@@ -55,7 +59,7 @@ _REPLACED = tuple(
 )
 
 
-def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
+def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Markup:
     """Return the chart as SVG for each of `kinds`. `described_by`: id of its numbers."""
     with matplotlib.rc_context(PAGE_STYLE):
         drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]
@@ -91,22 +95,36 @@ def with_own_ids(svg: str, prefix: str) -> str:
     return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", svg)
 
 
-def print_figure(chart: Chart, width: float) -> Figure:
-    """Return the chart with its legend, for print; `width` in inches."""
-    names = [name for name, _, visible in chart.legend() if visible]
-    size = (width, 1.2 + chart.height / 150 + 0.13 * len(names))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots()
-    draw_chart(chart, axes)
-    axes.set(xlabel=chart.x.title, ylabel="" if chart.y.names else chart.y.title)
-    handles, labels = axes.get_legend_handles_labels()
-    # Of marks with the same name, keep the first.
-    by_name = dict(zip(reversed(labels), reversed(handles), strict=True))
-    shown = [name for name in names if name in by_name]
-    if shown:
-        figure.legend(
-            [by_name[name] for name in shown], shown, loc="outside upper left", fontsize=7
-        )
+def print_figure(
+    charts: Sequence[Chart], width: float, columns: int = 1, title: str = ""
+) -> Figure:
+    """Return charts as panels, for print, with a legend for each series of any of them.
+
+    `width` in inches.
+    """
+    heights = [
+        0.9 + max(chart.height for chart in charts[first : first + columns]) / PX_PER_INCH
+        for first in range(0, len(charts), columns)
+    ]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width, 1.0 + sum(heights)), layout="constrained")
+        grid = figure.subplots(len(heights), columns, squeeze=False, height_ratios=heights)
+        series = {}
+        for chart, axes in zip(charts, grid.flat, strict=False):
+            draw_chart(chart, axes)
+            axes.set_title(chart.title, fontsize=9, loc="left")
+            axes.set(xlabel=chart.x.title, ylabel="" if chart.y.names else chart.y.title)
+            for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+                series.setdefault(name, handle)
+        for axes in grid.flat[len(charts) :]:
+            axes.set_visible(False)
+        if title:
+            lines = (textwrap.fill(line, int(LETTERS * width)) for line in title.splitlines())
+            figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=10)
+        if series:
+            place = "outside lower center"
+            names = int(width / NAME)
+            figure.legend(series.values(), series, loc=place, ncols=names, fontsize=8)
     return figure
 
 

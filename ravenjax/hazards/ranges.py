@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from ravenjax.errors import UserError
 from ravenjax.hazards.library import DATA
-from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.declaration import SITES
 
 FILE = "normal_ranges.csv"
@@ -46,7 +45,7 @@ def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
     return by_channel
 
 
-def normal_range(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
+def normal_range(site: str, channel: str, arm: str) -> ChannelRange:
     """Return a channel's normal range; `arm` matters at sites of each arm. Raises UserError."""
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured_ranges():

@@ -75,19 +75,19 @@ def verdict_figure(runs: Runs) -> Figure | None:
 def how_soon(runs: Runs) -> Figure | None:
     """Return a figure of how soon a cue and an alarm come; None if no fault had an effect."""
     curves, _ = time_to_know.incidence_curves(runs)
-    return print_figure(curves, WIDTH / 2) if curves else None
+    return print_figure([curves], WIDTH / 2) if curves else None
 
 
 def roc_figure(runs: Runs) -> Figure | None:
     """Return a figure with the ROC curve of each detector; None if there are no detectors."""
     chart = detectors.roc_chart(detectors.detector_rows(runs)) if runs.manifest.detectors else None
-    return print_figure(chart, WIDTH / 2) if chart else None
+    return print_figure([chart], WIDTH / 2) if chart else None
 
 
 def tradeoff_figure(runs: Runs) -> Figure | None:
     """Return a figure of missed hazards over false cues, by haptic set; None without either."""
     chart = cues.cue_tradeoff(cues.cue_rows(runs))
-    return print_figure(chart, WIDTH / 2) if chart else None
+    return print_figure([chart], WIDTH / 2) if chart else None
 
 
 FIGURES = {

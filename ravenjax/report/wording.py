@@ -7,7 +7,6 @@ from typing import Any
 
 import jinja2
 
-from ravenjax import robots
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.vocabulary.effects import FIELDS
 from ravenjax.vocabulary.robot import Robot
@@ -123,7 +122,7 @@ def format_span(low: float, high: float) -> str:
     return f"{format_number(low)}{DASH if low >= 0 else ' to '}{format_number(high)}"
 
 
-def describe_fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
+def describe_fault(row: Mapping[str, Any], robot: Robot) -> str:
     """Describe a row's faults: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
     phrases = (fault_in_slot(row, slot, robot) for slot in slots)

@@ -115,7 +115,7 @@ def independent_difference(first: Estimate, second: Estimate) -> Estimate:
     return Estimate(value, value - below, value + above)
 
 
-def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Estimate:
+def rate_difference(k1: int, n1: int, k2: int, n2: int) -> Estimate:
     """Return the rate of k1 of n1 minus the rate of k2 of n2 independent runs, with its interval;
     NaN if a group is empty.
 
@@ -125,9 +125,9 @@ def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95
     """
     from statsmodels.stats.proportion import confint_proportions_2indep  # slow to import
 
-    first, second = rates_with_intervals([k1, k2], [n1, n2], confidence)
+    first, second = rates_with_intervals([k1, k2], [n1, n2])
     if not first.n or not second.n:
         return Estimate()
     counts = (first.k, first.n, second.k, second.n)
-    low, high = confint_proportions_2indep(*counts, "newcomb", "diff", alpha_of(confidence))
+    low, high = confint_proportions_2indep(*counts, "newcomb", "diff", ALPHA)
     return Estimate(first.value - second.value, float(low), float(high))

@@ -160,7 +160,7 @@ def part_files(folder: Path) -> list[Path]:
 
 def read_part(
     path: Path,
-    config_hash: str | None = None,
+    config_hash: str | None,
     recorded: Part | None = None,
     columns: Sequence[str] | None = None,
 ) -> pa.Table:
@@ -229,7 +229,7 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
         ) from error
 
 
-def inspect_part(path: Path, config_hash: str | None = None) -> Part:
+def inspect_part(path: Path, config_hash: str | None) -> Part:
     """Return the record of a part found on disk, after reading it in full."""
     digest, size = hash_file(path), path.stat().st_size
     failed = count_failures(read_part(path, config_hash))

@@ -5,8 +5,6 @@ columns.csv. results/README.md describes them in prose. The names of repeated co
 cues, checks, arms, varied parameters) follow from a `Shape`.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import functools

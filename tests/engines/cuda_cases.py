@@ -8,9 +8,10 @@ from ravenjax.bundled import resources
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu.code import column_words
-from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
+from ravenjax.engines.gpu.cuda import CudaPrinter
 from ravenjax.engines.gpu.engine import CudaEngine
 from ravenjax.engines.interface import Block
+from ravenjax.engines.printing import render_template
 from ravenjax.ir import semantics
 from ravenjax.ir.program import Program
 from ravenjax.numbers.vec import replace
@@ -50,7 +51,9 @@ def check(launch, k: int) -> None:
     same_bits(got, expected)
 
 
-SOURCE = PRELUDE + "".join(printed(k, program) for k, (_, program, _) in enumerate(CASES))
+SOURCE = render_template("gpu/prelude.cu.j2") + "".join(
+    printed(k, program) for k, (_, program, _) in enumerate(CASES)
+)
 
 
 # --- a campaign ---

@@ -15,13 +15,14 @@ def series():
     random, time = np.random.default_rng(5), np.arange(TICKS)
     made = {
         "runlevel": np.where(time < 1700, 3, 0),
-        "pedal": (time > 100) * 1,
-        "fault_active": (time >= 1200) & (time < 1500),
+        "surgeon_mode": (time > 100) * 1,
+        "fault0_active": (time >= 1200) & (time < 1500),
     }
-    for name in ("model_position", "position", "tip", "haptic_force"):
+    for name in ("model_position", "position", "tip"):
         made[f"gold/{name}"] = random.normal(0, 0.01, (TICKS, 3))
-    made["gold/current_cmd"] = random.integers(-100, 100, (TICKS, 7)) * np.arange(1, 8)
-    made["gold/current_cmd"][made["fault_active"], 0] = 14000
+    made["gold/cue_force"] = np.abs(random.normal(0, 1, (TICKS, 1)))
+    made["gold/boards_cnt"] = random.integers(-100, 100, (TICKS, 7)) * np.arange(1, 8)
+    made["gold/boards_cnt"][made["fault0_active"], 0] = 14000
     return made
 
 
@@ -60,23 +61,16 @@ def test_values_events_and_windows_stand_where_they_belong(tmp_path, figures, su
     for label, name in (("gold, true", "tip"), ("gold, as reported", "position")):
         off = given[f"gold/{name}"] - given["gold/model_position"]
         np.testing.assert_allclose(lines(error)[label], 1e3 * np.sqrt((off**2).sum(axis=1)))
-    size = np.linalg.norm(given["gold/haptic_force"], axis=1)
-    np.testing.assert_allclose(force.lines[0].get_ydata(), size)
-    peaks = np.abs(given["gold/current_cmd"]).max(axis=0)
-    assert set(lines(dac)) == {
+    np.testing.assert_allclose(lines(force)["force, gold"], given["gold/cue_force"][:, 0])
+    peaks = np.abs(given["gold/boards_cnt"]).max(axis=0)
+    assert set(JOINTS) & set(lines(dac)) == {
         JOINTS[joint] for joint in np.argsort(peaks)[-3:]
     } and "shoulder" in lines(dac)
-    np.testing.assert_array_equal(lines(dac)["shoulder"], given["gold/current_cmd"][:, 0])
-    np.testing.assert_array_equal(lines(state)["runlevel"], given["runlevel"])
+    np.testing.assert_array_equal(lines(dac)["shoulder"], given["gold/boards_cnt"][:, 0])
+    np.testing.assert_array_equal(lines(state)["run level"], given["runlevel"])
     for axes in figure.axes:
-        upright = [
-            line.get_xdata()[0]
-            for line in axes.lines
-            if len(line.get_xdata()) == 2 and line.get_xdata()[0] > 1
-        ]
+        upright = [line.get_xdata()[0] for line in axes.lines if np.ptp(line.get_xdata()) == 0.0]
         assert upright == [1.275, 1.7], "events, s"
-        (window,) = axes.patches
-        assert window.get_x() == 1.2 and window.get_width() == pytest.approx(0.3), "the fault, s"
-    assert next(line.get_ydata()[0] for line in error.lines if len(line.get_ydata()) == 2) == 3.0, (
-        "the cue, mm"
-    )
+        (window,) = (line for line in axes.lines if line.get_label() == "fault")
+        np.testing.assert_allclose(window.get_xdata(), [1.2, 1.5], err_msg="the fault, s")
+    assert lines(error)["cue at 3 mm"].tolist() == [3.0, 3.0]

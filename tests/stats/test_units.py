@@ -131,14 +131,9 @@ def mean(index):
 
 
 def test_the_plain_bootstrap_is_scipys_on_rows():
-    band = units.bootstrap(60, mean, 0.9, resamples=2000, seed=4)
+    band = units.bootstrap(60, mean, resamples=2000, seed=4)
     theirs = stats.bootstrap(
-        (X,),
-        np.mean,
-        confidence_level=0.9,
-        n_resamples=2000,
-        method="percentile",
-        rng=np.random.default_rng(4),
+        (X,), np.mean, n_resamples=2000, method="percentile", rng=np.random.default_rng(4)
     )
     assert (band.low, band.high) == pytest.approx(tuple(theirs.confidence_interval), rel=1e-9)
     assert band.value == pytest.approx(X.mean())

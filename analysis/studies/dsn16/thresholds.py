@@ -87,7 +87,7 @@ def pooled_interval(values: np.ndarray, percent: float) -> StudyEstimate:
         passed = np.cumsum(times[:, owner], axis=1)
         return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
 
-    band = bootstrap(runs, quantile, 0.95, resamples=RESAMPLES, seed=SEED, batch=50)
+    band = bootstrap(runs, quantile, resamples=RESAMPLES, seed=SEED, batch=50)
     value = float(np.percentile(flat, percent))
     return StudyEstimate(value, float(band.low), float(band.high), runs, "runs")
 

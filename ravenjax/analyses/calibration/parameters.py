@@ -10,6 +10,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import position_loop
 from ravenjax.analyses.calibration.position_loop import LoopParams
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec, replace
@@ -45,39 +46,7 @@ class Unknown(NamedTuple):
         return self.name if self.joint is None else f"{self.name}.{JOINTS[self.joint]}"
 
 
-# Name, fields, spread and whether it is a ratio, with the reason.
-BELIEFS = {
-    "friction": (
-        # Two recorded arms differ by factors up to 1.7. A log cannot separate motor from joint
-        # friction, so both change together.
-        ("dry_friction", ("plant.actuators.coulomb", "plant.link_coulomb"), 0.6, True),
-        ("viscous_friction", ("plant.actuators.viscous",), 1.0, True),
-    ),
-    # N m; about 70 counts: offset of the amplifier, and weight that is not modelled.
-    "offsets": (("offset", ("plant.actuators.bias",), 0.02, False),),
-    # Torque per count: published as 0.94 to 1 of the controller's value, with gains of 0.8 to 1.
-    # Widened to both sides by assumption.
-    "motors": (("motor_constant", ("plant.actuators.gain",), 0.1, True),),
-    "cables": (
-        (
-            "cable_stiffness",
-            ("plant.cable_stiffness",),
-            0.5,
-            True,
-            # Published values are 1 to 3 times this; the extension to worn cables is assumed.
-        ),
-        # Published values are 0.25 to 3 times this.
-        ("cable_damping", ("plant.cable_damping",), 0.7, True),
-    ),
-    "delays": (
-        # Assumed, as in the study of an uncertain robot: from none to three frames of full-speed
-        # USB.
-        (COMMAND_DELAY, (COMMAND_DELAY,), 0.7, True),
-        # ms, assumed: a log's desired joints may be those of its cycle or of a neighbouring one.
-        (SETPOINT_DELAY, (SETPOINT_DELAY,), 1.0, False),
-    ),
-}
-"""Inertia is not estimated: half a minute of a log leaves it as uncertain as before."""
+BELIEFS = resources.read_tables(__file__, "beliefs.toml")
 ASKS = tuple(BELIEFS)
 
 
@@ -91,10 +60,10 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
             f"{suggest_name(invalid[0], ASKS)}"
         )
     return tuple(
-        Unknown(name, fields, joint, spread, ratio)
+        Unknown(name, tuple(belief["fields"]), joint, belief["spread"], belief["ratio"])
         for ask in ASKS
         if ask in asks
-        for name, fields, spread, ratio in BELIEFS[ask]
+        for name, belief in BELIEFS[ask].items()
         for joint in ([None] if ask == "delays" else joints)
     )
 

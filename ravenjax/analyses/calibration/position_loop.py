@@ -112,7 +112,7 @@ def start_state(
     )
 
 
-def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool = True) -> Vec:
+def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool) -> Vec:
     """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
     that they have a derivative.
     """

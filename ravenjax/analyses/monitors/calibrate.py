@@ -182,10 +182,10 @@ def operate_afresh(
     folder: Path,
     out: Path,
     hours: float,
-    overrides: Sequence[str] = (),
-    robots: int | None = None,
-    engine: str = "auto",
-    on_operator: OnOperator = lambda *_: None,
+    overrides: Sequence[str],
+    robots: int | None,
+    engine: str,
+    on_operator: OnOperator,
 ) -> Peaks:
     """Compute operations in `out` of operators that the calibration in `folder` did not use,
     measured in the same way.

@@ -19,6 +19,7 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.inspection.fault_free import fault_free_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram
@@ -30,7 +31,6 @@ CALIBRATION, FRESH = 0, 1
 MS_PER_HOUR = 3.6e6
 MOST_AT_A_TIME = 32
 """Largest number of operators whose operations are computed side by side."""
-_GROUP = "fault_free"
 _ARMED_AFTER = "detectors.armed_after"
 
 
@@ -64,23 +64,16 @@ class OperatorScores:
 
 def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
     """Return the fault-free campaign of an operator: `config` without its groups."""
-    own = config.model_dump(mode="json")
-    group: dict[str, Any] = {"name": _GROUP}
-    if design.robots > 1 or any(
-        axis.kind == "list" for axis in config.parameters.values()
-    ):  # otherwise each value gets a run
-        group |= {"design": "random", "runs": design.robots}
-    tables = {
-        name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
-    }
-    settings = {
-        "name": "fault_free",
-        "duration_s": design.length_s,
-        "limit": None,
-        "observe_ms": None,
-    }
-    raw = own | tables | {"reaction": None, "stop": None, "group": [group]}
-    return validate_tables(raw | {"campaign": own["campaign"] | settings})
+    drawn = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
+    return validate_tables(
+        fault_free_tables(
+            config.model_dump(mode="json"),
+            design.robots * drawn,
+            name="fault_free",
+            duration_s=design.length_s,
+            observe_ms=None,
+        )
+    )
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:

@@ -184,7 +184,7 @@ _NAME, _SAME_LANES = "monitor", 2
 
 
 def compute_test_vector(
-    config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
+    config: CampaignConfig, monitor: Monitor, seed: int, engine: str
 ) -> pd.DataFrame:
     """Return a monitor's inputs and scores in each millisecond, to test its C code: one row per
     millisecond of the first arm of `config`'s robot.

@@ -19,7 +19,6 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.stats.inputs import sensitivity
 
-CONFIDENCE = 0.95
 RESAMPLES = 500
 """Bootstrap samples behind an interval."""
 MOST_PANELS = 24
@@ -61,7 +60,7 @@ def find(
         "method": search.kind,
         "inputs": template.drawn(),
         "points": points,
-        "confidence": CONFIDENCE,
+        "confidence": 0.95,
         "resamples": RESAMPLES,
         "results": records,
     }
@@ -86,33 +85,23 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:
-            indices = sensitivity.sobol_analyse(
-                values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed
-            )
-            return {"S1": _bounded(indices.first), "ST": _bounded(indices.total)}
+            indices = sensitivity.sobol_analyse(values, inputs, resamples=RESAMPLES, seed=seed)
+            return {"S1": indices.first._asdict(), "ST": indices.total._asdict()}
 
         return sensitivity.sobol_sample(inputs, search.n, seed), sobol
     unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
 
     def morris(values: np.ndarray) -> Indices:
         effects = sensitivity.morris_analyse(
-            unit, values, CONFIDENCE, levels=search.levels, resamples=RESAMPLES, seed=seed
+            unit, values, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
         return {
-            "mu_star": _bounded(effects.mu_star),
+            "mu_star": effects.mu_star._asdict(),
             "mu": {"value": effects.mu},
             "sigma": {"value": effects.sigma},
         }
 
     return unit, morris
-
-
-def _bounded(found: Any) -> dict[str, np.ndarray]:
-    return {
-        "value": np.asarray(found.value),
-        "low": np.asarray(found.low),
-        "high": np.asarray(found.high),
-    }
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:

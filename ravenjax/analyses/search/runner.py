@@ -53,7 +53,7 @@ class SearchResult:
 
 def run_search(
     file: str | Path | SearchConfig,
-    out: str | Path | None = None,
+    out: str | Path | None,
     engine: str = "auto",
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,

@@ -4,8 +4,6 @@ A list may also be written `{ list = [..] }`. This states that its values are le
 numbers of a vector.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

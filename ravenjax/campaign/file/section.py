@@ -2,8 +2,6 @@
 construct.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence

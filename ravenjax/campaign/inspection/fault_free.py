@@ -129,32 +129,42 @@ def fault_free_campaigns(
 
     tables: tables of the original campaign.
     """
-    group: dict[str, Any] = {"name": "fault_free"}
-    if any(
+    # If a parameter has a distribution, the robots are drawn.
+    runs = DRAWN * any(
         isinstance(value, dict)
         for table in ("parameters", "cross")
         for value in tables.get(table, {}).values()
-    ):
-        # A parameter has a distribution: draw the robots.
-        group |= {"design": "random", "runs": DRAWN}
-    base = {**tables} | {
-        name: fault_free.without_reaction(tables.get(name, {})) for name in ("parameters", "cross")
-    }
-    base |= {"reaction": None, "stop": None, "group": [group]}
+    )
     motion, seed = tables["operator"].get("motion") or "suture", int(tables["operator"]["seed"])
     while True:
         seed = (seed + 1) % 2**31
-        changes = {
-            "name": f"{motion}_{seed}",
-            "description": "fault-free motion",
-            "seed": seed,
-            "limit": None,
-        }
-        campaign = tables["campaign"] | changes | {"duration_s": float(seconds)}
-        yield (
-            changes["name"],
-            base | {"campaign": campaign, "operator": tables["operator"] | {"seed": seed}},
+        base = fault_free_tables(
+            tables,
+            runs,
+            name=f"{motion}_{seed}",
+            description="fault-free motion",
+            seed=seed,
+            duration_s=float(seconds),
         )
+        name = base["campaign"]["name"]
+        yield name, base | {"operator": tables["operator"] | {"seed": seed}}
+
+
+def fault_free_tables(tables: Mapping[str, Any], runs: int, **settings: Any) -> dict[str, Any]:
+    """Return the tables of a campaign without its faults, with these settings.
+
+    `runs`: robots that are drawn; 0: each value of a parameter gets a run.
+    """
+    group = {"name": "fault_free"} | ({"design": "random", "runs": runs} if runs else {})
+    return {
+        **tables,
+        "reaction": None,
+        "stop": None,
+        "group": [group],
+        "campaign": tables["campaign"] | {"limit": None} | settings,
+    } | {
+        name: fault_free.without_reaction(tables.get(name, {})) for name in ("parameters", "cross")
+    }
 
 
 def _length_s(record: Manifest, hours: float) -> int:

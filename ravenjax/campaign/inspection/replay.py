@@ -115,7 +115,7 @@ class Replayer(PlannedCampaign):
         )
 
 
-def replay_run(config: CampaignConfig, run: Any, engine: str = "auto") -> Replay:
+def replay_run(config: CampaignConfig, run: Any, engine: str) -> Replay:
     """Compute one run of a campaign again, given its run id, an unambiguous beginning of the id, or
     its index.
     """

@@ -20,7 +20,7 @@ from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.inspection.replay import original_engine
 from ravenjax.campaign.plan import Plan, make_plan
-from ravenjax.campaign.progress import OnProgress, Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, schema
@@ -76,11 +76,7 @@ class Verification(NamedTuple):
 
 
 def verify_folder(
-    folder: Path,
-    sample: int = SAMPLE,
-    engine: str = "auto",
-    seed: int = 0,
-    on_progress: OnProgress | None = None,
+    folder: Path, sample: int = SAMPLE, engine: str = "auto", seed: int = 0
 ) -> Verification:
     """Check a result folder and compute `sample` of its runs again, drawn with `seed`; 0: none.
 
@@ -113,7 +109,7 @@ def verify_folder(
         return Verification(checks, None)
     there = np.concatenate([np.asarray(part.rows) for part in whole])
     drawn = np.random.default_rng(seed).choice(there, min(sample, len(there)), replace=False)
-    rerun = _again(folder, record, plan, np.sort(drawn), engine, on_progress)
+    rerun = _again(folder, record, plan, np.sort(drawn), engine)
     return Verification([*checks, _check(rerun, plan)], rerun)
 
 
@@ -149,18 +145,11 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
     )
 
 
-def _again(
-    folder: Path,
-    record: Manifest,
-    plan: Plan,
-    rows: np.ndarray,
-    engine: str,
-    on_progress: OnProgress | None,
-) -> Rerun:
+def _again(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str) -> Rerun:
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
     words = f"{backend.name} on {backend.device}"
-    progress = Progress(words, len(rows), len(rows), plan.program.ticks, on_progress)
+    progress = Progress(words, len(rows), len(rows), plan.program.ticks)
     computation = Computation(plan, backend, progress, whole=True)
     computation.compile()
     columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])

@@ -1,11 +1,14 @@
 """Prints straight-line programs as CUDA C: one statement per operation, one robot per thread.
 
-The text calls no mathematical library. Every float operation is rounded separately, provided that
-the compiler neither fuses nor flushes (`OPTIONS`). Therefore all devices give the same bits, except
-for the payload of a NaN. Numbers have 32 bits; there is no float64.
+It calls the functions of prelude.cu.j2, and no mathematical library. Every float operation is
+rounded separately, provided that the compiler neither fuses nor flushes (`OPTIONS`). Therefore all
+devices give the same bits, except for the payload of a NaN. Numbers have 32 bits; there is no
+float64.
 """
 
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,88 +19,10 @@ from ravenjax.ir.program import Program, from_bits
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """Options of the compiler that keep each operation's rounding."""
 
-_TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
-_WORDS = {
-    "float32": ("__uint_as_float({})", "__float_as_uint({})"),
-    "int32": ("(int)({})", "(unsigned)({})"),
-    "uint32": ("{}", "{}"),
-    "bool": ("({}) != 0u", "(unsigned)({})"),
-}
-"""How a number is read from a word, and how it is written to one."""
-_SIGNS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "and": "&", "or": "|", "xor": "^"}
-_ANY = {
-    **{name: f"{{0}} {sign} {{1}}" for name, sign in _SIGNS.items()},
-    "select": "{0} ? {1} : {2}",
-    "rarely": "{0} ? {1} : {2}",
-    "truncate": "truncated({0})",
-}
-_REAL = _ANY | {
-    "add": "{0} + {1}",
-    "sub": "{0} - {1}",
-    "mul": "{0} * {1}",
-    "div": "{0} / {1}",
-    "fma": "fmaf({0}, {1}, {2})",
-    "neg": "-{0}",
-    "abs": "fabsf({0})",
-    "sqrt": "sqrtf({0})",
-    "floor": "floorf({0})",
-    "ceil": "ceilf({0})",
-    "round": "rintf({0})",
-}
-_WHOLE = _ANY | {
-    "div": "quotient({0}, {1})",
-    "rem": "rest({0}, {1})",
-    "abs": "{0} < 0 ? (int)(0u - (unsigned){0}) : {0}",
-}
-_UNSIGNED = {
-    "add": "(unsigned){0} + (unsigned){1}",
-    "sub": "(unsigned){0} - (unsigned){1}",
-    "mul": "(unsigned){0} * (unsigned){1}",
-    "neg": "0u - (unsigned){0}",
-    "shl": "left({0}, {1})",
-    "shr": "right({0}, {1})",
-    "sar": "signed_right({0}, {1})",
-}
-"""Operations on whole numbers with an unsigned result, because in C only unsigned numbers wrap."""
-_BITCASTS = {
-    ("float32", "int32"): "__float_as_int",
-    ("float32", "uint32"): "__float_as_uint",
-    ("int32", "float32"): "__int_as_float",
-    ("uint32", "float32"): "__uint_as_float",
-}
-_CONVERTED = {
-    ("float32", "int32"): "__float2int_rz",
-    ("float32", "uint32"): "__float2uint_rz",
-    ("int32", "float32"): "__int2float_rn",
-    ("uint32", "float32"): "__uint2float_rn",
-}
-
-PRELUDE = """\
-#define INLINE static __device__ __forceinline__
-// Of two zeros of unlike sign the second; a NaN comes through.
-template <class T> INLINE T larger(T a, T b) { return (a != a) | (a > b) ? a : b; }
-template <class T> INLINE T smaller(T a, T b) { return (a != a) | (a < b) ? a : b; }
-// The same where the first is no NaN and no zero.
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
-INLINE float larger_than(float c, float x) { asm("max.NaN.f32 %0, %0, %1;" : "+f"(x) : "f"(c)); return x; }
-INLINE float smaller_than(float c, float x) { asm("min.NaN.f32 %0, %0, %1;" : "+f"(x) : "f"(c)); return x; }
-#else
-INLINE float larger_than(float c, float x) { return c > x ? c : x; }
-INLINE float smaller_than(float c, float x) { return c < x ? c : x; }
-#endif
-// C's (int)x on x86: -2147483648 for what does not fit.
-INLINE int truncated(float x) { return x < 2147483648.0f ? __float2int_rz(x) : (int)0x80000000u; }
-// By 0: all bits set; wraps.
-INLINE int quotient(int a, int b) { return b == 0 ? -1 : b == -1 ? (int)(0u - (unsigned)a) : a / b; }
-INLINE unsigned quotient(unsigned a, unsigned b) { return b == 0 ? ~0u : a / b; }
-INLINE int rest(int a, int b) { return b == 0 ? a : b == -1 ? 0 : a % b; }
-INLINE unsigned rest(unsigned a, unsigned b) { return b == 0 ? a : a % b; }
-// Shifts by 32 and more shift everything out.
-INLINE unsigned left(unsigned x, unsigned by) { return by < 32u ? x << by : 0u; }
-INLINE unsigned right(unsigned x, unsigned by) { return by < 32u ? x >> by : 0u; }
-INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u); }
-"""  # noqa: E501
-"""Functions that the statements call."""
+_TEXTS: dict[str, dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("cuda.toml").read_text(encoding="utf-8")
+)
+_TYPES = _TEXTS["types"]
 
 
 class CudaPrinter(Printing[str]):
@@ -129,10 +54,10 @@ class CudaPrinter(Printing[str]):
         return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
     def _load(self, dtype: str, place: str) -> str:
-        return self._new(dtype, _WORDS[dtype][0].format(place))
+        return self._new(dtype, _TEXTS["words"][dtype][0].format(place))
 
     def _store(self, dtype: str, value: str, place: str) -> None:
-        self.line(f"{place} = {_WORDS[dtype][1].format(value)};")
+        self.line(f"{place} = {_TEXTS['words'][dtype][1].format(value)};")
 
     def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
         name, dtype, operands, detail = program.operations[i]
@@ -174,10 +99,10 @@ def _operation_text(
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
         raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")
-    if not real and name in _UNSIGNED:
-        text = _UNSIGNED[name].format(*x)
+    if not real and (form := _TEXTS["unsigned"].get(name)):
+        text = form.format(*x)
         return f"(int)({text})" if dtype == "int32" else text
-    if form := (_REAL if real else _WHOLE).get(name):
+    if form := (_TEXTS["any"] | _TEXTS["real" if real else "whole"]).get(name):
         return form.format(*x)
     match name:
         case "not":
@@ -187,6 +112,6 @@ def _operation_text(
             plain = real and known is not None and known != 0 and not np.isnan(known)
             return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
         case "bitcast" | "convert":
-            casts = _BITCASTS if name == "bitcast" else _CONVERTED
-            return f"{casts.get((source, dtype), f'({_TYPES[dtype]})')}({x[0]})"
+            cast = _TEXTS[name].get(f"{source}-{dtype}", f"({_TYPES[dtype]})")
+            return f"{cast}({x[0]})"
     raise NotImplementedError(f"operation {name!r} of {dtype} has no CUDA form")

@@ -25,7 +25,7 @@ import collections
 import dataclasses
 from typing import Any
 
-from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
+from ravenjax.engines.gpu.cuda import CudaPrinter
 from ravenjax.engines.printing import render_template
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange_regions
@@ -100,7 +100,6 @@ class _CudaModule:
     def source(self) -> KernelSource:
         text = render_template(
             "gpu/kernel.cu.j2",
-            prelude=PRELUDE,
             # Registers are limited to what a block of this many threads may have.
             bounds=f"__launch_bounds__({self.form.threads}, 1)",
             threads=self.form.threads,

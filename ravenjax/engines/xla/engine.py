@@ -45,7 +45,7 @@ LANE_MULTIPLE = 16
 """Lanes come in multiples of the widest float32 vector, so that every lane is in a full vector."""
 
 
-def segment_ticks(ticks: int, longest: int = MAX_SEGMENT) -> int:
+def segment_ticks(ticks: int, longest: int) -> int:
     """Return the ticks of each of the equal segments that cover a run. The last may extend slightly
     beyond the run.
     """

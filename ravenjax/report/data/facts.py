@@ -59,7 +59,7 @@ USUAL = Choices()
 """Choices of a campaign that leaves all defaults unchanged."""
 
 
-def derive_facts(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
+def derive_facts(frame: pd.DataFrame, chosen: Choices) -> pd.DataFrame:
     """Return the facts of a result table in memory, one row per run, with the index of `frame`.
 
     Columns are those of `define_facts`, and run_id.

@@ -1,22 +1,15 @@
 """Writes the chain of one run as sentences, tables and a chart."""
 
-import textwrap
-from pathlib import Path
-
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from ravenjax.document import drawing as charts
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
-from ravenjax.document.figure_style import STYLE
+from ravenjax.document.drawing import print_figure
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report import wording
-from ravenjax.report.drawing import save_figure
 from ravenjax.report.run.chain import Chain
 
 ROW = 15  # px per signal
-LETTERS = 92  # characters per line above the drawing
 # least margin of the time axis before the first and after the last event
 MARGIN_MS = 8
 
@@ -99,31 +92,11 @@ def chain_timeline(one: Chain) -> Chart | None:
     )
 
 
-def draw_timeline(one: Chain, path: Path) -> bool:
-    """Write the timeline as a file (.svg, .png or .pdf); return False if no signal differs."""
-    with matplotlib.rc_context(STYLE):
-        drawing = timeline_figure(one)
-        if drawing is not None:
-            save_figure(drawing, path)
-    return drawing is not None
-
-
 def timeline_figure(one: Chain) -> Figure | None:
     """Return the timeline as a figure; None if no signal differs."""
     chart = chain_timeline(one)
-    if chart is None:
-        return None
-    drawing = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
-    axes = drawing.subplots()
-    charts.draw_chart(chart, axes)
-    axes.set_xlabel(chart.x.title)
-    axes.tick_params("y", labelsize=7.5)
-    drawing.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")
     first, *_, last = chain_sentences(one)
-    lines = [textwrap.fill(text, LETTERS) for text in (first, last)]
-    axes.set_title("\n".join(lines), loc="left", x=0.0, fontsize=8, color="#3a424c")
-    drawing.legend(loc="outside lower left", ncols=3, fontsize=8)
-    return drawing
+    return None if chart is None else print_figure([chart], 7.6, title=f"{first}\n{last}")
 
 
 def _ms(value: int) -> str:

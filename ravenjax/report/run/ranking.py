@@ -79,7 +79,7 @@ COMPARED = (
 """Columns that show whether a run had the outcome that is stored."""
 
 
-def faulty_rows(folder: Path, group: str | None = None) -> list[int]:
+def faulty_rows(folder: Path, group: str | None) -> list[int]:
     """Return the row numbers of valid runs with a fault, of one group or of all; none if no fault
     evades the checks.
 

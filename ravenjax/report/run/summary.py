@@ -46,8 +46,8 @@ class RunSummary(NamedTuple):
 def summarize_run(
     row: Mapping[str, Any],
     rules: Rules,
-    series: Series | None = None,
-    golden: Mapping[str, Any] | None = None,
+    series: Series | None,
+    golden: Mapping[str, Any] | None,
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
@@ -157,7 +157,7 @@ class RunEvent(NamedTuple):
 def list_events(
     row: Mapping[str, Any],
     rules: Rules,
-    series: Series | None = None,
+    series: Series | None,
     golden: Mapping[str, Any] | None = None,
     robot: Robot = robots.USUAL,
 ) -> list[RunEvent]:

@@ -53,7 +53,7 @@ def precision_recall_band(
     cluster: ArrayLike,
     *,
     grid: np.ndarray = GRID[1:],
-    resamples: int = 1000,
+    resamples: int,
 ) -> CurveBand:
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds
+from ravenjax.stats.intervals import ALPHA, Estimate, Rate, rate_bounds
 
 FEWEST = 5
 """Number of units below which there is no interval, because they are too few to resample."""
@@ -181,7 +181,6 @@ def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
 def bootstrap(
     units: int,
     statistic: Callable[[np.ndarray], np.ndarray],
-    confidence: float = 0.95,
     *,
     resamples: int = 1000,
     seed: int = 0,
@@ -203,15 +202,14 @@ def bootstrap(
         samples = np.concatenate(
             [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
         )
-    low, high = band_ends(samples, confidence)
+    low, high = band_ends(samples)
     return Estimate(value, low, high)
 
 
-def band_ends(samples: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+def band_ends(samples: np.ndarray) -> np.ndarray:
     """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
     NaN.
     """
-    alpha = alpha_of(confidence)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        return np.nanquantile(samples, [alpha / 2, 1 - alpha / 2], axis=0)
+        return np.nanquantile(samples, [ALPHA / 2, 1 - ALPHA / 2], axis=0)

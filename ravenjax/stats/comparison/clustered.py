@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, alpha_of, independent_difference, rate_bounds
+from ravenjax.stats.intervals import ALPHA, Estimate, independent_difference, rate_bounds
 
 Clusters = Sequence[np.ndarray]
 
@@ -53,7 +53,7 @@ def intraclass_correlation(*groups: Clusters) -> Correlation:
     return Correlation(float(icc), float(1 + ((sizes**2).sum() / rows - 1) * icc))
 
 
-def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
+def risk_difference(first: Clusters, second: Clusters) -> Estimate:
     """Return the rate of `first` minus the rate of `second`, for clusters of bool rows, with each
     cluster in one group.
 
@@ -68,7 +68,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
         return Estimate()
     inflation = intraclass_correlation(first, second)
     clusters = len(first) + len(second)
-    alpha = alpha_of(confidence)
+    alpha = ALPHA
     if not math.isnan(inflation.icc):
         alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
@@ -79,7 +79,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
     return Estimate(found.value, max(-1.0, found.low), min(1.0, found.high))
 
 
-def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
+def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
     """Return the difference of rates if each cluster was under both conditions: the mean of the
     clusters' differences.
 
@@ -88,15 +88,11 @@ def paired_risk_difference(first: Clusters, second: Clusters, confidence: float 
     clusters, and has no interval if all differences are equal.
     """
     if all(len(one) == 1 for one in [*first, *second]):
-        return paired.rate_difference(
-            [one[0] for one in first], [one[0] for one in second], confidence
-        )
-    return mean_difference(first, second, confidence, is_paired=True)
+        return paired.rate_difference([one[0] for one in first], [one[0] for one in second])
+    return mean_difference(first, second, is_paired=True)
 
 
-def mean_difference(
-    first: Clusters, second: Clusters, confidence: float = 0.95, *, is_paired: bool = False
-) -> Estimate:
+def mean_difference(first: Clusters, second: Clusters, *, is_paired: bool = False) -> Estimate:
     """Return the mean over clusters of their means, `first` minus `second`, with Student's (paired)
     or Welch's interval.
 
@@ -113,7 +109,7 @@ def mean_difference(
     if still:
         return Estimate(value)
     test: Any = ttest_1samp(one - two, 0.0) if is_paired else ttest_ind(one, two, equal_var=False)
-    low, high = test.confidence_interval(confidence)
+    low, high = test.confidence_interval()
     return Estimate(value, float(low), float(high))
 
 

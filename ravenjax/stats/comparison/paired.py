@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.intervals import Estimate, alpha_of
+from ravenjax.stats.intervals import ALPHA, Estimate
 
 
 class Discordance(NamedTuple):
@@ -31,7 +31,7 @@ def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
     return Discordance(only, other, len(one), float(p))
 
 
-def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
+def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
     """Return the rate of `first` minus the rate of `second`, two bool [n] over the same runs, with
     its interval; NaN if n is 0.
 
@@ -40,14 +40,10 @@ def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.9
     interval for pairs. Raises ValueError if the lengths differ.
     """
     one, two = _pairs(first, second)
-    return difference_of_counts(
-        int((one & ~two).sum()), int((two & ~one).sum()), len(one), confidence
-    )
+    return difference_of_counts(int((one & ~two).sum()), int((two & ~one).sum()), len(one))
 
 
-def difference_of_counts(
-    first_only: ArrayLike, second_only: ArrayLike, n: int, confidence: float = 0.95
-) -> Estimate:
+def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) -> Estimate:
     """Return the result of `rate_difference` from counts: of `n` pairs, those that hit only in the
     first and only in the second variant.
 
@@ -58,7 +54,7 @@ def difference_of_counts(
     first, second = np.asarray(first_only), np.asarray(second_only)
     if not n:
         return Estimate()
-    z = norm.isf(alpha_of(confidence) / 2)
+    z = norm.isf(ALPHA / 2)
     p, q = (first + 1) / (n + 2), (second + 1) / (n + 2)
     half = z * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
     parts = (first - second) / n, np.maximum(p - q - half, -1.0), np.minimum(p - q + half, 1.0)

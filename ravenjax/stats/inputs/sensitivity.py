@@ -38,7 +38,7 @@ class MorrisEffects(NamedTuple):
     sigma: np.ndarray
 
 
-def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
+def sobol_sample(d: int, n: int, seed: int) -> np.ndarray:
     """Return Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a
     power of two.
 
@@ -53,9 +53,7 @@ def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
     return np.concatenate([a[:, None], crossed, b[:, None]], axis=1).reshape(-1, d)
 
 
-def sobol_analyse(
-    outputs: np.ndarray, d: int, confidence: float = 0.95, *, resamples: int = 500, seed: int = 0
-) -> SobolIndices:
+def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0) -> SobolIndices:
     """Return indices from the finite outputs [n (d + 2)] of `sobol_sample(d, n)`, by
     scipy.stats.sobol_indices.
 
@@ -83,11 +81,11 @@ def sobol_analyse(
         return np.where(still[:, None, None], np.nan, both)
 
     batch = max(1, 2_000_000 // outputs.size)
-    band = bootstrap(n, indices, confidence, resamples=resamples, seed=seed, batch=batch)
+    band = bootstrap(n, indices, resamples=resamples, seed=seed, batch=batch)
     return SobolIndices(*(Estimate(*(part[which] for part in band)) for which in (0, 1)))
 
 
-def morris_sample(d: int, n: int, seed: int = 0, levels: int = 4) -> np.ndarray:
+def morris_sample(d: int, n: int, seed: int, levels: int = 4) -> np.ndarray:
     """Return Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d],
     by SALib.
 
@@ -102,7 +100,6 @@ def morris_sample(d: int, n: int, seed: int = 0, levels: int = 4) -> np.ndarray:
 def morris_analyse(
     design: np.ndarray,
     outputs: np.ndarray,
-    confidence: float = 0.95,
     *,
     levels: int = 4,
     resamples: int = 1000,
@@ -117,7 +114,7 @@ def morris_analyse(
     from SALib.analyze.morris import analyze
 
     problem = _problem(design.shape[1])
-    effects = analyze(problem, design, outputs, resamples, confidence, num_levels=levels, seed=seed)
+    effects = analyze(problem, design, outputs, resamples, num_levels=levels, seed=seed)
     mu_star, half, mu, sigma = (
         np.asarray(effects[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma")
     )

@@ -344,7 +344,7 @@ class MoreRuns(NamedTuple):
     safe: int
 
 
-def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> MoreRuns:
+def more_runs(k: int, n: int, half_width: float, confidence: float) -> MoreRuns:
     """Return further runs until the Wilson interval of a rate observed as k of n is +- half_width
     (fraction) or narrower; n > 0.
     """

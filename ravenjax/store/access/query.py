@@ -112,9 +112,7 @@ def open_folder(path: str | Path) -> ResultTable:
     return open_parts(whole_parts(path), path)
 
 
-def open_parts(
-    files: Sequence[Path], aside: Path | None = None, numbered: bool = False
-) -> ResultTable:
+def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False) -> ResultTable:
     """Open the rows of these Parquet files without checks.
 
     aside: folder with space to spill, if it is writable. numbered: add columns `filename` and

@@ -58,7 +58,7 @@ class TopicMessages(NamedTuple):
     notes: tuple[str, ...]
 
 
-def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool = True) -> TopicMessages:
+def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> TopicMessages:
     """Read the messages of one topic. Raises UserError if it has none.
 
     Times are those of the headers if headers carry times, else of arrival; `stamped` false: of
@@ -161,7 +161,7 @@ class WrittenBag(NamedTuple):
         return f"{self.path}: {self.topics} topics, {self.messages} messages, {self.seconds:.3f} s"
 
 
-def write_bag(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
+def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
 
     out: path of the bag; None: beside the recording, with its name and `.bag`, or `_ros2` for the

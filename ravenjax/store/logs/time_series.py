@@ -144,8 +144,8 @@ def _short(numbers: np.ndarray) -> np.ndarray:
 def series_dataset(
     series: Mapping[str, np.ndarray],
     attributes: Mapping[str, str | float | int],
-    thresholds_mm: Sequence[float] = (),
-    robot: Robot = robots.USUAL,
+    thresholds_mm: Sequence[float],
+    robot: Robot,
 ) -> xarray.Dataset:
     """Return the series of a run as a Dataset with one variable per quantity.
 

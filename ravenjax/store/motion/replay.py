@@ -131,9 +131,9 @@ class OperatorReplay:
 def replay_motion(
     path: Path,
     arms: tuple[ArmName, ...],
-    options: ReplayOptions | None = None,
-    ticks: int | None = None,
-    scale: float = 0.1,
+    options: ReplayOptions | None,
+    ticks: int | None,
+    scale: float,
     *,
     bounds: Bounds,
 ) -> OperatorReplay:

@@ -170,8 +170,8 @@ def run_hazards(
     margins: Sequence[float],
     folder: Path,
     engine: str,
-    groups: Sequence[str] = (),
-    on_progress: OnProgress | None = None,
+    groups: Sequence[str],
+    on_progress: OnProgress | None,
 ) -> Hazards:
     """Compute the campaign and return its evading faults. Raises UserError if no fault evades."""
     config, prefixes = candidates.with_detectors(
@@ -220,7 +220,7 @@ def detector_leads(
 
 
 def evading_faults(
-    table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()
+    table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which rows are evading faults, one of each (bool), and when each harm began, ms."""
     runs = facts.derive_facts(table, rules)
