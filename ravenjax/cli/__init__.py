@@ -11,6 +11,7 @@ from cyclopts import App, CycloptsError
 from ravenjax.cli import (
     catalogue,
     console,
+    deadlines,
     explaining,
     exporting,
     gating,
@@ -42,6 +43,7 @@ for _command in (
     results.report,
     explaining.trace,
     explaining.explain,
+    deadlines.deadline,
     exporting.explore,
     monitors.counterfactual,
     results.verify,

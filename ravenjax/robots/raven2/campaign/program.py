@@ -173,9 +173,7 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     numbers = {name: number for number, name in enumerate(acted.ACTIONS, start=1)}
     if setup.hands is not None:
         del numbers["pedal"]
-    return dataclasses.replace(
-        program, module=acted.__name__, setup=setup, params=params
-    ), numbers
+    return dataclasses.replace(program, module=acted.__name__, setup=setup, params=params), numbers
 
 
 def explain_program(program: TickProgram) -> TickProgram:
