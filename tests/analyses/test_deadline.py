@@ -80,10 +80,11 @@ def test_the_table_of_a_campaign_is_that_of_every_tick(tmp_path, capsys):
     }
     rj.run(campaign({"group": [drawn]}), out=tmp_path, engine="simd")
     assert cli.main(["deadline", str(tmp_path), "--json"]) == 0
-    said, table = json.loads(capsys.readouterr().out), read_deadlines(tmp_path)
+    said = json.loads(capsys.readouterr().out)
+    table: Any = read_deadlines(tmp_path)
     results: Any = rj.open_results(tmp_path).to_pandas().set_index("run_id")
     harmful = results[results["hazard"] == "unintended motion"]
-    assert table is not None and set(table["run"]) == set(harmful.index)
+    assert set(table["run"]) == set(harmful.index)
     assert said["harmful"] == len(harmful) > 5
     actor, ticks = finding.Actor.of_folder(tmp_path), np.arange(90)
     acted = table[table["action"] != "cue"].set_index(["run", "action"])

@@ -39,7 +39,7 @@ class DeadlineRow(NamedTuple):
     kind: str  # "" for all faults, "site" or "group"
     name: str
     action: str
-    preventable: Rate  # faults whose harm the action prevents at their first effect
+    preventable: Rate  # faults whose harm the action prevents at some time from the effect on
     goal_ms: Estimate  # latest time at which it prevents the harm of GOAL of the faults; NaN: none
     goal: Rate  # faults whose harm it prevents at that time
     half_ms: Estimate  # the same for HALF
@@ -122,7 +122,7 @@ def deadline_tables(summary: DeadlineSummary) -> Iterator[tuple[str, list[tuple[
     for kind in ("site", "group"):
         names = summary.of(kind)
         for title, share, time in (
-            ("share that is prevented at once, median deadline in ms", "preventable", "half_ms"),
+            ("share that is preventable, median deadline in ms", "preventable", "half_ms"),
             ("share that is visible in time, median margin in ms", "in_time", "margin_ms"),
         ):
             columns = {"kind": kind, "names": names, "share": share, "time": time}
