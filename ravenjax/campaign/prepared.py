@@ -14,6 +14,8 @@ part `campaign` is a module of the package, or the one module itself. That modul
         if `Robot.phases` names any: the stretches of their ticks
     explained(program) -> TickProgram
         optional: the same runs, each compared with its golden run at every seam
+    acted(program) -> (TickProgram, {action: number})
+        optional: the same runs with a fault slot for an action, and the actions that it may hold
     watched(program) -> TickProgram
         optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params

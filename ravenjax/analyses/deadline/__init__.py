@@ -21,6 +21,7 @@ def read_deadlines(directory: Path) -> pd.DataFrame | None:
                    none does
     margin_ms      deadline_ms minus visible_ms; NaN: no signal shows the fault
     monotone       False if an earlier action, of those that were tried, does not prevent the harm
+    harms_alone    True if the action does harm without the fault, too
 
     Raises StoreError for a folder without results, and for a damaged table.
     """

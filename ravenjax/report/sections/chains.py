@@ -24,7 +24,7 @@ from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
-from ravenjax.store.access.query import RESULTS, quote_name
+from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 
 MOST = 3
@@ -193,23 +193,13 @@ class Propagation(NamedTuple):
 
 def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     """Summarise the explained runs `ticks`, as `store.access.explained` has them."""
-    whole_robots = robots.drawn_whole(runs)
-    among = f"hash({', '.join(map(quote_name, whole_robots))})" if whole_robots else "row"
-    facts = runs.table.frame(
-        f'SELECT row, "group"::VARCHAR AS "group", unintended_ms AS harm, unit FROM {FACTS} '
-        f"JOIN (SELECT row, {among} AS unit FROM {RESULTS}) USING (row) WHERE {CHOSEN} ORDER BY row"
-    )
+    facts = robots.faults_with_units(runs, "unintended_ms AS harm", CHOSEN)
     there = facts["row"].isin(ticks["index"])
     lacking = set(facts.loc[~there, "group"])
     whole = sorted(set(facts["group"]) - lacking)
     mine = facts.loc[facts["group"].isin(whole)].reset_index(drop=True)
     rows = ticks.set_index("index").loc[mine["row"]]
-    among, noun = None, ""
-    if whole_robots:
-        # Robots were drawn as a whole, and each group has the same robots.
-        among, noun = units.group_units(mine["unit"].to_numpy()), "robots"
-    elif len(mine) and runs.sampled(whole):
-        among, noun = units.group_units(mine["unit"].to_numpy(), mine["group"].to_numpy()), "faults"
+    among, noun = robots.drawn_units(runs, mine)
 
     def rate(hit: np.ndarray) -> Rate:
         return pair_intervals.pair_rate(hit, among)

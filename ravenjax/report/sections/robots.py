@@ -8,10 +8,14 @@ of faults on each.
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import pandas as pd
+
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section
 from ravenjax.stats import one_unit
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quote_name
 
@@ -67,6 +71,29 @@ def drawn_whole(runs: Runs) -> list[str]:
     drawn whole.
     """
     return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
+
+
+def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
+    """Return faults in order: columns of facts, row, group, and the unit that was drawn."""
+    whole = drawn_whole(runs)
+    unit = f"hash({', '.join(map(quote_name, whole))})" if whole else "row"
+    return runs.table.frame(
+        f'SELECT row, "group"::VARCHAR AS "group", {columns}, unit FROM {FACTS} JOIN (SELECT row,'
+        f" {unit} AS unit FROM {RESULTS}) USING (row) WHERE {where} ORDER BY row"
+    )
+
+
+def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
+    """Return the units of some rows of `faults_with_units` and what they are, "faults" or "robots";
+    None and "" if the faults were not drawn.
+    """
+    unit, group = faults["unit"].to_numpy(), faults["group"].to_numpy()
+    if drawn_whole(runs):
+        # Robots were drawn as a whole, and each group has the same robots.
+        return units.group_units(unit), "robots"
+    if len(faults) and runs.sampled(set(group)):
+        return units.group_units(unit, group), "faults"
+    return None, ""
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:

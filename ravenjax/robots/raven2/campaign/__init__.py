@@ -10,6 +10,7 @@ from typing import Any
 _HOMES = {
     "Config": "campaign.config:RavenConfig",
     "Params": "loop.records:TickParams",
+    "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",
     "explained": "campaign.program:explain_program",

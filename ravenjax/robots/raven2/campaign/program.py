@@ -13,8 +13,9 @@ from ravenjax.numbers import paths, replace
 from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
+from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import explained, run, user_files, watched
+from ravenjax.robots.raven2.loop import acted, explained, run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
@@ -157,6 +158,22 @@ ROUNDED = 5e-6
 def watch_signals(program: TickProgram) -> TickProgram:
     """Return a program of the same runs that outputs only the signals of their detectors."""
     return dataclasses.replace(program, module=watched.__name__)
+
+
+def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
+    """Return a program of the same runs with a slot for an action, and the number of each action.
+
+    A user's file in place of the operator does not lift the foot.
+    """
+    setup, params = program.setup, program.params
+    injection = dataclasses.replace(setup.injection, slots=setup.injection.slots + 1)
+    delay = max(1, setup.command_delay)
+    setup = dataclasses.replace(setup, injection=injection, reacts=True, command_delay=delay)
+    params = replace(params, reaction=params.reaction or reaction.ReactionParams())
+    numbers = {name: number for number, name in enumerate(acted.ACTIONS, start=1)}
+    if setup.hands is not None:
+        del numbers["pedal"]
+    return dataclasses.replace(program, module=acted.__name__, setup=setup, params=params), numbers
 
 
 def explain_program(program: TickProgram) -> TickProgram:

@@ -1,0 +1,223 @@
+"""Finds deadlines for all faults and actions at a time: on a grid of ticks, then by bisection.
+
+The grid shows whether an action fails at some tick although it succeeds later. The bisection begins
+at the last tick of the grid that prevents the harm. Its runs end `HORIZON_MS` after the action, and
+a run of full length confirms each deadline.
+"""
+
+import contextlib
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.inspection.explain import Explainer
+from ravenjax.campaign.inspection.replay import PlannedCampaign
+from ravenjax.campaign.progress import Progress
+from ravenjax.errors import UserError
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import UNINTENDED, Runs
+from ravenjax.report.run import chain
+from ravenjax.store import manifest
+from ravenjax.vocabulary.effects import TRIGGER_CODES
+from ravenjax.vocabulary.reactions import NONE
+
+COLUMNS = (
+    *("run", "action", "deadline_ms", "effect_ms", "visible_ms"),
+    *("margin_ms", "monotone", "harms_alone"),
+)
+"""Columns of the table."""
+HORIZON_MS = 300
+"""How long the runs of a round last after the action. Most harm comes sooner."""
+GRID = 8
+"""Number of ticks that are tried for each fault and action before the bisection, from the fault's
+first effect to the harm.
+"""
+
+
+class Lanes(NamedTuple):
+    """Pairs of a fault and an action, int arrays [lanes]."""
+
+    row: np.ndarray  # of the fault table
+    action: np.ndarray  # number of the action
+    effect: np.ndarray  # tick of the fault's first effect
+    harm: np.ndarray  # tick of the harm without the action
+
+    def where(self, some: np.ndarray) -> "Lanes":
+        """Return some of the lanes (bool [lanes])."""
+        return Lanes(*(values[some] for values in self))
+
+
+class Actor(PlannedCampaign):
+    """Runs faults of a campaign again, each with an action."""
+
+    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+        """Raises UserError if the campaign, its robot or the engine does not support this."""
+        part = config.robot.part("campaign")
+        if not hasattr(part, "acted"):
+            raise UserError(
+                f"robot {config.campaign.robot!r} declares no actions, so no deadline can be found:"
+                " expected a robot whose part `campaign` has `acted`, as raven2"
+            )
+        super().__init__(config, engine)
+        program, self.actions = part.acted(self.plan.program)
+        self._acted = dataclasses.replace(
+            self.plan, program=dataclasses.replace(program, ends=True)
+        )
+        reaction = "reaction.delay_ms"
+        self.delay_ms = self.plan.varied.get(
+            reaction, np.full(self.plan.runs, program.params.reaction.delay_ms)
+        )
+        """Time from the cue to the lifted pedal, of each run."""
+        self._work: Computation | None = None
+
+    def run(
+        self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
+    ) -> dict[str, np.ndarray]:
+        """Return the outcomes of runs with the action at tick `at`, each [lanes].
+
+        horizon: ticks after the last action on the same golden run; None: until the runs end.
+        alone: without the fault.
+        """
+        some = self._acted.take(lanes.row)
+        slot = {
+            "code": lanes.action,
+            "trigger": np.full(len(at), TRIGGER_CODES["time"]),
+            "start": at,
+            "duration": lanes.effect,
+        }
+        none = np.zeros(len(at))
+        faults = {
+            name: np.column_stack([values * (not alone), slot.get(name, none)]).astype(values.dtype)
+            for name, values in some.faults.items()
+        }
+        golden = np.unique(some.golden, return_inverse=True)[1].astype(np.int32)
+        ends = self.plan.ends[lanes.row]
+        if horizon is not None:
+            # Runs of one golden run end together, because an end of its own has a cost.
+            last = np.zeros(golden.max() + 1, np.int32)
+            np.maximum.at(last, golden, at + horizon)
+            ends = np.minimum(ends, last[golden])
+        some = dataclasses.replace(some, faults=faults, golden=golden)
+        vars(some)["ends"] = ends.astype(np.int32)
+        if self._work is None:
+            progress = Progress(self.engine, some.runs, some.runs, some.program.ticks)
+            self._work = Computation(some, self.backend, progress)
+            self._work.compile()
+        return self._work.of(some).tables([range(some.runs)])[0]
+
+    def harmful(
+        self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
+    ) -> np.ndarray:
+        """Return whether harm comes although the action is taken, bool [lanes]; see `run`.
+
+        Harm is motion beyond the limit, also while the robot coasts to a stop.
+        """
+        if not len(at):
+            return np.zeros(0, bool)
+        found, limit = self.run(lanes, at, horizon, alone), self.config.outcomes.limit_mm
+        moved = (found["unintended_first_ms"] >= 0) | (found["failed_ms"] >= 0)
+        return moved | (found["unintended_off_mm"] > np.float32(limit))
+
+    def find(self, lanes: Lanes, tell: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the last tick at which each action prevents the harm, int [lanes], and whether
+        it does so at all earlier ticks of the grid, bool [lanes].
+
+        The tick before the effect means that the action prevents nothing. A later tick that lies
+        between two of the grid, and prevents the harm unlike both, is not found.
+        """
+        count, every = len(lanes.row), np.arange(GRID + 1)
+        grid = lanes.effect[:, None] + (lanes.harm + 1 - lanes.effect)[:, None] * every // GRID
+        tell(f"{count * GRID} runs with an action")
+        each = Lanes(*(np.repeat(values, GRID) for values in lanes))
+        fails = self.harmful(each, grid[:, :-1].ravel()).reshape(count, GRID)
+        # The last one that prevents the harm; GRID: none does.
+        last = np.where(fails.all(axis=1), GRID, GRID - 1 - (~fails[:, ::-1]).argmax(axis=1))
+        monotone = ~(fails & (every[:-1] < last[:, None])).any(axis=1) | (last == GRID)
+        ends = np.column_stack([grid, lanes.effect - 1, lanes.effect])
+        place, from_place = np.arange(count), np.where(last == GRID, GRID + 1, last)
+        low, high = ends[place, from_place], ends[place, from_place + 1]
+
+        def halve(horizon: int | None) -> None:
+            while (some := high - low > 1).any():
+                tell(f"{int(some.sum())} runs with an action")
+                at = ((low + high) // 2)[some]
+                late = self.harmful(lanes.where(some), at, horizon)
+                high[some], low[some] = (
+                    np.where(late, at, high[some]),
+                    np.where(late, low[some], at),
+                )
+
+        halve(HORIZON_MS)
+        tell(f"{int((last < GRID).sum())} runs that confirm a deadline")
+        late = last < GRID
+        late[late] = self.harmful(lanes.where(late), low[late])
+        high[late], low[late] = low[late], ends[late, last[late]]
+        halve(None)
+        return low, monotone
+
+
+def find_deadlines(
+    folder: Path,
+    engine: str = "auto",
+    group: str | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> pd.DataFrame:
+    """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
+
+    group: takes only the faults of this group. The table leaves out faults that do no harm when
+    they are run again. tell: takes a line of progress. Raises UserError, and StoreError as
+    `manifest.read_manifest`.
+    """
+    record = manifest.read_manifest(folder)
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        if group is not None and group not in (names := runs.groups()):
+            raise UserError(f"--group {group!r}: expected {', '.join(names)}")
+        found = runs.table.rows(
+            f'SELECT row, action FROM {FACTS} WHERE {UNINTENDED} AND coalesce("group"::VARCHAR = ?,'
+            " true) ORDER BY row",
+            [group],
+        )
+    rows, reactions = np.array(found, int).reshape(-1, 2).T
+    if (reactions != NONE).any():
+        raise UserError(
+            f"{folder}: in every run the operator reacts to the cue, so no run shows the harm"
+            ' without an action: write [reaction] action = "none", or add 0 to reaction.action in'
+            " [cross]"
+        )
+    if not len(rows):
+        return pd.DataFrame()
+    actor, explainer = Actor.of_folder(folder, engine), Explainer.of_folder(folder, engine)
+    tell(f"{len(rows)} harmful runs, compared with their golden runs")
+    shown = explainer.explain(rows)
+    leaves = [name for name in shown.ticks if str(name).startswith(chain.LEAVES)]
+    faults = pd.DataFrame(
+        {
+            "run": shown.results["run_id"],
+            "row": rows,
+            "effect_ms": shown.results["first_active_ms"].astype(int),
+            "harm": shown.results["unintended_first_ms"].astype(int),
+            "visible": chain.earliest_time(shown.ticks[leaves].to_numpy().T),
+        }
+    )
+    each = faults[faults["harm"] >= 0].merge(
+        pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()}), how="cross"
+    )
+    lanes = Lanes(*(each[name].to_numpy() for name in ("row", "number", "effect_ms", "harm")))
+    last, each["monotone"] = actor.find(lanes, tell)
+    each["deadline_ms"] = (last - lanes.effect).astype(float)
+    tell(f"{len(each)} runs with an action and no fault")
+    each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
+    # Who follows a cue lifts the pedal.
+    cue = each[each["action"] == "pedal"].assign(action="cue")
+    cue["deadline_ms"] -= actor.delay_ms[cue["row"]]
+    whole = pd.concat([each, cue], ignore_index=True)
+    seen = whole["visible"]
+    whole["visible_ms"] = (seen - whole["effect_ms"]).where(seen >= 0)
+    whole["margin_ms"] = whole["deadline_ms"] - whole["visible_ms"]
+    return whole.reindex(columns=list(COLUMNS))

@@ -1,0 +1,60 @@
+"""The command `deadline`."""
+
+from __future__ import annotations
+
+from ravenjax.cli import console
+from ravenjax.cli.console import AsJson, ResultFolder, SameEngine
+
+
+def deadline(
+    folder: ResultFolder,
+    *,
+    group: str | None = None,
+    engine: SameEngine = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Find the point of no return of each harmful fault: until when an action prevents the harm.
+
+    The actions are a lifted pedal, a pressed E-stop, a stop by the software, a held command, and a
+    cue that the operator follows. Beside each deadline is the time at which a signal first shows
+    the fault. The tables are in FOLDER/deadline, and the next report of the folder has them, too.
+
+    Parameters
+    ----------
+    group
+        only faults of this group
+    """
+    import contextlib
+
+    from ravenjax.analyses.deadline import finding
+    from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections import deadline as section
+    from ravenjax.store import files, manifest
+    from ravenjax.store.access import explained
+
+    def tell(text: str) -> None:
+        if not as_json:
+            console.print_text(text, console.err)
+
+    record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
+    files.require_writable(path.parent)
+    table = finding.find_deadlines(folder, engine, group, tell)
+    if not len(table):
+        words = "No fault does harm: there is nothing to prevent."
+        return (
+            console.emit_json({"harmful": 0, "sentences": [words]})
+            if as_json
+            else console.print_text(words)
+        )
+    explained.write_rows(path, table, record)
+    paths = [path, path.with_suffix(".csv")]
+    files.write_text(paths[1], table.to_csv(index=False))
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        summary = section.summarize_deadlines(runs, table)
+    sentences = section.deadline_sentences(summary)
+    if as_json:
+        return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})
+    console.print_text("\n".join(sentences))
+    for title, (columns, *rows) in section.deadline_tables(summary):
+        console.print_table(title, columns, rows)
+    return console.print_written(paths)
