@@ -460,10 +460,10 @@ def _parameters() -> Iterator[str]:
     yield "# Parameters"
     yield _WRITTEN
     yield (
-        "What `[parameters]` and `[cross]` may set or vary, with the values of one gold arm under"
-        " the software raven2. `ravenjax parameters FILE` prints those of a campaign's own robot."
-        " One path names one number, or a vector of one number a joint or axis; `PATH.elbow` names"
-        " the elbow's alone."
+        "The parameters that `[parameters]` and `[cross]` may set or vary, with the values of one"
+        " gold arm under the software raven2. `ravenjax parameters FILE` prints the parameters of"
+        " the robot in a campaign. A path names one number, or one number for each joint or axis;"
+        " `PATH.elbow` names the number of the elbow."
     )
     yield markdown_table(PARAMETER_COLUMNS, ((f"`{path}`", *rest) for path, *rest in rows))
 
@@ -537,9 +537,9 @@ def _hazards() -> Iterator[str]:
     yield "# Hazard library"
     yield _WRITTEN
     yield (
-        f"{len(rows)} published hazards, of which the simulator runs {runs}. `ravenjax faults ID`"
-        " prints all that is known of one: values, trigger, expected outcome, source. A group runs"
-        ' them by `hazards = ["C09", "L7"]`.'
+        f"The library has {len(rows)} published hazards. The simulator can run {runs} of them."
+        " `ravenjax faults ID` prints the values, trigger, expected outcome and source of a hazard."
+        ' `hazards = ["C09", "L7"]` in a group runs them.'
     )
     yield markdown_table(listing.LAYER_COLUMNS, listing.layer_table())
     yield markdown_table(listing.COLUMNS, rows)

@@ -164,9 +164,9 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Dat
     )
     if (number := next(numbers, None)) is None:
         raise UserError(
-            f"{source}: none of its detectors ({', '.join(parts) or 'none'}) is the monitor's"
-            f" {code.PART} with consecutive = 1, as in the calibration; name it in the campaign:"
-            " [[detector]] file"
+            f"{source}: the monitor was not among its detectors"
+            f" ({', '.join(parts) or 'it has none'}). Run the campaign with the monitor's"
+            f" {code.PART} as [[detector]] file, and consecutive = 1"
         )
     with query.open_folder(source) as table:
         rows = table.rows(

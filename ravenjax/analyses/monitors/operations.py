@@ -103,8 +103,7 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         raise UserError(f"motion {unknown[0]!r} is unknown: expected one of {expected}")
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
         raise UserError(
-            f"motion {still[0]!r} is the same for every seed: operators would be copies of one"
-            " another"
+            f"motion {still[0]!r} is the same for every seed, so all operators would be equal"
         )
     if config.cross:
         raise UserError(
@@ -113,8 +112,8 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         )
     if design.robots > 1 and not robot_varies(config):
         raise UserError(
-            f"{design.robots} robots an operator would be copies of one, because nothing of the"
-            " robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
+            f"the {design.robots} robots of an operator would be equal, because no property of"
+            " the robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
             " or packets, or take --robots 1"
         )
 

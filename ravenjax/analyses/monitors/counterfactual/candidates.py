@@ -1,4 +1,4 @@
-"""Defines the question of a counterfactual, and its candidates as detectors of a campaign."""
+"""Defines what a counterfactual asks, and turns the candidate checks into detectors of a campaign."""
 
 import itertools
 import math

@@ -334,8 +334,7 @@ class RavenConfig(CampaignConfig):
             key, value = quantity.read_when or ("", "")
             if key and getattr(self.campaign, key) != value:
                 return (
-                    f"nothing reads it but with {key} = {value!r}: remove it, or set that in"
-                    " [campaign]"
+                    f"it is read only with {key} = {value!r}: remove it, or set {key} in [campaign]"
                 )
         return ""
 
