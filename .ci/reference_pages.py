@@ -548,6 +548,7 @@ def _hazards() -> Iterator[str]:
 def _python() -> Iterator[str]:
     import ravenjax
     from ravenjax.campaign.file.section import Section
+    from ravenjax.faults import vector_env
 
     yield "# Python API"
     yield _WRITTEN
@@ -561,6 +562,8 @@ def _python() -> Iterator[str]:
     things = {name: getattr(ravenjax, name) for name in ravenjax.__all__} | {
         f"functional.{name}": members[name] for name in ("Model", "Rollout", "inject", "load")
     }
+    things |= {f"faults.{name}": vars(ravenjax.faults)[name] for name in ravenjax.faults.__all__}
+    things["faults.vector_env.FaultyVectorEnv"] = vector_env.FaultyVectorEnv
     for name, thing in sorted(things.items()):
         yield f"## {name}"
         if inspect.isclass(thing) and issubclass(thing, Section) and name != "CampaignConfig":

@@ -1,6 +1,7 @@
 __version__: str
 __all__: list[str]
 
+from ravenjax import faults as faults
 from ravenjax import functional as functional
 from ravenjax.api import calibrate_monitor as calibrate_monitor
 from ravenjax.api import check_monitor as check_monitor

@@ -1,1 +1,229 @@
-"""Fault injection at the seams of a tick: effects, sites and windows; for any robot."""
+"""Faults for the arrays of any robot or simulator, as pure functions.
+
+    from ravenjax import faults
+
+    fault = faults.Fault("offset", value=0.1, start=100, duration=50)
+    state = faults.init(signal, fault)
+    for tick in range(1000):
+        ...
+        signal, state, activated = faults.apply(signal, state, tick, fault)
+        state = faults.reset(state, done)
+
+A signal is an array of any shape, of floats, integers or truth values, from NumPy, JAX, torch or
+another library of the array API standard. Results are arrays of the same library. With JAX the
+functions work under `jit`, `vmap` and `scan`. Each number of a fault may be an array that
+broadcasts against the signal: for a signal [environments, channels], a value [channels] differs
+between channels, and a value [environments, 1] between environments. `tick`, `clock` and `done`
+have the leading axes of the signal, such as [] or [environments].
+
+Effects and windows are those of campaigns, which are computed by the same code. Integers and truth
+values are struck as int32 and bool channels of a campaign are: by way of float32, except bit flips.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from ravenjax.errors import UserError, describe_unknown_name
+from ravenjax.faults.fault import FaultSlot, SlotState, open_window
+from ravenjax.faults.injection import Strike
+from ravenjax.numbers.counter_random import CHANNEL_STRIDE, random_uniform
+from ravenjax.numbers.lazy import at_once, jnp, lax, when_loaded
+from ravenjax.numbers.vec import Scalar, as_int, record, where
+from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
+
+__all__ = ["Fault", "State", "apply", "init", "reset"]
+
+ENDLESS = 2**31 - 1
+"""Duration of a window that stays open."""
+_EFFECTS = (*(name for name in EFFECTS if name not in NETWORK_EFFECTS), "delay")
+_ABSENT = {"value": 0, "every": 0, "period": 1, "key": 0}
+"""Numbers of a fault that does not use them."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fault:
+    """What a fault does to a signal, and when; with JAX a pytree whose effect is static.
+
+    effect: an effect of a campaign's `[[group.fault]]`, but of the network only "delay", the
+    number of `value` ticks ago. value: as the effect defines it, in the signal's unit.
+
+    The window opens `start` ticks after the reset and lasts `duration` ticks; with `every` it opens
+    again after each `every` ticks. With `probability` a window of `duration` ticks begins with that
+    probability in each tick from `start` on in which none is open. period: ticks, of effect
+    periodic.
+
+    key: int32, selects the random numbers of effect random and of `probability`. The elements that
+    share a key share their windows. The numbers of effect random differ in each element. at: bool,
+    where the fault may act.
+
+    Raises UserError, a ValueError, for an unknown effect, a missing number, a number that would
+    have no effect, and a number out of range.
+    """
+
+    effect: str
+    value: Any = None
+    start: Any = 0
+    duration: Any = ENDLESS
+    every: Any = None
+    probability: Any = None
+    period: Any = None
+    key: Any = None
+    at: Any = True
+
+    def __post_init__(self) -> None:
+        if self.effect not in _EFFECTS:
+            raise UserError(describe_unknown_name("effect", self.effect, _EFFECTS))
+        draws = self.probability is not None
+        for name, needed in {
+            "value": EFFECTS[self.effect].takes_value,
+            "period": self.effect == "periodic",
+            "key": self.effect == "random" or draws,
+        }.items():
+            if needed != (getattr(self, name) is not None):
+                words = f"effect {self.effect}" + " and a probability" * draws
+                raise UserError(f"a fault with {words} {'needs' if needed else 'takes no'} {name}")
+        if draws and self.every is not None:
+            raise UserError("a fault has a probability or every, not both")
+        bounds: dict[str, tuple[float, float]] = dict.fromkeys(
+            ("duration", "every", "period"), (1, ENDLESS)
+        )
+        bounds |= {"start": (0, ENDLESS), "probability": (0, 1)}
+        if self.effect in ("bit_flip", "delay"):
+            bounds["value"] = (0, 31 if self.effect == "bit_flip" else ENDLESS)
+        for name, (low, high) in bounds.items():
+            # Numbers that are traced or on a device are not looked at.
+            if isinstance(numbers := getattr(self, name), int | float | list | tuple | np.ndarray):
+                for number in np.ravel(numbers).tolist():
+                    if not low <= number <= high:
+                        raise UserError(f"{name} is {number}, expected {low} to {high}")
+
+
+when_loaded(
+    lambda jax: jax.tree_util.register_dataclass(
+        Fault,
+        data_fields=[field.name for field in dataclasses.fields(Fault)[1:]],
+        meta_fields=["effect"],
+    )
+)
+
+
+@record
+class State:
+    """The state of one fault on one signal; its arrays have the signal's shape."""
+
+    # Whether the window is open, and activation since the reset: first_tick and last_tick (-1:
+    # never), changed_ticks.
+    slot: SlotState
+    began: Scalar  # int32, tick of the first call since the reset; -1: none
+    history: tuple[Scalar, ...]  # numbers of the ticks before, newest first, for effect delay
+
+
+def init(signal: Any, fault: Fault) -> State:
+    """Return the state before the first tick. The numbers of `signal` do not matter.
+
+    With effect delay, `fault.value` must be known here, not traced: it is the length of the
+    history.
+    """
+    with at_once(signal) as signal:
+        depth = 0
+        if fault.effect == "delay":
+            depth = int(jnp.max(jnp.asarray(fault.value, dtype=jnp.int32)))
+        return _start(signal.shape, _kind_and_real(signal)[1], (signal,) * depth)
+
+
+def reset(state: State, done: Any) -> State:
+    """Return the state with the environments that are `done` (bool) as before their first tick."""
+    latched = state.slot.latched
+    with at_once(latched):
+        start = _start(latched.shape, latched.dtype, state.history)
+        return where(_leading("done", done, latched.shape) != 0, start, state)
+
+
+def apply(
+    signal: Any, state: State, tick: Any, fault: Fault, clock: Any = None
+) -> tuple[Any, State, Any]:
+    """Return the signal after the fault, the new state, and where the fault changed a bit (bool).
+
+    Call it once in each tick. tick: int, counts all ticks and is not reset. clock: int, on which
+    windows open: ticks since a trigger, or negative while they are shut; None: ticks since the
+    reset.
+    """
+    with np.errstate(all="ignore"), at_once(signal) as signal:
+        shape, (kind, real) = signal.shape, _kind_and_real(signal)
+
+        def numbers(name: str, dtype: Any = jnp.int32) -> Any:
+            given = getattr(fault, name)
+            return _spread(name, _ABSENT[name] if given is None else given, shape, dtype)
+
+        tick = _leading("tick", tick, shape)
+        fresh = state.began < 0
+        began = jnp.where(fresh, tick, state.began)
+        reading = tick - began if clock is None else _leading("clock", clock, shape)
+        effect, history = fault.effect, state.history
+        if effect == "delay":
+            past = (signal, *(jnp.where(fresh, signal, old) for old in history))
+            effect, history, value = "overwrite", past[:-1], signal
+            for ticks, old in enumerate(past):
+                value = jnp.where(numbers("value") == ticks, old, value)
+            value = lax.convert_element_type(value, real)
+        else:
+            value = numbers("value", real)
+        place = jnp.reshape(jnp.arange(math.prod(shape)), shape)
+        key, place = (lax.convert_element_type(x, jnp.uint32) for x in (numbers("key"), place))
+        keys = key + place * jnp.uint32(CHANNEL_STRIDE)
+        at, whole = numbers("at"), map(numbers, ("start", "duration", "every", "period"))
+        slot = FaultSlot(at, at * EFFECT_CODES[effect], value, tick, *whole, key=keys)
+        since = reading - slot.start
+        if fault.probability is not None:
+            goes_on = state.slot.active & (state.slot.age + 1 < slot.duration)
+            begins = random_uniform(key, tick, 1) < numbers("probability", jnp.float32)
+            drawn = jnp.where(goes_on, state.slot.age + 1, as_int(begins) - 1)
+            since = jnp.where(since < 0, -1, drawn)
+        opened = open_window(slot, state.slot, since)
+        x = lax.convert_element_type(signal, real)
+        strike = Strike((effect,), slot, opened, x, tick, at > 0, True)
+        value, differs = strike.replacement(kind, signal)
+        activated = strike.hit & differs
+        struck = jnp.where(strike.hit, value, signal)
+        return struck, State(strike.slot_after(activated), began, history), activated
+
+
+def _kind_and_real(signal: Any) -> tuple[str, Any]:
+    """Return the kind of a campaign's channel with such numbers, and the type to compute with."""
+    name = str(signal.dtype)
+    if "float" in name:
+        return "float", signal.dtype
+    if "int" not in name and "bool" not in name:
+        raise UserError(f"signal holds {name}, expected floats, integers or truth values")
+    return "int32" if "int" in name else "bool", jnp.float32
+
+
+def _start(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
+    def filled(x: float, dtype: Any = jnp.int32) -> Any:
+        return _spread("", x, shape, dtype)
+
+    shut, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
+    slot = SlotState(shut, filled(0), zero, unseen, filled(-1), filled(0), filled(-1))
+    return State(slot, filled(-1), history)
+
+
+def _leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
+    """Return whole numbers for the signal's leading axes, spread over its other ones."""
+    x = jnp.asarray(x, dtype=jnp.int32)
+    ones = (1,) * (len(shape) - x.ndim)
+    return _spread(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
+
+
+def _spread(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+    x = jnp.asarray(x, dtype=dtype)
+    try:
+        return jnp.broadcast_to(x, shape)
+    except (TypeError, ValueError, RuntimeError) as error:
+        own = tuple(x.shape)
+        message = f"{name} has shape {own}, expected one that broadcasts to the signal's {shape}"
+        raise UserError(message) from error

@@ -95,6 +95,14 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
     if "pedal" in used:
         shut = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
         since = jnp.where(shut, -1, since)
+    return open_window(fault, state, since)
+
+
+def open_window(fault: FaultSlot, state: SlotState, since: Scalar) -> SlotState:
+    """Update whether a slot acts in this tick, and since when.
+
+    since: int32, the clock's reading minus the start of the window; negative: not yet open.
+    """
     repeats = fault.every > 0
     cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
     active = (fault.code > 0) & (since >= 0) & (cycle < fault.duration)

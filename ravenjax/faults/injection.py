@@ -22,7 +22,7 @@ from ravenjax.vocabulary.sites import ARM, PARAMETER
 
 def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
     """Return an int32 with the fault's bit inverted."""
-    return x ^ lax.shift_left(jnp.int32(1), to_int32(fault.value) & 31)
+    return x ^ (1 << (to_int32(fault.value) & 31))
 
 
 def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
@@ -60,6 +60,67 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
             return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
     assert effect == "toggle"
     return jnp.where((slot.age & 1) == 0, fault.value, 0.0)
+
+
+class Strike:
+    """One fault acts on one number in one tick.
+
+    hit: bool, whether it acts: its window is open, and its channel is `here` and `present`.
+    """
+
+    def __init__(
+        self,
+        effects: tuple[str, ...],
+        fault: FaultSlot,
+        slot: SlotState,
+        x: Scalar,
+        tick: Scalar,
+        here: Scalar,
+        present: Scalar,
+    ) -> None:
+        """Compute the float that replaces `x`, a float; the fault's effect is one of `effects`."""
+        first, *others = effects
+        y = _affected(first, x, fault, slot, tick)
+        for name in others:
+            y = jnp.where(
+                fault.effect == EFFECT_CODES[name], _affected(name, x, fault, slot, tick), y
+            )
+        self._y = lax.convert_element_type(y, x.dtype)
+        self.hit = slot.active & here & present
+        self._flips = fault.effect == EFFECT_CODES["bit_flip"]
+        self._latches = slot.age == 0
+        if "lose" in effects:
+            self._latches = self._latches | (fault.effect == EFFECT_CODES["lose"])
+        self._may_flip = "bit_flip" in effects
+        self._fault, self._slot, self._x, self._tick, self._here = fault, slot, x, tick, here
+
+    def replacement(self, kind: str, number: Scalar) -> tuple[Scalar, Scalar]:
+        """Return what a channel of that kind holds instead of `number`, and whether it differs."""
+        value = _store(kind, self._y, number)
+        differs = value != number
+        if self._may_flip and kind == "float":
+            # flipping the lowest bit of 0 gives a denormal, which an engine may treat as 0
+            differs = differs | self._flips
+        elif self._may_flip:
+            bits = flip_bit(lax.convert_element_type(number, jnp.int32), self._fault)
+            bits = _fitted(kind, bits)
+            value = jnp.where(self._flips, lax.convert_element_type(bits, number.dtype), value)
+            differs = value != number
+        return value, differs
+
+    def slot_after(self, changed: Scalar) -> SlotState:
+        """Return the slot's state after this tick, in which the fault `changed` a bit or not."""
+        slot, tick = self._slot, self._tick
+        return replace(
+            slot,
+            latched=jnp.where(self.hit & self._latches, self._y, slot.latched),
+            before=jnp.where(
+                self._here & (~slot.active | (slot.before != slot.before)), self._x, slot.before
+            ),
+            first_tick=first_tick(tick, changed, slot.first_tick),
+            last_tick=jnp.where(changed, tick, slot.last_tick),
+            changed_ticks=slot.changed_ticks + as_int(changed),
+        )
 
 
 # --- sites ---
@@ -167,42 +228,13 @@ class Injector:
         for aim, number in zip(aims[1:], numbers[1:], strict=True):
             x = jnp.where(aim, lax.convert_element_type(number, real), x)
             here = here | aim
-        first, *others = use.effects
-        y = _affected(first, x, fault, slot, tick)
-        for name in others:
-            y = jnp.where(
-                fault.effect == EFFECT_CODES[name], _affected(name, x, fault, slot, tick), y
-            )
-        y = lax.convert_element_type(y, x.dtype)
-
-        hit = slot.active & here & present
+        strike = Strike(use.effects, fault, slot, x, tick, here, present)
         changed = jnp.bool_(False)
-        flips = fault.effect == EFFECT_CODES["bit_flip"]
-        latches = slot.age == 0
-        if "lose" in use.effects:
-            latches = latches | (fault.effect == EFFECT_CODES["lose"])
         for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
-            value = _store(kind, y, number)
-            differs = value != number
-            if "bit_flip" in use.effects and kind == "float":
-                # flipping the lowest bit of 0 gives a denormal, which an engine may treat as 0
-                differs = differs | flips
-            elif "bit_flip" in use.effects:
-                bits = flip_bit(lax.convert_element_type(number, jnp.int32), fault)
-                bits = _fitted(kind, bits)
-                value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
-                differs = value != number
-            changed = changed | (hit & aim & differs)
-            signal = write_channel(signal, path, jnp.where(hit & aim, value, number))
-        slot = replace(
-            slot,
-            latched=jnp.where(hit & latches, y, slot.latched),
-            before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
-            first_tick=first_tick(tick, changed, slot.first_tick),
-            last_tick=jnp.where(changed, tick, slot.last_tick),
-            changed_ticks=slot.changed_ticks + as_int(changed),
-        )
-        return slot, signal
+            value, differs = strike.replacement(kind, number)
+            changed = changed | (strike.hit & aim & differs)
+            signal = write_channel(signal, path, jnp.where(strike.hit & aim, value, number))
+        return strike.slot_after(changed), signal
 
 
 def injects_faults(setup: Setup, *sites: str) -> bool:

@@ -2,7 +2,8 @@
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
 and `from jax import lax`. Within `at_once()`, functions of NumPy take the place of `jnp` and `lax`.
-Code of the tick then runs on plain numbers, without JAX.
+Code of the tick then runs on plain numbers, without JAX. `at_once(array)` computes with the library
+of that array.
 
 NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine are the
 exception: they are those of `trigonometry`, the same on every host.
@@ -10,6 +11,7 @@ exception: they are those of `trigonometry`, the same on every host.
 
 import contextlib
 import importlib
+import operator
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -48,14 +50,71 @@ class Numpy:
 class Lax:
     """The functions of `jax.lax` that a tick uses, for plain numbers."""
 
+    rem = np.fmod
+
     @staticmethod
     def convert_element_type(x: Any, dtype: Any) -> Any:
         return np.asarray(x).astype(dtype)[()]
 
     @staticmethod
+    def bitcast_convert_type(x: Any, dtype: Any) -> Any:
+        return np.asarray(x).view(dtype)[()]
+
+    @staticmethod
     def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
         """Return the result of `yes` or of `no`. Both are computed; their numbers may be arrays."""
         return tree.map_leaves(lambda a, b: np.where(condition, a, b)[()], yes(), no())
+
+
+def _modulo(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    return lambda x, y: Uint32(operation(x.number, y.number))
+
+
+class Uint32:
+    """Whole numbers modulo 2^32, kept in int64: torch has no arithmetic of uint32."""
+
+    def __init__(self, number: Any) -> None:
+        self.number = number & 0xFFFFFFFF
+
+    __add__ = _modulo(operator.add)
+    __mul__ = _modulo(operator.mul)
+    __xor__ = _modulo(operator.xor)
+    __rshift__ = _modulo(operator.rshift)
+
+
+class Arrays:
+    """Functions of `jax.numpy` and `jax.lax` that a fault uses, by another library of arrays.
+
+    Of the library it needs what the array API standard asks for, and a method `view` to flip bits.
+    """
+
+    uint32 = Uint32
+
+    def __init__(self, library: Any, array: Any) -> None:
+        self._library, self._array = library, array
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._library, name)
+
+    def asarray(self, x: Any, dtype: Any) -> Any:
+        if dtype is Uint32:
+            return Uint32(self.asarray(x, self._library.int64))
+        return self._library.asarray(x, dtype=dtype, device=self._array.device)
+
+    def arange(self, stop: int) -> Any:
+        return self._library.arange(stop, device=self._array.device)
+
+    def maximum(self, x: Any, y: Any) -> Any:
+        return self._library.where(x > y, x, y)
+
+    def convert_element_type(self, x: Any, dtype: Any) -> Any:
+        return self.asarray(x.number if isinstance(x, Uint32) else x, dtype)
+
+    def rem(self, x: Any, y: Any) -> Any:
+        return x % y  # which is `lax.rem` if neither is negative
+
+    def bitcast_convert_type(self, x: Any, dtype: Any) -> Any:
+        return x.view(dtype)
 
 
 def _as(x: Any, function: Callable[[Any], Any]) -> Any:
@@ -96,11 +155,22 @@ def _load(name: str) -> Any:
 
 
 @contextlib.contextmanager
-def at_once() -> Iterator[None]:
-    """Make `jnp` and `lax` compute with NumPy in this thread, on NumPy and Python numbers."""
+def at_once(array: Any = None) -> Iterator[Any]:
+    """Make `jnp` and `lax` compute with NumPy in this thread, on NumPy and Python numbers.
+
+    array: of JAX, torch or another library of the array API standard, which then computes instead
+    of NumPy. Yields the array, or one of NumPy.
+    """
+    library = getattr(array, "__array_namespace__", lambda: np)()
+    if type(array).__module__.startswith("torch"):
+        library = sys.modules["torch"]
+    array = np.asarray(array) if library is np else array
     before, _MODE.instead = _MODE.instead, _WITH_NUMPY
+    if library is not np:
+        names = () if library.__name__ == "jax.numpy" else _WITH_NUMPY
+        _MODE.instead = dict.fromkeys(names, Arrays(library, array))
     try:
-        yield
+        yield array
     finally:
         _MODE.instead = before
 

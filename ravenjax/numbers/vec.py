@@ -110,9 +110,7 @@ INT32_MIN = -2147483648
 def to_int32(x: Scalar) -> Scalar:
     """Convert as C's `(int)x` on x86: truncate toward zero; NaN and overflow give -2147483648."""
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
-    return jnp.where(
-        fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), jnp.int32(INT32_MIN)
-    )
+    return jnp.where(fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), INT32_MIN)
 
 
 def wrap16(x: Scalar) -> Scalar:
