@@ -113,8 +113,8 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     if design.robots > 1 and not robot_varies(config):
         raise UserError(
             f"the {design.robots} robots of an operator would be equal, because no property of"
-            " the robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}), noise"
-            " or packets, or take --robots 1"
+            " the robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}),"
+            " noise or packets, or take --robots 1"
         )
 
 

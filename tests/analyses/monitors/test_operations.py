@@ -68,7 +68,7 @@ def test_one_robot_is_one_operation_whatever_the_campaign_lists(tmp_path):
         (
             {"parameters": {}, "campaign": {"name": "free"}},
             {},
-            "3 robots an operator would be copies of one",
+            "the 3 robots of an operator would be equal",
         ),
         ({}, {"motions": ("still",)}, "motion 'still' is the same for every seed"),
         ({"cross": {"plant.mass_scale": [0.9, 1.1]}}, {}, r"\[cross\] repeats every run"),

@@ -1,4 +1,4 @@
-"""Defines what a counterfactual asks, and turns the candidate checks into detectors of a campaign."""
+"""Defines what a counterfactual asks, and makes the candidate checks detectors of a campaign."""
 
 import itertools
 import math
