@@ -87,7 +87,6 @@ function welcome(welcomed) {
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
   if (welcomed.events.some((event) => event.kind === "end")) debrief();
-  setTimeout(looks, 1500); // once the server knows the scene's socket
 }
 
 /** Passes an event to everything that shows it. */
@@ -212,22 +211,12 @@ function counted() {
   slow = (1000 * frames) / (now - since) < SLOW_FPS && !document.hidden ? slow + 1 : 0;
   [frames, since] = [0, now];
   const box = $("shadows");
-  if (slow === 3 && box.checked) {
-    box.checked = false;
-    looks();
-  }
+  if (slow === 3) box.checked = false; // `scene.js` looks at it
   if (slow >= 6 && !input.pedal) views.flatten();
 }
 
 // --- buttons ---
 
-function looks() {
-  if (!$("shadows").checked) shadows();
-}
-function shadows() {
-  send({ type: "page", do: "shadows", on: $("shadows").checked });
-}
-$("shadows").addEventListener("change", shadows);
 for (const button of document.querySelectorAll("[data-operator]"))
   button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
 $("convert").addEventListener("click", () => send({ type: "operator", do: "note", text: "convert" }));
