@@ -51,7 +51,7 @@ def surface(x, y) -> np.ndarray:
 
 def tissue() -> Mesh:
     x, y = np.meshgrid(
-        np.linspace(-0.075, 0.075, 36), np.linspace(-0.060, 0.060, 30), indexing="ij"
+        np.linspace(-0.075, 0.075, 61), np.linspace(-0.060, 0.060, 49), indexing="ij"
     )
     return Mesh().slab(np.stack([x, y, surface(x, y)], axis=-1), TISSUE_TOP - 0.030)
 
@@ -72,13 +72,13 @@ def vessel() -> Mesh:
         (0.073, 0.022),
     ]
     branch = [(0.012, 0.002), (0.028, -0.010), (0.046, -0.030), (0.058, -0.058)]
-    mesh = Mesh().tube(_on_tissue(trunk, 0.0004), 0.0031, 14)
-    return mesh.tube(_on_tissue(branch, 0.0004, 40), np.linspace(0.0022, 0.0014, 40), 12)
+    mesh = Mesh().tube(_on_tissue(trunk, 0.0004, 90), 0.0031, 20)
+    return mesh.tube(_on_tissue(branch, 0.0004, 60), np.linspace(0.0022, 0.0014, 60), 16)
 
 
 def vein() -> Mesh:
     path = [(-0.050, 0.058), (-0.034, 0.034), (-0.030, 0.010), (-0.015, -0.018), (-0.018, -0.058)]
-    return Mesh().tube(_on_tissue(path, 0.0007), 0.0017, 12)
+    return Mesh().tube(_on_tissue(path, 0.0007, 90), 0.0017, 16)
 
 
 def ring() -> Mesh:

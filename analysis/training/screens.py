@@ -43,6 +43,11 @@ main()
 """
 # Tip error in the picture of a fault, at which the cue pulls.
 FAULT_MM = 3.2
+# A slow page turns the shadows off, which the pictures need.
+SHADOWS = (
+    "Object.defineProperty(document.getElementById('shadows'), 'checked', { get: () => true,"
+    " set() {} })"
+)
 DOWN_MS = 400  # ms of motion down toward the tissue, without contact
 
 
@@ -122,6 +127,7 @@ def _in_scene(browser: Browser, url: str) -> Page:
     page.wait_for_function(
         "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200
     )
+    page.evaluate(SHADOWS)
     page.wait_for_timeout(12000)
     return page
 

@@ -98,6 +98,8 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     ask = window.page.evaluate
     ask("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
     assert ask("document.documentElement.scrollWidth") <= width
+    cut = "[...document.querySelectorAll('.cards td')].some((x) => x.scrollWidth > x.offsetWidth)"
+    assert not ask(cut)
     charts = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) => place.dataset.figure)"
     )

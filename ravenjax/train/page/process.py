@@ -106,7 +106,10 @@ _TYPES = {
     ".js": "text/javascript; charset=utf-8",
 }
 _EARLY = '<script src="/static/early.js"></script>'
-_LOOK = '<link rel="stylesheet" href="/static/page.css">'
+_LOOK = (
+    '<link rel="stylesheet" href="/static/page.css">'
+    '<script type="module" src="/static/scene.js"></script>'
+)
 _LATE = (
     f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
     ' src="/static/page.js"></script>'

@@ -69,8 +69,6 @@ CONTACT_M = 0.03
 """m of arrow per N of contact force."""
 FORCE_M = 0.9
 """m of arrow per device unit; the published cue ends at 0.05."""
-SHADOW = 0.3
-"""Darkness of the shadows that shapes receive."""
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 FIRST = "endoscope"
 FAR = "theatre"
@@ -279,7 +277,7 @@ class RobotFigure:
             for body, body_name in body_shapes.moving_bodies(model, arm).items():
                 name, (glb, *mesh) = f"/{layer}/{body_name}", shapes[body]
                 if layer == "robot":
-                    node = server.scene.add_glb(name, glb, receive_shadow=SHADOW)
+                    node = server.scene.add_glb(name, glb, receive_shadow=True)
                 else:
                     colour, opacity = _LOOKS[layer]
                     node = server.scene.add_mesh_simple(
@@ -326,7 +324,7 @@ class Scene:
                     shapes[body][0],
                     position=data.xpos[body],
                     wxyz=data.xquat[body],
-                    receive_shadow=SHADOW,
+                    receive_shadow=True,
                 )
             self._robot = RobotFigure(server, "robot", model, ARMS, shapes)
             self._virtual = RobotFigure(server, "virtual", model, arms, shapes)
@@ -420,7 +418,9 @@ class Windows:
         camera.up, camera.near = UP, 0.01
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
-        server.scene.configure_default_lights(True, cast_shadow=True)
+        server.scene.configure_default_lights(False)
+        # `static/scene.js` makes the lights and the materials of this one.
+        server.scene.add_light_directional("/key")
         lamp = tuple(FIELD + ENDOSCOPES[FIRST])
         server.scene.add_light_point(
             "/lamp", color=LAMP, intensity=LAMP_CD, position=lamp, cast_shadow=False
@@ -444,11 +444,9 @@ class Windows:
                     del self._clients[name]
 
     def obey(self, client: Client, message: Command) -> None:
-        """Carry out a window's request: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
+        """Carry out a window's request: {"do": "camera", "name"}."""
         handle, name = self._clients.get(client.window), message.get("name")
-        if handle is not None and message["do"] == "shadows":
-            handle.scene.configure_default_lights(True, cast_shadow=message["on"])
-        elif handle is not None and name in VIEWS:
+        if handle is not None and name in VIEWS:
             _look_from(handle, name)
 
 

@@ -2,6 +2,7 @@
 (() => {
   const told = JSON.parse(document.getElementById("replay-data").textContent);
   const place = document.getElementById("replay");
+  /** @type {any[]} */
   const [canvas, slider, clock, play, speed] = ["canvas", "input", "output", ".play", "select"].map((name) => place.querySelector(name));
   const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
   const LETTERS = { gold: "L", green: "R" };
@@ -145,7 +146,7 @@
   Object.assign(slider, { min: told.ms[0], max: told.ms.at(-1), step: 10 });
   slider.addEventListener("input", () => look(Number(slider.value)));
   play.addEventListener("click", () => run(play.getAttribute("aria-pressed") !== "true"));
-  for (const button of place.querySelectorAll("[data-view]"))
+  for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (place.querySelectorAll("[data-view]")))
     button.addEventListener("click", () => {
       [turn, up] = VIEWS[button.dataset.view];
       draw();

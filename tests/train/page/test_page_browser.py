@@ -37,7 +37,9 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
         )  # the scene's server stays out of it
         for name in ("closeup", "front"):
             click(page, f"[data-camera={name}]")
-        click(page, "#shadows")
+        until(page, "ravenjax.theatre?.key && ravenjax.theatre.cloth")
+        # set again and again, because a slow page turns the shadows off
+        until(page, "(shadows.checked = true) && ravenjax.theatre.key.shadow.map")
         shown = page.evaluate("ravenjax.state().frames")
         until(page, f"ravenjax.state().frames > {shown + 10}")
         assert (

@@ -2,7 +2,7 @@
 
 import { text } from "./verdicts.js";
 
-const STEPS = globalThis.innerWidth <= 640 ? 9 : 40; // a finger needs squares of 24 px
+const STEPS = globalThis.innerWidth <= 640 ? 8 : 40; // a finger needs squares of 24 px
 const EARLIEST_MS = 500;
 const LONGEST_MS = 1024;
 const WIDER = 5; // times what a channel does without a fault, where the campaign says nothing of its own

@@ -3,6 +3,7 @@
 import { AXES, channelOf, siteOf, spanOf, unitOf } from "./axes.js";
 import { text } from "./verdicts.js";
 
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 const option = (value, words, chosen) => `<option value="${value}"${value === chosen ? " selected" : ""}>${words}</option>`;
 
@@ -34,7 +35,11 @@ function slider({ id, words, unit = "", low, high, step, hint = "" }) {
 export class Controls {
   /** heard: {fault(changes), set(path, value), motion(name), axis(which, name)}. */
   constructor(campaign, description, able, heard) {
-    Object.assign(this, { campaign, description, able, heard, key: "" });
+    this.campaign = campaign;
+    this.description = description;
+    this.able = able;
+    this.heard = heard;
+    this.key = "";
     this.known = Object.fromEntries(description.parameters.map((one) => [one.path, one]));
     this.sites();
     $("site").addEventListener("change", () => heard.fault({ site: $("site").value }));
@@ -70,7 +75,7 @@ export class Controls {
       box.innerHTML = `<div class="line"><label for="n-${path}" title="${meaning ?? ""}">${name}</label><span><input type="number" id="n-${path}" min="${low ?? ""}" max="${high ?? ""}" step="${whole ? 1 : "any"}"> ${unit}</span></div>`;
       const input = box.querySelector("input");
       input.addEventListener("change", () => this.heard.set(path, input.value === "" || Number(input.value) === value ? undefined : Number(input.value)));
-      this.inputs.set(path, { box, show: (now) => (input.value = trimmed(now)) });
+      this.inputs.set(path, { box, show: (now) => (input.value = String(trimmed(now))) });
       $("numbers").append(box);
     }
     this.changed(this.state);
@@ -90,7 +95,7 @@ export class Controls {
     $("changes").append(box);
   }
 
-  parameter({ path, words, unit = "", factor = 1, low, high, step, choices }) {
+  parameter(/** @type {any} */ { path, words, unit = "", factor = 1, low, high, step, choices = null }) {
     const { value: own } = this.known[path];
     const heard = (value) => this.heard.set(path, Math.abs(value - own) < 1e-9 ? undefined : value);
     if (choices) {
@@ -109,8 +114,8 @@ export class Controls {
     this.inputs.set(path, {
       box,
       show: (now) => {
-        range.value = now * factor;
-        number.value = trimmed(now * factor);
+        range.value = String(now * factor);
+        number.value = String(trimmed(now * factor));
       },
     });
     return box;
@@ -175,7 +180,7 @@ export class Controls {
         show: (value) => {
           const now = value === "end" ? most : value;
           range.value = one.log ? (100 * Math.log(Math.max(1, now))) / Math.log(one.log) : now;
-          number.value = trimmed(now);
+          number.value = String(trimmed(now));
         },
       };
       $("sliders").append(box);

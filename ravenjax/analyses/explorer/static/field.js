@@ -57,7 +57,9 @@ export class Field {
   }
 
   dot(across, up, dots) {
-    Object.assign(this, { across, up, dots });
+    this.across = across;
+    this.up = up;
+    this.dots = dots;
     this.ask();
   }
 

@@ -12,6 +12,7 @@ import { Table } from "./table.js";
 import { CLASSES, answer, classOf, count, told, whole } from "./verdicts.js";
 import { icon } from "./legend.js";
 
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 /** Text of what the page carries, which it then carries no more. */
 const taken = (name) => {
@@ -40,6 +41,7 @@ for (const { site, channel, effects } of description.channels) {
 }
 
 /** The campaign's own fault that shows most: after the last check, if it has one. */
+/** @returns {any} */
 function firstState() {
   const own = description.examples.find(({ site }) => site === "usb_out") ?? description.examples.find(({ site }) => site in able);
   const site = own?.site ?? Object.keys(able)[0];
@@ -57,6 +59,7 @@ let engine = null;
 let remembering = 0;
 let address = location.hash; // as this page wrote or read it last
 let token = null;
+/** @type {any} */
 let axes = {};
 
 const paths = new Set(description.parameters.map(({ path }) => path));
@@ -193,7 +196,7 @@ async function fill() {
           if (token !== own) return;
           for (const [k, point] of which.entries()) field.set(...spread.points[point], spread, judged(outcomes[k]));
           say();
-          if (field.cells.size >= FIRST_POINTS) document.body.dataset.first ??= Math.round(performance.now());
+          if (field.cells.size >= FIRST_POINTS) document.body.dataset.first ??= String(Math.round(performance.now()));
         },
       });
       if (token !== own) return;
@@ -314,7 +317,7 @@ const copies = {
   map: () => toml(campaign, { ...state, fault: { ...state.fault, [state.across]: axes.across.values, [state.up]: axes.up.values } }, takes(), question()),
 };
 document.addEventListener("click", async ({ target }) => {
-  const button = target.closest("button");
+  const button = target instanceof Element ? target.closest("button") : null;
   if (button?.dataset.save) writers[button.dataset.save]();
   if (button?.dataset.copy) {
     const shown = button.textContent;

@@ -4,6 +4,7 @@ import { chain, column, ends, events, lanes, signal } from "./course.js";
 import { length, millis, told } from "./verdicts.js";
 import { View } from "./view.js";
 
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 const MOST_LINKS = 12;
 
@@ -18,7 +19,13 @@ function line(ms, words) {
 export class Run {
   /** figure(): JSON text of the description of what is drawn, or of null; heard: {moved(ms), dragged(start_ms)}. */
   constructor(campaign, figure, heard) {
-    Object.assign(this, { campaign, heard, description: figure, replay: null, kept: null, ms: 0, playing: false });
+    this.campaign = campaign;
+    this.heard = heard;
+    this.description = figure;
+    this.replay = null;
+    this.kept = null;
+    this.ms = 0;
+    this.playing = false;
     $("time").max = campaign.duration_ms - 1;
     $("time").addEventListener("input", () => this.go(Number($("time").value)));
     $("play").addEventListener("click", () => this.play(!this.playing));
@@ -28,7 +35,8 @@ export class Run {
 
   /** Shows a run part by part, so that the page stays responsive. A newer run ends it. */
   async show(replay, fault, ms) {
-    Object.assign(this, { replay, fault });
+    this.replay = replay;
+    this.fault = fault;
     this.lanes();
     this.go(ms > 0 ? ms : this.interesting());
     for (const part of ["stand", "signals", "chain", "numbers"]) {
@@ -42,7 +50,7 @@ export class Run {
   stand() {
     if (this.figure !== undefined) return;
     const description = this.description();
-    const shown = (there) => (document.querySelector(".stage").hidden = !there);
+    const shown = (there) => (/** @type {HTMLElement} */ (document.querySelector(".stage")).hidden = !there);
     this.figure = description === "null" ? null : new View($("figure"), description, shown);
     if (this.figure) this.go(this.ms);
     else shown(false);

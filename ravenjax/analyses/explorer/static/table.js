@@ -5,6 +5,7 @@ import { csv, save } from "./saving.js";
 import { CLASSES, classOf, text } from "./verdicts.js";
 import { icon } from "./legend.js";
 
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 const MOST = 24;
 const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duration_ms"];
@@ -21,7 +22,13 @@ export function shares({ k, n, value, low, high }) {
 export class Table {
   /** open(fault, changes): what a row's button does. */
   constructor(campaign, { folder, cue, runs, rows, evading, columns }, open) {
-    Object.assign(this, { campaign, folder, runs, listed: rows, evading, columns, open });
+    this.campaign = campaign;
+    this.folder = folder;
+    this.runs = runs;
+    this.listed = rows;
+    this.evading = evading;
+    this.columns = columns;
+    this.open = open;
     const names = Object.keys(columns);
     this.rows = columns.run_id.map((_, k) => {
       const row = Object.fromEntries(names.map((name) => [name, columns[name][k]]));

@@ -5,7 +5,11 @@ const FARTHER = 1.15; // of a key press
 export class View {
   /** description: JSON text of figure.py's; shown(ready): told once whether there is a picture. */
   constructor(canvas, description, shown) {
-    Object.assign(this, { canvas, description, shown, saved: null, hands: new Map() });
+    this.canvas = canvas;
+    this.description = description;
+    this.shown = shown;
+    this.saved = null;
+    this.hands = new Map();
     this.start();
   }
 

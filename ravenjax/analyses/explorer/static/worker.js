@@ -10,8 +10,11 @@ const LINE = 64;
 /** A compiled program of the description, with its memory: buffers for `vectors` vectors of lanes. */
 class Program {
   constructor(layout, module, ticks, motionBytes, vectors) {
-    Object.assign(this, { layout, ticks, vectors });
+    this.layout = layout;
+    this.ticks = ticks;
+    this.vectors = vectors;
     this.memory = new WebAssembly.Memory({ initial: 1 });
+    /** @type {Record<string, any>} */
     this.code = new WebAssembly.Instance(module, { env: { __linear_memory: this.memory } }).exports;
     this.end = LINE;
     this.outputs = layout.series + layout.outputs.reduce((sum, output) => sum + output.types.length, 0);
@@ -332,7 +335,7 @@ const TASKS = {
 addEventListener("message", ({ data: { id, kind, task } }) => {
   try {
     const result = TASKS[kind](task);
-    postMessage({ id, result }, memories(result));
+    /** @type {any} */ (globalThis).postMessage({ id, result }, memories(result)); // of a worker, not of a window
   } catch (error) {
     postMessage({ id, error: `${error}` });
   }

@@ -86,6 +86,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
         is_metal = material.name in ("steel", "silver", "extrusion")
         mesh.visual = TextureVisuals(
             material=PBRMaterial(
+                name=material.name,
                 baseColorFactor=[*linear.tolist(), 1.0],
                 metallicFactor=0.55 if is_metal else 0.0,
                 roughnessFactor=float(np.clip(0.95 - 0.75 * material.shininess[0], 0.2, 1.0)),

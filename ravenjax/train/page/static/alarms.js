@@ -26,7 +26,9 @@ const other = (check) => [check.replaceAll("_", " "), "A check of the robot has 
 
 export class Alarms {
   constructor(place) {
-    Object.assign(this, { place, until: 0, check: "" });
+    this.place = place;
+    this.until = 0;
+    this.check = "";
   }
 
   /** Takes an event of kind "alarm" or "alarm_count". */
@@ -45,7 +47,8 @@ export class Alarms {
 
   /** Clears the words, because the robot was restarted. */
   forget() {
-    Object.assign(this, { until: 0, check: "" });
+    this.until = 0;
+    this.check = "";
     this.place.hidden = true;
   }
 

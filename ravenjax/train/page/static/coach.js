@@ -26,6 +26,7 @@ export function steps(arm, tip, at, touch = false) {
 
 /** The steps as a sentence of DOM elements. */
 export function guide(arm, tip, at, touch = coarse()) {
+  /** @type {(string | Node)[]} */
   const parts = [strong(`${LETTERS[arm]}: `)];
   steps(arm, tip, at, touch).forEach(([way, mm, key], i) => {
     const press = document.createElement("kbd");
@@ -43,7 +44,11 @@ function strong(text) {
 
 export class Coach {
   constructor(place) {
-    Object.assign(this, { place, gone: false, first: null, praised: 0, said: "" });
+    this.place = place;
+    this.gone = false;
+    this.first = null;
+    this.praised = 0;
+    this.said = "";
     this.text = place.querySelector("p");
     this.begin = place.querySelector(".begin");
     place.querySelector(".close").addEventListener("click", () => (this.gone = true));

@@ -27,13 +27,19 @@ export class Lesson {
     this.goals = [];
     let at = this.tip;
     for (const way of WAYS) this.goals.push((at = at.map((c, i) => c + way[i])));
-    Object.assign(this, { target: 0, stage: "pedal", chance, reaction: null, tries: 0 });
+    this.target = 0;
+    this.stage = "pedal";
+    this.chance = chance;
+    this.reaction = null;
+    this.tries = 0;
     this.watch();
   }
 
   /** How long the instrument stays still, drawn again for each try. */
   watch() {
-    Object.assign(this, { waited: 0, adrift: 0, quiet: QUIET_S[0] + this.chance() * (QUIET_S[1] - QUIET_S[0]) });
+    this.waited = 0;
+    this.adrift = 0;
+    this.quiet = QUIET_S[0] + this.chance() * (QUIET_S[1] - QUIET_S[0]);
   }
 
   /** hand: {pedal, move [right, up, toward]}; seconds since the last step. */
@@ -71,7 +77,11 @@ export class Lesson {
 export class Drill {
   /** input, haptics and sign are those of the session. */
   constructor(place, input, haptics, sign) {
-    Object.assign(this, { place, input, haptics, sign, on: false });
+    this.place = place;
+    this.input = input;
+    this.haptics = haptics;
+    this.sign = sign;
+    this.on = false;
     place.querySelector("[data-drill=again]").addEventListener("click", () => this.open(this.arm));
     place.querySelector("[data-drill=close]").addEventListener("click", () => this.close());
   }

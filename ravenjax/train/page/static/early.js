@@ -45,7 +45,7 @@ function drawable() {
   for (const kind of ["keydown", "keyup"]) {
     window.addEventListener(
       kind,
-      (event) => {
+      (/** @type {KeyboardEvent} */ event) => {
         const typed = event.code !== "Escape"; // Escape stops the robot wherever the cursor is
         if (typed && event.target instanceof Element && event.target.closest("input:not([type=checkbox]), textarea, select")) return;
         event.stopImmediatePropagation();

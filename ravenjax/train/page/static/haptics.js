@@ -9,7 +9,11 @@ const HZ = [330, 660]; // pitch of the weakest and the strongest cue, within the
 export class Haptics {
   /** keys: events that early.js withholds from the page below. A key is a gesture, too. */
   constructor(keys) {
-    for (const id of ["sound", "vibration", "volume"]) this[id] = document.getElementById(id);
+    /** @type {(id: string) => any} */
+    const input = (id) => document.getElementById(id);
+    this.sound = input("sound");
+    this.vibration = input("vibration");
+    this.volume = input("volume");
     this.pulsed = 0;
     this.strength = 0;
     this.sound.addEventListener("change", () => this.voice());

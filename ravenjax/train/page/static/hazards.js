@@ -56,7 +56,9 @@ const kept = (place, otherwise) => {
 
 export class HazardPanel {
   constructor(card, list, send) {
-    Object.assign(this, { card, list, send });
+    this.card = card;
+    this.list = list;
+    this.send = send;
     this.plan = new Plan();
     this.folded = new Map();
     this.marks = []; // [s, number] of hazards that became active
@@ -87,7 +89,10 @@ export class HazardPanel {
 
   /** hazards: those of the session's header. */
   welcome(hazards) {
-    Object.assign(this, { hazards, seconds: 0, started: null, now: 0 });
+    this.hazards = hazards;
+    this.seconds = 0;
+    this.started = null;
+    this.now = 0;
     this.states = new Map();
     this.marks = [];
     this.fill();

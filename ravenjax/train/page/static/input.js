@@ -124,6 +124,7 @@ export class Input {
     const speed = this.held.has("ShiftLeft") || this.held.has("ShiftRight") ? SLOW : 1;
     for (const code of this.held) {
       if (!KEYS.has(code)) continue;
+      /** @type {any[]} */
       const [arm, kind, axis, sign] = KEYS.get(code);
       const hand = still();
       if (kind === "grasp") hand.grasp = sign;

@@ -6,7 +6,10 @@ export class NextSession {
   constructor(form, send, token) {
     this.form = form;
     const [participant, scenario, seed] = form.querySelectorAll("input");
-    Object.assign(this, { participant, scenario, seed, list: new BroadcastChannel(CHANNEL) });
+    this.participant = participant;
+    this.scenario = scenario;
+    this.seed = seed;
+    this.list = new BroadcastChannel(CHANNEL);
     this.list.addEventListener("message", ({ data }) => data.wish && this.asked(data.wish));
     form.querySelector("a").href = `/sessions?instructor_token=${encodeURIComponent(token ?? "")}`;
     form.addEventListener("submit", (event) => {

@@ -4,16 +4,17 @@ const REACH = 42; // px from the pad's middle to full deflection
 const LIFT = 30;
 
 export function build(input) {
+  /** @type {any} */
   const holds = document.getElementById("drag-pedal");
-  for (const pad of document.querySelectorAll("#hands .pad")) {
+  for (const pad of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("#hands .pad"))) {
     const { arm } = pad.dataset;
-    const knob = pad.querySelector("i");
+    const knob = /** @type {HTMLElement} */ (pad.querySelector("i"));
     const lift = pad.querySelector(".lift");
     const hand = { move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 };
     const held = new Set();
     const tell = () => {
       knob.style.transform = `translate(${hand.move[0] * REACH}px, ${hand.move[2] * REACH * 0.8}px)`;
-      lift.firstElementChild.style.transform = `translateY(${-hand.move[1] * LIFT}px)`;
+      /** @type {HTMLElement} */ (lift.firstElementChild).style.transform = `translateY(${-hand.move[1] * LIFT}px)`;
       input.pad(arm, held.size ? { ...hand, move: [...hand.move] } : null, holds.checked);
     };
     drag(pad, held, (x, y) => {
@@ -24,7 +25,7 @@ export function build(input) {
       hand.move[1] = -reached(y, LIFT);
       tell();
     });
-    for (const button of pad.querySelectorAll("[data-grasp]")) {
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (pad.querySelectorAll("[data-grasp]"))) {
       press(button, held, (down) => {
         hand.grasp = down ? Number(button.dataset.grasp) : 0;
         tell();

@@ -22,6 +22,7 @@ const CAP = 0.05;
 const SLOW_FPS = 20;
 const TEST_MS = 1200;
 const UNANSWERED = 6; // requests in a row after which the server is gone
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 const root = $("rj");
 const own = window.ravenjax;
@@ -87,7 +88,6 @@ function welcome(welcomed) {
   trainee.welcome(welcomed.arms);
   for (const event of welcomed.events) happened(event);
   if (welcomed.events.some((event) => event.kind === "end")) debrief();
-  setTimeout(looks, 1500); // once the server knows the scene's socket
 }
 
 /** Passes an event to everything that shows it. */
@@ -212,33 +212,23 @@ function counted() {
   slow = (1000 * frames) / (now - since) < SLOW_FPS && !document.hidden ? slow + 1 : 0;
   [frames, since] = [0, now];
   const box = $("shadows");
-  if (slow === 3 && box.checked) {
-    box.checked = false;
-    looks();
-  }
+  if (slow === 3) box.checked = false; // `scene.js` looks at it
   if (slow >= 6 && !input.pedal) views.flatten();
 }
 
 // --- buttons ---
 
-function looks() {
-  if (!$("shadows").checked) shadows();
-}
-function shadows() {
-  send({ type: "page", do: "shadows", on: $("shadows").checked });
-}
-$("shadows").addEventListener("change", shadows);
-for (const button of document.querySelectorAll("[data-operator]"))
+for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-operator]")))
   button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
 $("convert").addEventListener("click", () => send({ type: "operator", do: "note", text: "convert" }));
 $("note").addEventListener("change", () => {
   if ($("note").value.trim()) send({ type: "operator", do: "note", text: $("note").value.trim() });
   $("note").value = "";
 });
-for (const button of document.querySelectorAll("[data-give]"))
+for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-give]")))
   button.addEventListener("click", () => send({ type: "seat", do: "give", to: button.dataset.give }));
 $("take").addEventListener("click", () => send({ type: "seat", do: "take" }));
-for (const button of document.querySelectorAll("[data-instructor]"))
+for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-instructor]")))
   button.addEventListener("click", () => sure(button) && send({ type: "instructor", do: button.dataset.instructor }));
 $("cue").addEventListener("change", () => send({ type: "instructor", do: "cue", on: $("cue").checked }));
 $("estop").addEventListener("pointerdown", () => send({ type: "operator", do: "estop" }));
@@ -247,12 +237,12 @@ const help = () => ($("help").open ? $("help").close() : $("help").show());
 $("help-open").addEventListener("click", help);
 $("more").addEventListener("click", () => $("more").setAttribute("aria-expanded", String(root.classList.toggle("all"))));
 $("practise").addEventListener("click", () => drill.open(input.arms[0]));
-for (const button of document.querySelectorAll(".cue-test"))
+for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll(".cue-test")))
   button.addEventListener("click", () => {
     $("motors").textContent = haptics.motors();
     $("cue-check").showModal();
   });
-for (const button of document.querySelectorAll("[data-cue]"))
+for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-cue]")))
   button.addEventListener("click", () => {
     const strength = Number(button.dataset.cue);
     const way = [[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0]][Math.round(2 * strength) % 3];

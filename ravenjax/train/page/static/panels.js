@@ -2,6 +2,7 @@
 
 import { LETTERS } from "./plots.js";
 
+/** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
 export const WORDS = {
   hazard_armed: (e) => `hazard ${e.number} armed`,
@@ -89,8 +90,17 @@ export class Panels {
   }
 
   welcome({ role, instructs, header, arms, run_levels, phases, views, consoles }) {
-    Object.assign(this, { role, instructs, header, arms, phases, views, consoles });
-    Object.assign(this, { started: false, left: Infinity, whole: 1000 * (header.scenario?.duration_s ?? 0), ran: 0 });
+    this.role = role;
+    this.instructs = instructs;
+    this.header = header;
+    this.arms = arms;
+    this.phases = phases;
+    this.views = views;
+    this.consoles = consoles;
+    this.started = false;
+    this.left = Infinity;
+    this.whole = 1000 * (header.scenario?.duration_s ?? 0);
+    this.ran = 0;
     set("left-word", "left, waits");
     set("level-words", "");
     $("console-card").hidden = (header.consoles ?? []).length < 2;
@@ -104,7 +114,7 @@ export class Panels {
     $("cue-box").hidden = Boolean(header.blinded);
     const hidden = Boolean(header.blinded) && role !== "instructor";
     for (const id of ["error-card", "force-card"]) $(id).hidden = hidden;
-    for (const pad of document.querySelectorAll("#hands .pad")) pad.hidden = !arms.includes(pad.dataset.arm);
+    for (const pad of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("#hands .pad"))) pad.hidden = !arms.includes(pad.dataset.arm);
     for (const id of ["runlevel", "alarms", "log"]) $(id).replaceChildren();
     for (const [level, name] of run_levels.entries()) {
       const lamp = element("li", "", name);
@@ -186,7 +196,7 @@ export class Panels {
     this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
     const not = refusals({ view, phase, robot: this.header.robot });
-    for (const button of document.querySelectorAll("[data-operator]")) {
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-operator]"))) {
       const reason = not[button.dataset.operator];
       this.titles.set(button, this.titles.get(button) ?? button.title);
       button.disabled = Boolean(reason);
@@ -210,7 +220,7 @@ export class Panels {
     const [instructor, over] = [this.role === "instructor", phase === "over"];
     $("take").hidden = this.role !== "operator";
     $("take").disabled = owner === "page" || down || over;
-    for (const button of document.querySelectorAll("[data-give]")) {
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-give]"))) {
       const { give } = button.dataset;
       button.hidden = this.role === "watcher" || (give === "page" && !instructor);
       button.disabled = owner === give || over || (!instructor && owner !== "page" && owner !== "nobody");
@@ -228,7 +238,7 @@ export class Panels {
   instructor(frame, phase) {
     const on = frame.number("hazard");
     const can = { start: !this.started && phase !== "over", pause: phase !== "paused" && phase !== "over", resume: phase === "paused", reset: phase !== "over", end: phase !== "over", disarm: on >= 0 && phase !== "over" };
-    for (const button of document.querySelectorAll("[data-instructor]")) button.disabled = !can[button.dataset.instructor];
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-instructor]"))) button.disabled = !can[button.dataset.instructor];
     if (document.activeElement !== $("cue")) $("cue").checked = frame.number("cue_on") === 1;
   }
 

@@ -10,7 +10,12 @@ export const LETTERS = { gold: "L", green: "R" };
 export class Plot {
   /** lines: names with their colours; floor: least height of the axis; limit: value of a dashed line, or null. */
   constructor(canvas, lines, { floor, limit, unit, digits }) {
-    Object.assign(this, { canvas, lines, floor, limit, unit, digits });
+    this.canvas = canvas;
+    this.lines = lines;
+    this.floor = floor;
+    this.limit = limit;
+    this.unit = unit;
+    this.digits = digits;
     this.times = new Float64Array(MOST);
     this.values = lines.map(() => new Float32Array(MOST));
     this.count = 0;

@@ -25,9 +25,15 @@ const LOOKS = [
 export class Scope {
   /** bases: {origin, turn} of each arm's frame 0; tissue: {top, sag: [x, y], half: [x, y]}; task: its geometry. */
   constructor(canvas, arms, bases, tissue, task) {
-    Object.assign(this, { canvas, arms, bases, tissue, task: task ?? {} });
+    this.canvas = canvas;
+    this.arms = arms;
+    this.bases = bases;
+    this.tissue = tissue;
+    this.task = task ?? {};
     this.pen = canvas.getContext("2d");
     this.trails = Object.fromEntries(arms.map((arm) => [arm, []]));
+    /** @type {{ middle: number[], half: number } | null} */
+    this.box = null;
     this.held = "";
     this.progress = 0;
     this.target = -1;
@@ -93,6 +99,7 @@ export class Scope {
     const { pen } = this;
     const { middle, half } = this.box;
     const scale = Math.min(width, height) / 2 / half;
+    /** @type {any} */
     const see = { across, width, height, scale, x: (at) => width / 2 + (at[across] - middle[across]) * scale, y: (at) => height / 2 - (at[2] - middle[2]) * scale };
     pen.beginPath();
     pen.rect(0, 0, width, height);
@@ -354,7 +361,7 @@ export function free([across, up], radius, others, width = Infinity) {
   const within = Math.max(HALF_WORD + 2, Math.min(width - HALF_WORD - 2, across)); // the words fit also at the edge
   const sides = [[within, up - radius - 8, "center"], [within, up + radius + 18, "center"], [across + radius + 8, up + 4, "left"], [across - radius - 8, up + 4, "right"]];
   const shift = { center: 0, left: HALF_WORD, right: -HALF_WORD };
-  const room = ([x, y, align]) => Math.min(Infinity, ...others.map(([ox, oy]) => Math.max(Math.abs(ox - x - shift[align]) - HALF_WORD, 2 * Math.abs(oy - y + 5))));
+  const room = (/** @type {any[]} */ [x, y, align]) => Math.min(Infinity, ...others.map(([ox, oy]) => Math.max(Math.abs(ox - x - shift[align]) - HALF_WORD, 2 * Math.abs(oy - y + 5))));
   return sides.find((side) => room(side) > CLEAR) ?? sides.sort((a, b) => room(b) - room(a))[0];
 }
 

@@ -6,7 +6,7 @@ const KEPT_MS = 500; // so that a pull of one millisecond can be seen
 const ALONG = 0.38; // least share of a direction that is named in words
 const WORDS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
 
-/** Components along the axes of the view (right, up, toward) of a direction in the world. */
+/** Components along the axes of the view (right, up, toward) of a direction in the world. @type {(way: number[]) => number[]} */
 export const seen = ([x, y, z]) => [x, z, -y];
 
 /** A direction in view axes in words, its largest component first. */
@@ -23,7 +23,9 @@ export function named(way) {
 export class CueSign {
   /** place: the sign's element; field: the element that gets a frame. */
   constructor(place, field) {
-    Object.assign(this, { place, field, until: 0 });
+    this.place = place;
+    this.field = field;
+    this.until = 0;
     this.arrow = place.querySelector("svg");
     this.depth = place.querySelector("i");
   }

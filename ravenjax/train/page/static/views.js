@@ -4,8 +4,10 @@ const HINT = "Drawn in 2D: this machine has no graphics card that a browser can 
 
 export class Views {
   constructor(root, send) {
-    Object.assign(this, { root, send, inset: "" });
-    this.buttons = [...document.querySelectorAll("[data-camera], [data-inset]")];
+    this.root = root;
+    this.send = send;
+    this.inset = "";
+    this.buttons = [.../** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-camera], [data-inset]"))];
     for (const button of this.buttons) button.addEventListener("click", () => (button.dataset.camera ? this.look(button.dataset.camera) : this.add(button.dataset.inset)));
     this.frame = document.createElement("iframe");
     Object.assign(this.frame, { id: "inset", title: "second view of the field", tabIndex: -1, hidden: true });
@@ -67,6 +69,6 @@ export class Views {
     if (this.root.classList.contains("flat") || asked.get("scene") === "on") return;
     asked.set("scene", "off");
     asked.set("flat", "1");
-    location.search = asked;
+    location.search = `${asked}`;
   }
 }

@@ -49,7 +49,12 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
 export class Why {
   /** input: the hands of this window. */
   constructor(place, input) {
-    Object.assign(this, { place, input, since: "", silent: [], check: "", moved: 0 });
+    this.place = place;
+    this.input = input;
+    this.since = "";
+    this.silent = [];
+    this.check = "";
+    this.moved = 0;
   }
 
   event({ kind, why, down, check, phase, virtual }, now = performance.now()) {
