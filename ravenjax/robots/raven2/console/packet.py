@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -19,24 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 UDP_PORT = 36000
 """Port on which the control software listens; raven2 `network_layer.cpp`."""
 
-U_STRUCT = np.dtype(
-    [
-        ("sequence", "<u4"),  # 1, 2, 3 ..; 0 is reserved
-        ("pactyp", "<u4"),  # ignored
-        ("version", "<u4"),  # ignored
-        ("delx", "<i4", 2),  # um
-        ("dely", "<i4", 2),  # um
-        ("delz", "<i4", 2),  # um
-        ("Qx", "<f8", 2),
-        ("Qy", "<f8", 2),
-        ("Qz", "<f8", 2),
-        ("Qw", "<f8", 2),
-        ("buttonstate", "<i4", 2),  # unused
-        ("grasp", "<i4", 2),  # mrad, positive closes
-        ("surgeon_mode", "<i4"),  # 1 engaged (pedal down), 0 not
-        ("checksum", "<i4"),  # not verified by the robot
-    ]
-)
+U_STRUCT = np.dtype(list(resources.read_tables(__file__, "packet.toml").items()))
 """Console to robot, 124 bytes."""
 
 MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
