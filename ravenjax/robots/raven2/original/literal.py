@@ -320,9 +320,9 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
     t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
-    centres, (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
-    com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
-    in_frame1 = (Vec(centres.link1), transform_point(t12, com2), transform_point(t12, com3))
+    (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
+    com3 = t23.origin  # in frame 2, as com2
+    in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
 
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
