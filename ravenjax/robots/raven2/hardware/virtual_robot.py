@@ -103,16 +103,8 @@ def step(
         (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
     )
     controller, relays = plc.step(setup, params.plc, state.plc, pressed)
-    moved = per_arm(
-        setup,
-        lambda i, arm: plant.step(
-            setup,
-            arm,
-            params.arms[i],
-            state.arms[i],
-            plant.PlantSignal(inputs.dac[i], relays.brakes),
-        ),
-    )
+    driven = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
+    moved = plant.step_all(setup, params.arms, state.arms, driven)
     after = RobotState(controller, tuple(new for new, _ in moved))
     return after, _signals(setup, params, after, relays, tuple(out for _, out in moved))
 

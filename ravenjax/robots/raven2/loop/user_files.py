@@ -331,9 +331,7 @@ def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
 
 
 def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
-    return tuple(
-        where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
-    )
+    return tuple(map(where, trips, values, signal))
 
 
 def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
