@@ -243,7 +243,7 @@ def generate_motion(
         quat=np.stack(quat, axis=1),
         grasp_mrad=np.stack(poses, axis=1)[..., _GRASP],
         surgeon_mode=pedals[0],
-        start_jpos=tuple(tuple(float(q) for q in HOME_JPOS) for _ in arms),
+        start_jpos=(tuple(map(float, HOME_JPOS)),) * len(arms),
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.bundled import resources
-from ravenjax.numbers import Scalar, Vec, record
+from ravenjax.numbers import Scalar, Vec, for_each_arm, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -62,15 +62,15 @@ class Packet:
 @functools.lru_cache(maxsize=16)
 def empty_packet(setup: RavenSetup) -> Packet:
     """Return the packet of a cycle in which none arrives."""
-    arms, zero = range(len(setup.arms)), np.int32(0)
+    zero = np.int32(0)
     number = np.dtype(setup.precision.wide).type
     return Packet(
         received=zero,
         size=np.int32(SIZE_BYTES[setup.console]),
         sequence=zero,
-        delta=tuple(Vec.full(3, zero) for _ in arms),
-        quat=tuple(Vec(map(number, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
-        grasp=tuple(zero for _ in arms),
+        delta=for_each_arm(setup, Vec.full(3, zero)),
+        quat=for_each_arm(setup, Vec(map(number, (0.0, 0.0, 0.0, 1.0)))),
+        grasp=for_each_arm(setup, zero),
         surgeon_mode=zero,
     )
 
@@ -82,8 +82,6 @@ def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
     fields["Qw"] = 1.0
     for i, arm in enumerate(arms):
         slot = ARMS.index(arm)
-        for name, value in zip(MOVES, packet.delta[i], strict=True):
-            fields[name][slot] = int(value)
-        for name, value in zip(TURNS, packet.quat[i], strict=True):
-            fields[name][slot] = float(value)
-        fields["grasp"][slot] = int(packet.grasp[i])
+        numbers = *packet.delta[i], *packet.quat[i], packet.grasp[i]
+        for name, value in zip((*MOVES, *TURNS, "grasp"), numbers, strict=True):
+            fields[name][slot] = value

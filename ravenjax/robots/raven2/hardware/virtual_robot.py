@@ -195,7 +195,7 @@ class VirtualRobot:
         level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
         given = [HOME_JPOS] * len(names) if jpos is None else jpos
-        rest = checked.parse_joints("jpos", given, len(names))
+        rest = checked.parse_joints(given, len(names))
         self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)

@@ -222,13 +222,12 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
         far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
-        cost = reduce(
-            add, (gap * gap for gap in gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT))
-        )
+        gaps = gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT)
+        cost = dot(gaps, gaps)
         nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
-    joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
+    joints = joints.map(lambda joint: _wrapped(joint, 1)).replace(3, joints[3])
     status = jnp.where(
         least > kinematics.COST_LIMIT,
         kinematics.REJECTED,
