@@ -4,8 +4,6 @@ Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-e
 36000). Index 0 of each pair is the gold arm, 1 the green arm.
 """
 
-from __future__ import annotations
-
 import functools
 import struct
 from typing import Any

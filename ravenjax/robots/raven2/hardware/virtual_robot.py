@@ -10,8 +10,6 @@ without faults. Every operation is one IEEE operation in float32, and functions 
 campaigns fuse multiply-adds, so their last digits differ.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -196,7 +194,8 @@ class VirtualRobot:
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
         given = [HOME_JPOS] * len(names) if jpos is None else jpos
         rest = checked.parse_joints(given, len(names))
-        self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
+        self.code = robot_code(self.setup)
+        kinds = self.code.kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)
         with at_once():
