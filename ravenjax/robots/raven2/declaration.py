@@ -1,9 +1,8 @@
 """The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
 
-import tomllib
-from pathlib import Path
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
 from ravenjax.vocabulary.checks import Check
@@ -12,7 +11,7 @@ from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import ARM, Channel, Field, Site
 
-_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_TABLES = resources.read_tables(__file__, "declaration.toml")
 _NAMES = {
     "joints": JOINTS,
     "positioning": JOINTS[:3],

@@ -1,16 +1,17 @@
 """Converts the signals of a run's ticks into its time series."""
 
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.topics import Base
 
-_SOFTWARE = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
-"""Signals of the control software that the time series has under their own names."""
+_SERIES = resources.read_tables(__file__, "trace.toml")
 
 
 def trace_series(
@@ -20,17 +21,7 @@ def trace_series(
 
     Names, axes, units and meanings are in `store.logs.time_series`.
     """
-    control = signals.control
-    out: dict[str, np.ndarray] = {
-        "runlevel": control.runlevel,
-        "surgeon_mode": control.surgeon_mode,
-        "last_seq": control.last_seq,
-        "soft_estopped": control.soft_estopped,
-        "pins_out": control.pins_out,
-        "plc_runlevel": signals.plc.runlevel,
-        "brakes": signals.plc.brakes,
-        "packet_received": signals.packet.received,
-    }
+    out = {name: attrgetter(path)(signals) for name, path in _SERIES["run"].items()}
     for slot, active in enumerate(signals.fault_active):
         out[f"fault{slot}_active"] = active
     if len(setup.arms) > 1:
@@ -49,26 +40,19 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
-    software, plant = signals.control.arms[i], signals.plant[i]
-    model, cue = signals.nominal[i], signals.haptics[i]
-    vectors = {
-        "enc_val_cnt": software.enc_val,
-        **{name: getattr(software, name) for name in _SOFTWARE},
-        "current_cmd_cnt": software.current_cmd,
-        "dac_cnt": software.current_cmd_written,
-        "boards_cnt": signals.boards[i],
-        "link_jpos": plant.jpos,
-        "link_jvel": plant.jvel,
-        "motor_mpos": plant.mpos,
-        "motor_mvel": plant.mvel,
-        "cable_tension": plant.tension,
-        "tip": signals.tip[i],
-        "model_position": model.tip_position,
-        "model_jpos": model.jpos,
-        "haptic_force": cue.direction,
-        "cue_force": cue.force,
+    places = {
+        "software": signals.control.arms[i],
+        "plant": signals.plant[i],
+        "model": signals.nominal[i],
+        "cue": signals.haptics[i],
     }
-    out = {name: _stack(numbers) for name, numbers in vectors.items()}
+    software, plant, _, cue = places.values()
+    out = {
+        name: _stack(getattr(places[place], field))
+        for place, series in _SERIES["arm"].items()
+        for name, field in series.items()
+    }
+    out["boards_cnt"], out["tip"] = _stack(signals.boards[i]), _stack(signals.tip[i])
     out["haptic_force"] = out["haptic_force"] * np.asarray(cue.force[0])[:, None]
     for ending, pose in (("", software.pos), ("_d", software.pos_d)):
         out[f"position{ending}"] = _stack(pose.position_um) * 1e-6

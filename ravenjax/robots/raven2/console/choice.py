@@ -7,6 +7,7 @@ values that they read differently cause no motion. A choice is final.
 """
 
 from collections.abc import Collection, Sequence
+from operator import add
 
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
@@ -73,9 +74,7 @@ class ProfileChoice:
                 self._misfits[name] += 1
                 self._last[name] = result
             elif reader.profile.jaw.form == "increments":
-                self._travel[name] = [
-                    a + b for a, b in zip(self._travel[name], result.grasp_mrad, strict=True)
-                ]
+                self._travel[name] = list(map(add, self._travel[name], result.grasp_mrad))
         out = {
             reader.profile.name: why
             for reader in self.readers

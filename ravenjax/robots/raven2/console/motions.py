@@ -8,13 +8,12 @@ that scale, too, every pose lies inside the soft limits.
 """
 
 import math
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers.trigonometry import cos, sin
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, TICK_S, Motion
@@ -219,9 +218,7 @@ class _Path:
             row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
 
-MOTIONS: dict[str, str] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-)
+MOTIONS: dict[str, str] = resources.read_tables(__file__, "motions.toml")
 """Names and descriptions of the motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 
@@ -246,7 +243,7 @@ def generate_motion(
         quat=np.stack(quat, axis=1),
         grasp_mrad=np.stack(poses, axis=1)[..., _GRASP],
         surgeon_mode=pedals[0],
-        start_jpos=tuple(tuple(float(q) for q in HOME_JPOS) for _ in arms),
+        start_jpos=(tuple(map(float, HOME_JPOS)),) * len(arms),
     )
 
 

@@ -8,6 +8,7 @@ A packet carries whole numbers. The console truncates the *scaled position* and 
 of two truncated positions. The robot's accumulator never drifts from the hand by more than 1 um.
 """
 
+from operator import add
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -123,7 +124,7 @@ def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
 
 
 def _sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
-    return tuple(a + b for a, b in zip(values, more, strict=True))
+    return tuple(map(add, values, more))
 
 
 def with_tip_motion(

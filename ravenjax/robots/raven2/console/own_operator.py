@@ -137,8 +137,8 @@ def act_as_file(
         )
     if state.grasp is not None:
         old = state.grasp
-        changes = (new - grasp for new, (_, grasp, _) in zip(will["grasp"], plan, strict=True))
-        grasp = tuple(x + change for x, change in zip(old.offset, changes, strict=True))
+        grasps = zip(old.offset, will["grasp"], plan, strict=True)
+        grasp = tuple(x + (new - planned) for x, new, (_, planned, _) in grasps)
         how = how._replace(grasp=grasp, grasp_before=old.sent)
         state = replace(state, grasp=OwnGrasp(grasp, where(fresh, grasp, old.sent)))
     if state.lifted is not None:

@@ -4,39 +4,21 @@ Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-e
 36000). Index 0 of each pair is the gold arm, 1 the green arm.
 """
 
-from __future__ import annotations
-
 import functools
 import struct
 from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers import Scalar, Vec, record
+from ravenjax.bundled import resources
+from ravenjax.numbers import Scalar, Vec, for_each_arm, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
 """Port on which the control software listens; raven2 `network_layer.cpp`."""
 
-U_STRUCT = np.dtype(
-    [
-        ("sequence", "<u4"),  # 1, 2, 3 ..; 0 is reserved
-        ("pactyp", "<u4"),  # ignored
-        ("version", "<u4"),  # ignored
-        ("delx", "<i4", 2),  # um
-        ("dely", "<i4", 2),  # um
-        ("delz", "<i4", 2),  # um
-        ("Qx", "<f8", 2),
-        ("Qy", "<f8", 2),
-        ("Qz", "<f8", 2),
-        ("Qw", "<f8", 2),
-        ("buttonstate", "<i4", 2),  # unused
-        ("grasp", "<i4", 2),  # mrad, positive closes
-        ("surgeon_mode", "<i4"),  # 1 engaged (pedal down), 0 not
-        ("checksum", "<i4"),  # not verified by the robot
-    ]
-)
+U_STRUCT = np.dtype(list(resources.read_tables(__file__, "packet.toml").items()))
 """Console to robot, 124 bytes."""
 
 MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
@@ -78,15 +60,15 @@ class Packet:
 @functools.lru_cache(maxsize=16)
 def empty_packet(setup: RavenSetup) -> Packet:
     """Return the packet of a cycle in which none arrives."""
-    arms, zero = range(len(setup.arms)), np.int32(0)
+    zero = np.int32(0)
     number = np.dtype(setup.precision.wide).type
     return Packet(
         received=zero,
         size=np.int32(SIZE_BYTES[setup.console]),
         sequence=zero,
-        delta=tuple(Vec.full(3, zero) for _ in arms),
-        quat=tuple(Vec(map(number, (0.0, 0.0, 0.0, 1.0))) for _ in arms),
-        grasp=tuple(zero for _ in arms),
+        delta=for_each_arm(setup, Vec.full(3, zero)),
+        quat=for_each_arm(setup, Vec(map(number, (0.0, 0.0, 0.0, 1.0)))),
+        grasp=for_each_arm(setup, zero),
         surgeon_mode=zero,
     )
 
@@ -98,8 +80,6 @@ def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
     fields["Qw"] = 1.0
     for i, arm in enumerate(arms):
         slot = ARMS.index(arm)
-        for name, value in zip(MOVES, packet.delta[i], strict=True):
-            fields[name][slot] = int(value)
-        for name, value in zip(TURNS, packet.quat[i], strict=True):
-            fields[name][slot] = float(value)
-        fields["grasp"][slot] = int(packet.grasp[i])
+        numbers = *packet.delta[i], *packet.quat[i], packet.grasp[i]
+        for name, value in zip((*MOVES, *TURNS, "grasp"), numbers, strict=True):
+            fields[name][slot] = value

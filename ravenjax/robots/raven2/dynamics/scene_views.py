@@ -2,14 +2,11 @@
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.robots.raven2.dynamics import arm_model
 
-ENDOSCOPES = {
-    "endoscope": (0.0, -0.14, 0.105),
-    "endoscope_left": (-0.0027, -0.14, 0.105),
-    "endoscope_right": (0.0027, -0.14, 0.105),
-    "second": (0.17, -0.03, 0.05),
-}
+_TABLES = resources.read_tables(__file__, "scene_views.toml")
+ENDOSCOPES = _TABLES["endoscopes"]
 """Positions of the endoscopes from the middle of the field, m.
 
 The eyes of a stereo endoscope are 5 to 6 mm apart.
@@ -18,11 +15,7 @@ FIELD = np.array([0.0, 0.0, 0.192])
 """Middle of the field, a little above the tissue, m."""
 # Upward. Rigid endoscopes see 60 to 75 degrees across their round picture.
 _ENDOSCOPE_FOV = np.radians(44.0)
-_CAMERAS = {
-    "theatre": ((0.0, 0.0, 0.37), 1.25),
-    "front": ((0.0, 0.0, 0.37), 1.2),
-    "closeup": ((0.0, 0.0, 0.198), 1.0),
-}
+_CAMERAS = _TABLES["cameras"]
 """For each camera, the point about which it turns, m, and its distance by that in the model.
 
 The distance is larger because a window is narrower than the model's picture.

@@ -10,8 +10,6 @@ right-handed. Any other number, a wrong shape or an unknown name raises UserErro
 # Callers may pass anything.
 # pyright: reportUnnecessaryIsInstance=false
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Generator
 

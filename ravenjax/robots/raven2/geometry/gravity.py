@@ -5,8 +5,6 @@ control software's own and differ from those of the virtual robot. The centre of
 origin of its frame, which depends on d3.
 """
 
-from typing import NamedTuple
-
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
@@ -18,22 +16,16 @@ GRAVITY_AS_STORED = 9.800000190734863
 MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
 
 
-class Centres(NamedTuple):
-    """Centres of mass in the control software."""
-
-    link1: tuple[float, float, float]  # m, in frame 1
-    link2: tuple[float, float, float]  # m, in frame 2
-
-
 CENTRES = {
-    "gold": Centres((0.0065, 0.09775, -0.13771), (-0.002, -0.18274, -0.23053)),
-    "green": Centres((-0.0065, -0.09775, 0.13771), (-0.002, -0.18274, 0.23053)),
+    "gold": (Vec((0.0065, 0.09775, -0.13771)), Vec((-0.002, -0.18274, -0.23053))),
+    "green": (Vec((-0.0065, -0.09775, 0.13771)), Vec((-0.002, -0.18274, 0.23053))),
 }
+"""Centres of mass in the control software, m: of link 1 in frame 1, of link 2 in frame 2."""
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     """Return the effort (Nm, Nm, N) that holds joints 1-3 at `jpos`. gravity: m/s^2 along -x0."""
-    geometry, centres = GEOMETRY[arm], CENTRES[arm]
+    geometry, (link1, link2) = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
@@ -45,11 +37,11 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     m1, m2, m3 = MASSES
     # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1. Their z components are
     # never needed.
-    x2 = m2 * centres.link2[0]
-    y2 = m2 * centres.link2[1] - m3 * GM3 * jpos[2]
-    z2 = m2 * centres.link2[2] + m3 * geometry.cos23 * jpos[2]
-    x1 = m1 * centres.link1[0] + c2 * x2 - s2 * y2
-    y1 = m1 * centres.link1[1] + GM2 * (s2 * x2 + c2 * y2) - GM1 * z2
+    x2 = m2 * link2[0]
+    y2 = m2 * link2[1] - m3 * GM3 * jpos[2]
+    z2 = m2 * link2[2] + m3 * geometry.cos23 * jpos[2]
+    x1 = m1 * link1[0] + c2 * x2 - s2 * y2
+    y1 = m1 * link1[1] + GM2 * (s2 * x2 + c2 * y2) - GM1 * z2
     return Vec((y1 * gx - x1 * gy, y2 * hx - x2 * hy, m3 * (GM3 * hy - geometry.cos23 * hz)))
 
 

@@ -21,7 +21,7 @@ bend.
 from typing import NamedTuple
 
 from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, replace, where
-from ravenjax.numbers.algebra import cross, dot
+from ravenjax.numbers.algebra import cross, dot, transpose
 from ravenjax.robots.raven2.geometry.joints import (
     D4,
     GEOMETRY,
@@ -107,7 +107,7 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     x6 = chain.x5 * c6 - chain.y4 * s6
     y6 = -(chain.x5 * s6 + chain.y4 * c6)
     z6 = -chain.y5
-    return Pose(chain.tip, Vec(Vec(row) for row in zip(x6, y6, z6, strict=True)))
+    return Pose(chain.tip, transpose(Vec((x6, y6, z6))))
 
 
 def tip_jacobian(arm: str, jpos: Vec) -> Vec:
@@ -125,7 +125,7 @@ def tip_jacobian(arm: str, jpos: Vec) -> Vec:
         (*(chain.y5 * LW), *z5),
         (*still, *-chain.y5),
     )
-    return Vec(Vec(row) for row in zip(*columns, strict=True))
+    return transpose(Vec(columns))
 
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:

@@ -79,10 +79,10 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
     # by_x is the quaternion times 4 x, by_y times 4 y, and so on.
-    by_x = _multiple(1.0 + m00 - m11 - m22, (sxy, sxz, dx), 0)
-    by_y = _multiple(1.0 + m11 - m00 - m22, (sxy, syz, dy), 1)
-    by_z = _multiple(1.0 + m22 - m00 - m11, (sxz, syz, dz), 2)
-    by_w = _multiple(1.0 + trace, (dx, dy, dz), 3)
+    by_x = 1.0 + m00 - m11 - m22, sxy, sxz, dx
+    by_y = sxy, 1.0 + m11 - m00 - m22, syz, dy
+    by_z = sxz, syz, 1.0 + m22 - m00 - m11, dz
+    by_w = dx, dy, dz, 1.0 + trace
     not_x, above_y, above_x = m00 < m11, m11 < m22, m00 < m22
 
     def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Scalar:
@@ -91,7 +91,3 @@ def quat_from_matrix(rotation: Vec) -> Vec:
 
     factor = 0.5 / jnp.sqrt(choose(by_w[3], by_x[0], by_y[1], by_z[2]))
     return Vec(choose(*items) for items in zip(by_w, by_x, by_y, by_z, strict=True)) * factor
-
-
-def _multiple(pivot: Scalar, others: tuple[Scalar, Scalar, Scalar], place: int) -> Vec:
-    return Vec((*others[:place], pivot, *others[place:]))

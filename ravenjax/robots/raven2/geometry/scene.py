@@ -9,6 +9,7 @@ import itertools
 from functools import cache
 from typing import NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matvec, minus, plus, transpose
 from ravenjax.robots.raven2.arms import ArmName
@@ -19,14 +20,7 @@ TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the 
 TISSUE_HALF = (0.075, 0.060)  # m, half of the tissue's extent along x and y
 VESSEL_RADIUS = 0.0031  # m, radius of the trunk in models/raven2
 VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome: its axis lies 0.4 mm below
-VESSEL_COURSE = (
-    (-0.073, -0.024),
-    (-0.045, -0.016),
-    (-0.015, -0.004),
-    (0.012, 0.002),
-    (0.040, 0.018),
-    (0.073, 0.022),
-)
+VESSEL_COURSE = resources.read_tables(__file__, "scene.toml")["vessel_course_m"]
 """m, x and y of points of the vessel's axis; the drawn vessel is a smooth curve through them."""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 """Squared ratio of the distance from the axis to that along y, for the course as a whole."""

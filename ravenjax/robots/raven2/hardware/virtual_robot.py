@@ -10,8 +10,6 @@ without faults. Every operation is one IEEE operation in float32, and functions 
 campaigns fuse multiply-adds, so their last digits differ.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -103,16 +101,8 @@ def step(
         (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
     )
     controller, relays = plc.step(setup, params.plc, state.plc, pressed)
-    moved = per_arm(
-        setup,
-        lambda i, arm: plant.step(
-            setup,
-            arm,
-            params.arms[i],
-            state.arms[i],
-            plant.PlantSignal(inputs.dac[i], relays.brakes),
-        ),
-    )
+    driven = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
+    moved = plant.step_all(setup, params.arms, state.arms, driven)
     after = RobotState(controller, tuple(new for new, _ in moved))
     return after, _signals(setup, params, after, relays, tuple(out for _, out in moved))
 
@@ -203,8 +193,9 @@ class VirtualRobot:
         level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
         given = [HOME_JPOS] * len(names) if jpos is None else jpos
-        rest = checked.parse_joints("jpos", given, len(names))
-        self.code, kinds = robot_code(self.setup), robot_code(self.setup).kinds
+        rest = checked.parse_joints(given, len(names))
+        self.code = robot_code(self.setup)
+        kinds = self.code.kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)
         with at_once():

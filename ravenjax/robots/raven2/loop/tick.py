@@ -235,8 +235,8 @@ def _move_robot(
     # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
     multipliers = {
-        site: inject(site, for_each_arm(setup, Vec.full(7, neutral)))
-        for site, neutral in _MECHANICS.items()
+        site: inject(site, for_each_arm(setup, getattr(plant.PlantSignal, site)))
+        for site in _MECHANICS
         if inject.strikes(site)
     }
     driven = boards.current_cmd
@@ -279,10 +279,5 @@ def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)
 
 
-_MECHANICS: dict[str, float] = {
-    "torque_scale": 1.0,
-    "cable_scale": 1.0,
-    "friction_scale": 1.0,
-    "external_torque": 0.0,
-}
-"""Fault sites of the robot's mechanics -> their values without a fault."""
+_MECHANICS = ("torque_scale", "cable_scale", "friction_scale", "external_torque")
+"""Fault sites of the robot's mechanics; `PlantSignal` has their values without a fault."""

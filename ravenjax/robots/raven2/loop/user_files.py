@@ -35,7 +35,7 @@ command pass an E-stop.
 
 from collections.abc import Sequence
 from functools import reduce
-from operator import or_
+from operator import and_, or_
 from typing import Any
 
 from ravenjax.numbers import cast_to_real, for_each_arm, jnp, narrow_numbers, per_arm
@@ -331,15 +331,13 @@ def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
 
 
 def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
-    return tuple(
-        where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
-    )
+    return tuple(map(where, trips, values, signal))
 
 
 def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
     """Return commands after a check, within 16 bits; 0 stays 0, so no check undoes an E-stop."""
     there = (reduce(or_, (x != 0 for x in command)) for command in commands)
-    limited = [trip & some for trip, some in zip(trips, there, strict=True)]
+    limited = list(map(and_, trips, there))
     within = tuple(
         value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
         for value in values

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
@@ -29,10 +30,17 @@ C01, C02, C12 = (as_float32(c) for c in (transmission.C01, transmission.C02, tra
 TAU_PER_AMP = (transmission.TORQUE_PER_AMP * transmission.GEARBOX).map(as_float32)
 """N m at the capstan per A, unsigned."""
 
+GAINS = resources.read_tables(__file__, "gains.toml")
+"""Gains of the motors by software and arm, as `motor_control.MotorControlParams`."""
 
-KP = (0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)
-KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
-"""Gains of raven2's gold arm, N m after gearbox per motor rad and rad/s; params/r2params.yaml."""
+
+def jaw_commands(software: str) -> tuple[int, int, int]:
+    """Return the gain of the jaws' increments, and the least and greatest opening, mrad.
+
+    Source: local_io.cpp of raven2 and of the 2015 fork.
+    """
+    gain, lowest_deg = (1, -10.0) if software == "raven2" else (2, -30.0)
+    return gain, int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)
 
 
 def wrist_coupling(tool: str) -> float:

@@ -222,13 +222,12 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
         far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(far, turn, theta[3]))
         gaps = measured - theta
-        cost = reduce(
-            add, (gap * gap for gap in gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT))
-        )
+        gaps = gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT)
+        cost = dot(gaps, gaps)
         nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
-    joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
+    joints = joints.map(lambda joint: _wrapped(joint, 1)).replace(3, joints[3])
     status = jnp.where(
         least > kinematics.COST_LIMIT,
         kinematics.REJECTED,
@@ -320,9 +319,9 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
     t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
-    centres, (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
-    com2, com3 = Vec(centres.link2), t23.origin  # in frame 2
-    in_frame1 = (Vec(centres.link1), transform_point(t12, com2), transform_point(t12, com3))
+    (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
+    com3 = t23.origin  # in frame 2, as com2
+    in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
 
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)

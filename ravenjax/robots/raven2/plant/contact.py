@@ -176,11 +176,8 @@ def instruments_meeting(
     dt: float,
 ) -> Meeting:
     """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
-    lines = tuple(
-        instrument.instrument_line(arm, joints) for arm, joints in zip(arms, jpos, strict=True)
-    )
-    pieces = [_pieces(arm, line) for arm, line in zip(arms, lines, strict=True)]
-    pairs = itertools.starmap(_nearest, itertools.product(*pieces))
+    lines = tuple(map(instrument.instrument_line, arms, jpos))
+    pairs = itertools.starmap(_nearest, itertools.product(*map(_pieces, arms, lines)))
     best = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
     ways, frames = [], []

@@ -253,14 +253,6 @@ class StopParams:
     stiffness: Vec  # N m/rad; insertion N/m
 
 
-@record
-class StopForce:
-    """Force of a hard stop at the joint's present speed, and its loss per gain of speed."""
-
-    force: Scalar  # N m; insertion N
-    damping: Scalar  # N m s/rad; insertion N s/m
-
-
 def stop_params(tool: str) -> StopParams:
     """Return the hard stops of an arm with that tool."""
     instrument = find_tool(tool)
@@ -272,8 +264,12 @@ def stop_params(tool: str) -> StopParams:
     )
 
 
-def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> StopForce:
-    """Return the stop force on joint `i` over `dt` (s). It is zero within the range."""
+def stop_force(
+    params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float
+) -> tuple[Scalar, Scalar]:
+    """Return the stop's force (N m; insertion N) on joint `i` over `dt` (s), at its present speed,
+    and its loss per gain of speed (N m s/rad; insertion N s/m). Both are zero within the range.
+    """
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
-    return StopForce(-params.stiffness[i] * beyond - damping * jvel, damping)
+    return -params.stiffness[i] * beyond - damping * jvel, damping

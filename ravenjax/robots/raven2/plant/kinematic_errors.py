@@ -24,6 +24,7 @@ import math
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, at_once, describe_fields, jnp, record, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
@@ -51,24 +52,7 @@ class Registration:
     translation: Vec  # m, 3
 
 
-MEASURED = {
-    "joint_offset.elbow": 9.0 * _DEG,
-    "joint_offset.insertion": 9e-3,
-    "joint_offset.tool_roll": 9.0 * _DEG,
-    "joint_offset.wrist": 9.0 * _DEG,
-    "ratio_error.shoulder": 0.018,
-    "ratio_error.elbow": 0.018,
-    "ratio_error.insertion": 0.018,
-    "ratio_error.tool_roll": 0.018,
-    "ratio_error.wrist": 0.018,
-    "links.twist12": 0.9 * _DEG,
-    "links.twist23": 0.9 * _DEG,
-    "links.length12": 2.25e-3,
-    "links.length23": 2.25e-3,
-    "links.length34": 2.25e-3,
-    "links.tool_length": 2.25e-3,
-    "links.wrist_length": 2.25e-3,
-}
+MEASURED: dict[str, float] = resources.read_tables(__file__, "kinematic_errors.toml")
 """Standard deviation of each error if a campaign draws them (normal, mean 0); rad, m and shares.
 
 Their relative sizes are *assumed*: homing against stops leaves larger errors than machining. Their

@@ -25,8 +25,6 @@ limits, and re-anchored where they are clamped. While the pedal is up the model 
 target is its pose, as in the robot.
 """
 
-import math
-
 import numpy as np
 
 from ravenjax.numbers import cast_to_real, describe_fields, jnp
@@ -104,7 +102,6 @@ class NominalOutput:
     jpos: Vec  # rad; insertion m
     tip_position: Vec  # m, 3, frame 0 of the arm
     tip_velocity: Vec  # m/s, 3
-    jpos_d: Vec  # rad; insertion m
 
 
 def params(
@@ -120,8 +117,8 @@ def params(
     square = ratio.map(lambda r: r**2)
     link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
     similar = Vec(INERTIA) / (motor.inertia + share * link_inertia / square)
-    kp = similar * stored.KP * gain
-    kd = similar * stored.KD * gain
+    law = stored.GAINS["raven2"]["gold"]
+    kp, kd = (similar * Vec(law[name]) * gain for name in ("kp", "kd"))
     kv = similar * (motor.viscous + share * values.link_viscous / square)
     kc = similar * (motor.coulomb + share * values.link_coulomb / ratio) / ratio
     return NominalParams(
@@ -167,7 +164,6 @@ def step(
         jpos=state.jpos,
         tip_position=kinematics.forward_pose(arm, state.jpos).position,
         tip_velocity=kinematics.tip_velocity(arm, state.jpos, state.jvel),
-        jpos_d=state.target.jpos_d,
     )
 
 
@@ -254,9 +250,7 @@ def _moved(
 ) -> tuple[Vec, Vec, Scalar]:
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
-    # local_io.cpp of raven2 and of the fork
-    gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
-    lowest, highest = int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)
+    gain, lowest, highest = stored.jaw_commands(setup.software)
     position_um = state.position_um + mapping.position_from_itp(arm, clean.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
     square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]

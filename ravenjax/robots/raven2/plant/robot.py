@@ -187,7 +187,7 @@ def step_all(
     params: PerArm[PlantParams],
     states: PerArm[PlantState],
     signals: PerArm[PlantSignal],
-    touched: contact.ContactParams | None,
+    touched: contact.ContactParams | None = None,
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm. Two arms with contact touch tissue and each other.
 
@@ -250,7 +250,7 @@ class _ArmTick:
         jpos, jvel = self.jpos(), state.jvel
         self._links = jpos, jvel, params.gravity, params.mass_scale
         mass, bias = link_dynamics.mass_matrix_and_bias(self.arm, *self._links)
-        friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
+        friction = signal.friction_scale.map(mul, params.friction_scale)
         self._link_speed = self._geometry.motors(jvel)
         scale = _whole(state, signal.cable_scale)
         self._springs = [
@@ -293,10 +293,10 @@ class _ArmTick:
             for j in range(i + 1):
                 system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
             viscous = params.link_viscous[i] * friction[i]
-            stop = drives.stop_force(params.stops, i, jpos[i], jvel[i], dt)
-            system[i][i] = system[i][i] + (viscous + stop.damping)
+            stop, damping = drives.stop_force(params.stops, i, jpos[i], jvel[i], dt)
+            system[i][i] = system[i][i] + (viscous + damping)
             load = add(sub(loads[i], bias[i]), signal.external_torque[i])
-            force = load - viscous * jvel[i] + stop.force
+            force = load - viscous * jvel[i] + stop
             stick = drives.coulomb_damping(
                 params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i]
             )

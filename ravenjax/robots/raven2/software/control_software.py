@@ -137,9 +137,7 @@ class ControlSoftware:
                 self.params = _changed(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
         if jpos is not None:
-            encoders = _encoders_at(
-                setup, self.params, checked.parse_joints("jpos", jpos, len(names))
-            )
+            encoders = _encoders_at(setup, self.params, checked.parse_joints(jpos, len(names)))
         if encoders is not None:
             encoders = checked.parse_counts(given[0], encoders, (len(names), 7))
         if state is not None:

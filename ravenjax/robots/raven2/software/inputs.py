@@ -140,15 +140,15 @@ def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: 
     raise UserError(f"{what} {got}, expected {numbers} {' or '.join(texts)}{order}")
 
 
-def parse_joints(what: str, given: Any, arms: int) -> list[list[float]]:
+def parse_joints(given: Any, arms: int) -> list[list[float]]:
     """Return [arms, 7] joints: angles of at most a turn, rad, travels of at most a metre."""
-    array = _array(what, given, [(arms, 7)], "iuf", "numbers in rad and m")
+    array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR
         low, high, unit, mistaken = _POSITIONS[is_linear]
         if not low <= value <= high:
             raise UserError(
-                f"{what}{_index(place)} is {value}, expected {low:g}..{high:g} {unit};"
+                f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit};"
                 f" give {unit}, not {mistaken}"
             )
     return array.astype(np.float64).tolist()

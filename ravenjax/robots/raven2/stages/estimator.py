@@ -68,12 +68,12 @@ def step(
         (previous,) = filled
         state = EstimatorState(state.started | 1, (angle,), ())
         return state, angle, (angle - previous) / stored.PERIOD
-    inputs, outputs = filled[:3], filled[3:]
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
         position = position + history * gain
-    velocity = (position - outputs[0]) / stored.PERIOD
-    inputs, outputs = (angle, *inputs[:2]), (position, *outputs[:2])
+    velocity = (position - filled[3]) / stored.PERIOD
+    # The three newest inputs come before the outputs
+    inputs, outputs = (angle, *filled[:2]), (position, *filled[3:5])
     return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
 

@@ -35,20 +35,9 @@ class MotorControlState:
 
 def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
     """Return the gains of the robot's parameter file."""
-    fork = setup.software == "fork2015"
-    jaw_kp, jaw_ki = (0.02, 0.0) if fork else (0.05, 0.05)
-    damping = 0.012 if arm == "gold" else 0.010
     number = np.dtype(setup.precision.narrow).type
-
-    def gains(*values: float) -> Vec:
-        return Vec(number(value) for value in values)
-
-    return MotorControlParams(
-        kp=gains(*stored.KP[:5], jaw_kp, jaw_kp),
-        kd=gains(*stored.KD[:2], damping, *stored.KD[3:]),
-        ki=gains(0.0, 0.0, 0.0, 0.05, 0.05, jaw_ki, jaw_ki),
-        mvel_d=gains(*(0.0,) * 7),
-    )
+    gains = stored.GAINS[setup.software][arm].items()
+    return MotorControlParams(**{name: Vec(map(number, row)) for name, row in gains})
 
 
 def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlState:

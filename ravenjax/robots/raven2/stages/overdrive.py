@@ -7,13 +7,12 @@ nothing, clip, or count. The counter is shared by all joints and arms, and only 
 trip resets it. The 2015 fork clips at every run level and has no policies.
 """
 
-import tomllib
 from functools import reduce
 from operator import or_
-from pathlib import Path
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
@@ -23,9 +22,7 @@ SOFT_REGULATION, HARD_REGULATION = 1, 2
 POLICIES = ("no_regulation", "soft_regulation", "hard_regulation")
 """Names of the policies, by number; raven2: defines.h."""
 
-LEVELS: dict[str, list[int]] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-)
+LEVELS: dict[str, list[int]] = resources.read_tables(__file__, "overdrive.toml")
 """DAC counts per joint, by safety level; raven2 and the 2015 fork: defines.h, init.cpp."""
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}

@@ -5,8 +5,6 @@ update flag is set. Whenever something else sets the desired pose (pedal up, joi
 initialisation), the accumulator's origin is reset to that pose. The console's pose then slips.
 """
 
-import math
-
 import numpy as np
 
 from ravenjax.numbers import INT32_MIN, Scalar, Vec, as_int, describe_fields, record, replace, where
@@ -15,6 +13,7 @@ from ravenjax.numbers.setup import cast_to_real, narrow_numbers, per_arm, widen_
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
+from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.original.literal import select_evaluation
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
@@ -55,9 +54,7 @@ class TeleoperationState:
 
 def params(setup: RavenSetup) -> TeleoperationParams:
     """Return the parameters: raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
-    gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)
-    lowest, highest = (int(math.radians(deg) * 1000.0) for deg in (lowest_deg, 90.0))
-    return TeleoperationParams(np.int32(gain), np.int32(lowest), np.int32(highest), np.int32(5000))
+    return TeleoperationParams(*map(np.int32, (*stored.jaw_commands(setup.software), 5000)))
 
 
 def init(setup: RavenSetup, poses: PerArm[StoredPose]) -> TeleoperationState:

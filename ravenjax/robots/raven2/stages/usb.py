@@ -44,8 +44,5 @@ def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb
     """
     done = tuple(flag != 0 for flag in ok)
     new, old = vars(message), vars(held)
-    columns = (
-        tuple(where(flag, a, b) for flag, a, b in zip(done, new[name], old[name], strict=True))
-        for name in new
-    )
+    columns = (tuple(map(where, done, new[name], old[name])) for name in new)
     return type(held)(*columns)
