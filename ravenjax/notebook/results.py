@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, describe_unknown_name, format_value
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.folder import Results
@@ -171,11 +171,7 @@ class CampaignResults:
         if isinstance(n, bool) or not isinstance(n, int) or n < 1:
             raise UserError(f"n is {format_value(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
-            names = ranking.RANKINGS
-            raise UserError(
-                f"by is {format_value(by)}, expected one of"
-                f" {', '.join(names)}{suggest_name(by, names)}"
-            )
+            raise UserError(describe_unknown_name("by", by, ranking.RANKINGS))
         runs = ranking.worst_runs(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
         measure = ranking.RANKINGS[by]

@@ -62,12 +62,11 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
-    for f, fault in enumerate(group.fault if not group.run else ()):
-        yield from ((("fault", f, name), text) for name, text in _fault(config, group, fault))
-    for r, run in enumerate(group.run):
-        for f, fault in enumerate(group.faults_of(run)):
+    runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
+    for key, faults in runs or [((), group.fault)]:
+        for f, fault in enumerate(faults):
             for name, message in _fault(config, group, fault):
-                yield ("run", r, "fault", f, name), message
+                yield (*key, "fault", f, name), message
     axes = {**config.parameters, **group.parameters}
     drawn = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
     if len(drawn) > 1:
