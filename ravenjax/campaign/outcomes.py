@@ -122,10 +122,3 @@ def cable_names(config: CampaignConfig) -> tuple[str, ...]:
         "",
         *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),
     )
-
-
-def result_frame(
-    config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
-) -> pd.DataFrame:
-    """Return `result_columns` as a DataFrame."""
-    return pd.DataFrame(result_columns(config, runs, outcomes, golden_runs))

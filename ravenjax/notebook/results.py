@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import io
-import os
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ravenjax.campaign.file import location
 from ravenjax.errors import UserError, describe_unknown_name, format_value
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
@@ -73,11 +73,7 @@ class CampaignResults:
 
         Raises StoreError.
         """
-        if not isinstance(folder, str | os.PathLike) or not str(folder):
-            raise UserError(
-                f"folder is {format_value(folder)}, expected the path of a result folder"
-            )
-        self.folder = Path(folder)
+        self.folder = location.require_path("folder", folder, "a result folder")
         self._manifest = manifests.read_manifest(self.folder)
         self._results = results or Results(self._manifest.shape, self.folder)
 
@@ -93,13 +89,8 @@ class CampaignResults:
         """Columns of the table: name, dtype, unit and meaning."""
         import pandas as pd
 
-        rows = [
-            (one.name, one.dtype, one.unit, one.meaning)
-            for one in schema.table_columns(self._manifest.shape)
-        ]
-        return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index(
-            "column"
-        )
+        columns = pd.DataFrame(schema.table_columns(self._manifest.shape))
+        return columns.set_index("name").rename_axis("column")
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Return the table, or some of its columns, as a DataFrame; its attrs hold units and

@@ -97,7 +97,7 @@ def test_rates_count_distinct_faults_as_the_report_does(results):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda one: one.rates("evade"), "event 'evade' is unknown, .* Did you mean 'evades'"),
+        (lambda one: one.rates("evade"), "unknown event 'evade', .* Did you mean 'evades'"),
         (lambda one: one.rates(by="sit"), "by 'sit': no such column, .* Did you mean 'site'"),
         (lambda one: one.query("DROP TABLE facts"), "expected one query"),
         (lambda one: one.plot_roc(), "the campaign has no"),

@@ -38,12 +38,7 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     what: "campaign", "search" ..; listing: command that lists the bundled files, if the error does
     not. Raises UserError.
     """
-    if not isinstance(path, str | os.PathLike) or not str(path):
-        raise UserError(
-            f"got {format_value(path)}, expected the path of a {what} file or the name of a"
-            f" bundled {what}"
-        )
-    name = Path(path)
+    name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
         try:
             return resources.find_resource(folder, candidate)
@@ -63,6 +58,16 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     raise UserError(
         f"{path}: {problem}; {others}{suggest_name(name.name.removesuffix(SUFFIX), names)}"
     )
+
+
+def require_path(name: str, value: Any, of: str) -> Path:
+    """Return the path that a caller gave as argument `name`. of: what it should be the path of.
+
+    Raises UserError.
+    """
+    if not isinstance(value, str | os.PathLike) or not str(value):
+        raise UserError(f"{name} is {format_value(value)}, expected the path of {of}")
+    return Path(value)
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:

@@ -185,12 +185,12 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, .
 
     paired: lists are combined element by element.
     """
-    lists = [len(axis.values) for axis in axes if axis.kind == "list" and len(axis.values) > 1]
-    for row in range(max(lists, default=1) if paired else 1):
+    lists = [axis for axis in axes if paired and axis.kind == "list"]
+    for row in range(max((len(axis.values) for axis in lists), default=1)):
         yield from itertools.product(
             *(
-                axis.values[row : row + 1]
-                if paired and axis.kind == "list" and len(axis.values) > 1
+                (axis.values[row % len(axis.values)],)
+                if axis in lists
                 else axis.listed or axis.extent
                 for axis in axes
             )
