@@ -85,13 +85,6 @@ class CampaignResults:
     def __len__(self) -> int:
         return self._manifest.done
 
-    def columns(self) -> pd.DataFrame:
-        """Columns of the table: name, dtype, unit and meaning."""
-        import pandas as pd
-
-        columns = pd.DataFrame(schema.table_columns(self._manifest.shape))
-        return columns.set_index("name").rename_axis("column")
-
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Return the table, or some of its columns, as a DataFrame; its attrs hold units and
         meanings.

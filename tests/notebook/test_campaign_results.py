@@ -63,7 +63,6 @@ def test_the_table_is_that_of_run(results):
     arrow = results.to_arrow(["run_id", "group", "unintended_mm"])
     assert arrow.column_names == ["run_id", "group", "unintended_mm"]
     assert arrow.column("run_id").to_pylist() == table["run_id"].tolist()
-    assert list(results.columns().index) == list(table)
     assert list(results.to_pandas(["index"])) == ["index"]
 
 

@@ -216,21 +216,18 @@ class Where:
         If the fault comes from the hazard library, the complaint names the hazard and the deciding
         key of the group.
         """
-        if (
-            len(key) < 2
-            or key[0] != "group"
-            or not isinstance(key[1], int)
-            or key[1] >= len(self.written)
-        ):
-            return key, message
-        number = self.written[key[1]]
-        group = self.groups[number] if number < len(self.groups) else {}
-        if "hazards" not in group or key[2:3] != ("fault",):
-            return ("group", number, *key[2:]), message
-        if key[-1] in group:
-            return ("group", number, key[-1]), message
-        hazard = self.names[key[1]].rpartition("/")[2]
-        return ("group", number, "hazards"), f"{hazard}, {format_key(key[2:])}: {message}"
+        match key:
+            case ("group", int(place), *rest) if place < len(self.written):
+                number = self.written[place]
+            case _:
+                return key, message
+        group = self.groups[number]
+        if "hazards" not in group or rest[:1] != ["fault"]:
+            return ("group", number, *rest), message
+        if rest[-1] in group:
+            return ("group", number, rest[-1]), message
+        hazard = self.names[place].rpartition("/")[2]
+        return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
 
     def _place(self, key: Key) -> str:
         text, replaced = format_key(key), [format_key(key) for key in self.replaced]
