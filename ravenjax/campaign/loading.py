@@ -232,5 +232,5 @@ def table_header(path: tuple[str, ...]) -> str:
     return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
 
 
-ARRAYS = ("group", "detector")
+ARRAYS = ("group", "detector", "check")
 """Tables that a file may hold several of."""

@@ -6,7 +6,7 @@ from typing import Any
 from ravenjax.campaign.file.group import PATHS, flatten_parameters
 from ravenjax.campaign.loading import ARRAYS
 
-_ARRAYS = {*ARRAYS, "check", "fault", "run"}
+_ARRAYS = {*ARRAYS, "fault", "run"}
 """Keys that hold arrays of tables, each table with its own header."""
 
 

@@ -158,16 +158,13 @@ class CampaignResults:
             raise UserError(describe_unknown_name("by", by, ranking.RANKINGS))
         runs = ranking.worst_runs(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
-        measure = ranking.RANKINGS[by]
+        measure, robot = ranking.RANKINGS[by], self._manifest.robot
+        name = f"{measure.name}_{measure.unit}"
         lines = [
-            ({**row, "fault": wording.describe_fault(row, self._manifest.robot)}, one.value)
+            row | {"fault": wording.describe_fault(row, robot), name: one.value}
             for row, one in zip(rows, runs, strict=True)
         ]
-        name = f"{measure.name}_{measure.unit}"
-        table = pd.DataFrame(
-            [[*(row[key] for key in _WORST), value] for row, value in lines],
-            columns=[*_WORST, name],
-        )
+        table = pd.DataFrame(lines, columns=[*_WORST, name])
         table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
         return table
 

@@ -46,10 +46,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
         draws = _draws(group.design, random_axes, different, rng)
-        if group.repeats > 1:
-            draws = {key: where[place] for key, where in draws.items()}
-        places |= draws
-        return Sample(runs, repeat, places)
+        return Sample(runs, repeat, places | {key: where[place] for key, where in draws.items()})
     stride = different
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
