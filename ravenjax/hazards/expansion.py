@@ -102,8 +102,8 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
         return [dict(group)]
     for key in group:
         if key not in KEYS:
-            what = "key in a group that names hazards"
-            raise WrongGroup(key, describe_unknown_name(what, key, KEYS))
+            message = describe_unknown_name("key", key, KEYS)
+            raise WrongGroup(key, f"a group that names hazards has an {message}")
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
     return [

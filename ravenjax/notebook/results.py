@@ -155,7 +155,7 @@ class CampaignResults:
         if isinstance(n, bool) or not isinstance(n, int) or n < 1:
             raise UserError(f"n is {format_value(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
-            raise UserError(describe_unknown_name("by", by, ranking.RANKINGS))
+            raise UserError(f"by: {describe_unknown_name('quantity', by, ranking.RANKINGS)}")
         runs = ranking.worst_runs(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
         measure, robot = ranking.RANKINGS[by], self._manifest.robot
