@@ -211,7 +211,7 @@ def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)
     )
-    return outcomes.result_frame(config, ready.rows, own, golden)
+    return pd.DataFrame(outcomes.result_columns(config, ready.rows, own, golden))
 
 
 def agreement(config: Any, ready: Plan) -> None:

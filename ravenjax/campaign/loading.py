@@ -86,13 +86,11 @@ def from_record(
     try:
         # Anything else is refused below.
         if isinstance(raw, dict):
-            groups = raw.get("group")
+            groups = raw.get("group", ())
             raw, where.written = expansion.expand_tables(raw)
-            if where.written and isinstance(groups, list):
-                where.groups, where.names = (
-                    groups,
-                    [str(group.get("name")) for group in raw["group"]],
-                )
+            if where.written:
+                where.groups = groups
+                where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
@@ -234,5 +232,5 @@ def table_header(path: tuple[str, ...]) -> str:
     return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
 
 
-ARRAYS = ("group", "detector")
+ARRAYS = ("group", "detector", "check")
 """Tables that a file may hold several of."""

@@ -44,7 +44,7 @@ def result_columns(
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, (failed, failed_ms) = measures.pop("diverged_ms"), _failed(config, measures)
-    sites: list[Any] = [runs[f"fault{slot}_site"] for slot in range(count_slots(runs))]
+    sites: list[Any] = [runs[f"fault{slot}_site"].array for slot in range(count_slots(runs))]
     jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
     if schema.OVERLOAD in measures:
@@ -60,7 +60,7 @@ def result_columns(
         "run_id": run_id.format_run_ids(runs["run_id"].to_numpy()),
         **measures,
         "activated": measures["active_ticks"] > 0,
-        "diverged": np.any([site.array != "" for site in sites], axis=0) & (diverged >= 0),
+        "diverged": np.any([site != "" for site in sites], axis=0) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
         **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
         "failed": words.word_column(failed + 1, failures.CAUSES),
@@ -122,10 +122,3 @@ def cable_names(config: CampaignConfig) -> tuple[str, ...]:
         "",
         *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),
     )
-
-
-def result_frame(
-    config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
-) -> pd.DataFrame:
-    """Return `result_columns` as a DataFrame."""
-    return pd.DataFrame(result_columns(config, runs, outcomes, golden_runs))

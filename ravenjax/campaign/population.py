@@ -4,13 +4,12 @@ The file has a table [parameters], and a table [campaign] with the keys for whic
 A parameter that the campaign itself sets takes precedence over the file.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any, NoReturn
 
 from ravenjax.campaign.file.group import flatten_parameters
-from ravenjax.campaign.file.location import Where
-from ravenjax.errors import format_value
+from ravenjax.campaign.file.location import Where, read_toml
+from ravenjax.errors import UserError, format_value
 
 KEY = "from"
 TABLES = ("campaign", "parameters")
@@ -37,9 +36,9 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
     if not path.is_file():
         refuse(f"no file at {path}; `ravenjax calibrate LOG` writes one")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        refuse(f"{path} is no TOML: {error}")
+        content, _ = read_toml(path)
+    except UserError as error:
+        refuse(str(error))
     if unknown := [name for name in content if name not in TABLES]:
         refuse(f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")
     campaign = raw.get("campaign", {})

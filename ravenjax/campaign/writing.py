@@ -6,7 +6,7 @@ from typing import Any
 from ravenjax.campaign.file.group import PATHS, flatten_parameters
 from ravenjax.campaign.loading import ARRAYS
 
-_ARRAYS = {*ARRAYS, "check", "fault", "run"}
+_ARRAYS = {*ARRAYS, "fault", "run"}
 """Keys that hold arrays of tables, each table with its own header."""
 
 
@@ -17,60 +17,31 @@ def format_toml(content: Mapping[str, Any]) -> str:
     """
     import tomlkit
 
-    document = tomlkit.document()
+    return _filled(tomlkit.document(), content, headed=True).as_string()
+
+
+def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any:
+    """Return the table with this content. headed: each table in it has a header of its own."""
+    import tomlkit
+
     for key, value in content.items():
         if value is not None:
-            headed = isinstance(value, Mapping) and key not in PATHS
-            document.append(tomlkit.key(key), _table(value) if headed else _item(key, value))
-    return tomlkit.dumps(document)
-
-
-def _table(content: Mapping[str, Any]) -> Any:
-    """Return a table with a header.
-
-    Values come first: in TOML what follows the header of an inner table belongs to that table.
-    """
-    import tomlkit
-    from tomlkit.items import AoT, Table
-
-    items = {key: _item(key, value) for key, value in content.items() if value is not None}
-    table = tomlkit.table()
-    for headed in (False, True):
-        for key, item in items.items():
-            if isinstance(item, Table | AoT) == headed:
-                table.append(tomlkit.key(key), item)
+            table.append(tomlkit.key(key), _item(key, value, headed))
     return table
 
 
-def _item(key: str, value: Any) -> Any:
-    import tomlkit
-
-    if key in PATHS and isinstance(value, Mapping):
-        table = tomlkit.table()
-        for path, number in flatten_parameters({"parameters": value})["parameters"].items():
-            table.append(tomlkit.key(path), _value(number))
-        return table
-    tables = isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value)
-    if key in _ARRAYS and tables:
-        array = tomlkit.aot()
-        for content in value:
-            array.append(_table(content))
-        return array
-    return _value(value)
-
-
-def _value(value: Any) -> Any:
+def _item(key: str, value: Any, headed: bool = False) -> Any:
     import tomlkit
 
     if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        for key, inner in value.items():
-            if inner is not None:
-                table.append(tomlkit.key(key), _value(inner))
-        return table
-    if isinstance(value, list):
-        array = tomlkit.array()
-        for inner in value:
-            array.append(_value(inner))
-        return array
-    return tomlkit.item(value)
+        if key in PATHS:
+            value = flatten_parameters({key: value})[key]
+        headed = headed or key in PATHS
+        return _filled(tomlkit.table() if headed else tomlkit.inline_table(), value)
+    if not isinstance(value, list):
+        return tomlkit.item(value)
+    tables = key in _ARRAYS and value and all(isinstance(inner, Mapping) for inner in value)
+    array = tomlkit.aot() if tables else tomlkit.array()
+    for inner in value:
+        array.append(_item("", inner, bool(tables)))
+    return array

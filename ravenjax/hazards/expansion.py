@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.arms import ARMS
@@ -102,11 +102,8 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
         return [dict(group)]
     for key in group:
         if key not in KEYS:
-            raise WrongGroup(
-                key,
-                "unknown key in a group that names hazards, expected one of"
-                f" {', '.join(KEYS)}{suggest_name(key, KEYS)}",
-            )
+            message = describe_unknown_name("key", key, KEYS)
+            raise WrongGroup(key, f"a group that names hazards has an {message}")
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
     return [

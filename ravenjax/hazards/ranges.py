@@ -33,16 +33,13 @@ class ChannelRange(NamedTuple):
 def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
     """Return (site, arm, channel) -> range."""
     text = (DATA / FILE).read_text(encoding="utf-8")
-    by_channel = {}
-    for row in csv.DictReader(text.splitlines()):
-        low, low_permille, high_permille, high = (
-            float(row[name]) for name in ("min", "p0.1", "p99.9", "max")
+    _, *rows = csv.reader(text.splitlines())
+    return {
+        (site, arm, channel): ChannelRange(
+            site, arm, channel, unit, *map(float, numbers), ticks=int(ticks)
         )
-        key = row["site"], row["arm"], row["channel"]
-        by_channel[key] = ChannelRange(
-            *key, row["unit"], low, low_permille, high_permille, high, int(row["ticks"])
-        )
-    return by_channel
+        for site, arm, channel, unit, *numbers, ticks in rows
+    }
 
 
 def normal_range(site: str, channel: str, arm: str) -> ChannelRange:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -104,23 +103,16 @@ class Campaign:
         """
         if path is None:
             return writing.format_toml(self._tables)
-        if not isinstance(path, str | os.PathLike) or not str(path):
-            raise UserError(
-                f"path is {format_value(path)}, expected the path of a file to write, or None"
-            )
-        folder = Path(path).absolute().parent
+        path = location.require_path("path", path, "a file to write, or None")
+        folder = path.absolute().parent
 
         def relative(file: str) -> str:
             lies_in = Path(file).is_relative_to(folder)
             return str(Path(file).relative_to(folder)) if lies_in else file
 
         text = writing.format_toml(_with_files(self._tables, relative))
-        files.write_text(Path(path), text)
+        files.write_text(path, text)
         return text
-
-    def plain(self) -> dict[str, Any]:
-        """Return the campaign as nested dicts, with the tables and keys of a TOML file."""
-        return toml_value(self._tables)
 
     def replace(self, **keys: Any) -> Campaign:
         """Return a copy in which the given keys have new values; None removes a key."""
@@ -234,20 +226,13 @@ def run_config(
 
     Raises UserError and StoreError.
     """
-    if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
-        raise UserError(
-            f"out is {format_value(out)}, expected the path of a result folder, or None for a"
-            " temporary one"
-        )
+    if out is not None:
+        out = location.require_path("out", out, "a result folder, or None for a temporary one")
     if on_progress is not None and not callable(on_progress):
         raise UserError(
             f"on_progress is {format_value(on_progress)}, expected a function of one Status, or"
             " None"
         )
     return adaptive.run_adaptively(
-        config,
-        None if out is None else Path(out),
-        engine,
-        on_progress=on_progress,
-        executor=choose_executor(executor, workers),
+        config, out, engine, on_progress=on_progress, executor=choose_executor(executor, workers)
     )

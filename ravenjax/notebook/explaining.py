@@ -19,12 +19,11 @@ if TYPE_CHECKING:
 def explain_table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
     """Return the table of the public function `explain`; source: a campaign or a result folder."""
     explainer = _explainer(source, engine)
-    wanted = (
-        runs
-        if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str))
-        else [runs]
-    )
-    rows = explainer.faulty() if wanted is None else [explainer.index(run) for run in wanted]
+    if runs is None:
+        rows = explainer.faulty()
+    else:
+        several = isinstance(runs, Sequence) and not isinstance(runs, str)
+        rows = [explainer.index(run) for run in (runs if several else [runs])]
     explanation, config = explainer.explain(rows), explainer.config
     frame = chain.chain_table(
         explanation.results, explanation.ticks, config.robot, config.campaign.arms

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data.facts import FACTS
@@ -45,14 +45,9 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     rows = []
     for place, name in enumerate(names):
         for line in lines:
-            values, n, groups, k = (
-                line[: len(by)],
-                line[len(by)],
-                line[len(by) + 1],
-                line[len(by) + 2 + place],
-            )
-            rate = tables.of_faults(runs, k, n, groups)
-            rows.append((*values, name, k, n, rate.value, rate.low, rate.high))
+            n, groups, *counts = line[len(by) :]
+            rate = tables.of_faults(runs, k := counts[place], n, groups)
+            rows.append((*line[: len(by)], name, k, n, rate.value, rate.low, rate.high))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
             rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])
     return pd.DataFrame(rows, columns=[*by, *NUMBERS])
@@ -68,8 +63,7 @@ def as_list(value: object, what: str) -> list[str]:
 
 def _event(runs: Runs, name: str, rules: Rules) -> str:
     if name not in events.EVENTS:
-        expected = f"expected one of {', '.join(events.EVENTS)}{suggest_name(name, events.EVENTS)}"
-        raise UserError(f"event {name!r} is unknown, {expected}")
+        raise UserError(describe_unknown_name("event", name, events.EVENTS))
     for column in events.event_columns([name], rules):
         if column.endswith("_ms") and column not in runs.names:
             raise UserError(f"got event {name!r}, {events.UNWATCHED}")

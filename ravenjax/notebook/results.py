@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 import io
-import os
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.campaign.file import location
+from ravenjax.errors import UserError, describe_unknown_name, format_value
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.folder import Results
@@ -73,11 +73,7 @@ class CampaignResults:
 
         Raises StoreError.
         """
-        if not isinstance(folder, str | os.PathLike) or not str(folder):
-            raise UserError(
-                f"folder is {format_value(folder)}, expected the path of a result folder"
-            )
-        self.folder = Path(folder)
+        self.folder = location.require_path("folder", folder, "a result folder")
         self._manifest = manifests.read_manifest(self.folder)
         self._results = results or Results(self._manifest.shape, self.folder)
 
@@ -88,18 +84,6 @@ class CampaignResults:
 
     def __len__(self) -> int:
         return self._manifest.done
-
-    def columns(self) -> pd.DataFrame:
-        """Columns of the table: name, dtype, unit and meaning."""
-        import pandas as pd
-
-        rows = [
-            (one.name, one.dtype, one.unit, one.meaning)
-            for one in schema.table_columns(self._manifest.shape)
-        ]
-        return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index(
-            "column"
-        )
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Return the table, or some of its columns, as a DataFrame; its attrs hold units and
@@ -171,23 +155,16 @@ class CampaignResults:
         if isinstance(n, bool) or not isinstance(n, int) or n < 1:
             raise UserError(f"n is {format_value(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
-            names = ranking.RANKINGS
-            raise UserError(
-                f"by is {format_value(by)}, expected one of"
-                f" {', '.join(names)}{suggest_name(by, names)}"
-            )
+            raise UserError(f"by: {describe_unknown_name('quantity', by, ranking.RANKINGS)}")
         runs = ranking.worst_runs(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
-        measure = ranking.RANKINGS[by]
+        measure, robot = ranking.RANKINGS[by], self._manifest.robot
+        name = f"{measure.name}_{measure.unit}"
         lines = [
-            ({**row, "fault": wording.describe_fault(row, self._manifest.robot)}, one.value)
+            row | {"fault": wording.describe_fault(row, robot), name: one.value}
             for row, one in zip(rows, runs, strict=True)
         ]
-        name = f"{measure.name}_{measure.unit}"
-        table = pd.DataFrame(
-            [[*(row[key] for key in _WORST), value] for row, value in lines],
-            columns=[*_WORST, name],
-        )
+        table = pd.DataFrame(lines, columns=[*_WORST, name])
         table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
         return table
 

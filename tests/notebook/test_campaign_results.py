@@ -63,7 +63,6 @@ def test_the_table_is_that_of_run(results):
     arrow = results.to_arrow(["run_id", "group", "unintended_mm"])
     assert arrow.column_names == ["run_id", "group", "unintended_mm"]
     assert arrow.column("run_id").to_pylist() == table["run_id"].tolist()
-    assert list(results.columns().index) == list(table)
     assert list(results.to_pandas(["index"])) == ["index"]
 
 
@@ -97,7 +96,7 @@ def test_rates_count_distinct_faults_as_the_report_does(results):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda one: one.rates("evade"), "event 'evade' is unknown, .* Did you mean 'evades'"),
+        (lambda one: one.rates("evade"), "unknown event 'evade', .* Did you mean 'evades'"),
         (lambda one: one.rates(by="sit"), "by 'sit': no such column, .* Did you mean 'site'"),
         (lambda one: one.query("DROP TABLE facts"), "expected one query"),
         (lambda one: one.plot_roc(), "the campaign has no"),

@@ -1,7 +1,7 @@
 """Chooses the executor that computes the chunks of a campaign: this process, or a Ray cluster."""
 
 from ravenjax.campaign.executors.protocol import Executor, Local
-from ravenjax.errors import UserError, suggest_name
+from ravenjax.errors import UserError, describe_unknown_name
 
 EXECUTORS = ("local", "ray")
 
@@ -17,10 +17,7 @@ def choose_executor(
     if name is None:
         name = "local" if workers is None and ray_address is None else "ray"
     if name not in EXECUTORS:
-        raise UserError(
-            f"--executor {name!r} is unknown: expected"
-            f" {', '.join(EXECUTORS)}{suggest_name(name, EXECUTORS)}"
-        )
+        raise UserError(f"--executor: {describe_unknown_name('executor', name, EXECUTORS)}")
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: expected 1 or more")
     if name == "ray":

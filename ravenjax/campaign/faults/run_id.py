@@ -71,18 +71,6 @@ def hash_run_ids(ids: np.ndarray) -> str:
     return hashlib.sha256(ids.astype(">u8").tobytes()).hexdigest()
 
 
-def match_prefix(ids: np.ndarray, digits: str) -> np.ndarray:
-    """Return the rows whose id begins with these hex digits, ascending.
-
-    Returns no rows if `digits` is not hexadecimal.
-    """
-    if not 0 < len(digits) <= DIGITS or set(digits) - set("0123456789abcdef"):
-        return np.zeros(0, np.int64)
-    return np.flatnonzero(
-        ids >> np.uint64(4 * (DIGITS - len(digits))) == np.uint64(int(digits, 16))
-    )
-
-
 def _salt(text: str) -> np.uint64:
     return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
 

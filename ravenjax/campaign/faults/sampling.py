@@ -46,10 +46,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
         draws = _draws(group.design, random_axes, different, rng)
-        if group.repeats > 1:
-            draws = {key: where[place] for key, where in draws.items()}
-        places |= draws
-        return Sample(runs, repeat, places)
+        return Sample(runs, repeat, places | {key: where[place] for key, where in draws.items()})
     stride = different
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
@@ -62,27 +59,14 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
 def _draws(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    columns = _dimensions(axes)
-    unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
-    return {key: axis.places(unit[:, columns[key]]) for key, axis in axes.items()}
-
-
-def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
-    """Return the dimension of the unit cube, from 0, along which each axis is drawn.
-
-    Axes of kind `together` share a dimension.
-    """
-    numbers: dict[Key, int] = {}
-    shared: int | None = None
-    free = 0
-    for key, axis in axes.items():
-        if axis.kind == "together" and shared is not None:
-            numbers[key] = shared
-            continue
-        numbers[key] = free
-        shared = free if axis.kind == "together" else shared
-        free += 1
-    return numbers
+    # Axes of kind `together` share a dimension of the unit cube.
+    names = [axis.kind if axis.kind == "together" else key for key, axis in axes.items()]
+    dimensions = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    unit = _unit(design, rows, len(dimensions), rng)
+    return {
+        key: axis.places(unit[:, dimensions[name]])
+        for (key, axis), name in zip(axes.items(), names, strict=True)
+    }
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from ravenjax.campaign.file.axis import (
     END,
@@ -23,6 +23,7 @@ from ravenjax.campaign.file.axis import (
     word_axis,
 )
 from ravenjax.campaign.file.section import Section
+from ravenjax.errors import UserError
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
 from ravenjax.vocabulary.sites import Site
 
@@ -257,12 +258,8 @@ class Group(Section):
                 raise ValueError(f"run[{r}].parameters: {drawn[0]} takes a single value")
             try:
                 self.faults_of(run)
-            except ValidationError as error:
-                first = error.errors()[0]
-                at = ".".join(str(part) for part in first["loc"])
-                raise ValueError(
-                    f"run[{r}]: {at}: {first['msg'].removeprefix('Value error, ')}"
-                ) from None
+            except UserError as error:
+                raise ValueError(f"run[{r}]: {error}") from None
         return self
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
@@ -270,8 +267,6 @@ class Group(Section):
         replaces.
         """
         return tuple(
-            Fault.model_validate(
-                {**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced}
-            )
+            Fault(**{**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
             for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={})
         )

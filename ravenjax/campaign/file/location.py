@@ -38,12 +38,7 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     what: "campaign", "search" ..; listing: command that lists the bundled files, if the error does
     not. Raises UserError.
     """
-    if not isinstance(path, str | os.PathLike) or not str(path):
-        raise UserError(
-            f"got {format_value(path)}, expected the path of a {what} file or the name of a"
-            f" bundled {what}"
-        )
-    name = Path(path)
+    name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
         try:
             return resources.find_resource(folder, candidate)
@@ -63,6 +58,16 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     raise UserError(
         f"{path}: {problem}; {others}{suggest_name(name.name.removesuffix(SUFFIX), names)}"
     )
+
+
+def require_path(name: str, value: Any, of: str) -> Path:
+    """Return the path that a caller gave as argument `name`. of: what it should be the path of.
+
+    Raises UserError.
+    """
+    if not isinstance(value, str | os.PathLike) or not str(value):
+        raise UserError(f"{name} is {format_value(value)}, expected the path of {of}")
+    return Path(value)
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
@@ -211,21 +216,18 @@ class Where:
         If the fault comes from the hazard library, the complaint names the hazard and the deciding
         key of the group.
         """
-        if (
-            len(key) < 2
-            or key[0] != "group"
-            or not isinstance(key[1], int)
-            or key[1] >= len(self.written)
-        ):
-            return key, message
-        number = self.written[key[1]]
-        group = self.groups[number] if number < len(self.groups) else {}
-        if "hazards" not in group or key[2:3] != ("fault",):
-            return ("group", number, *key[2:]), message
-        if key[-1] in group:
-            return ("group", number, key[-1]), message
-        hazard = self.names[key[1]].rpartition("/")[2]
-        return ("group", number, "hazards"), f"{hazard}, {format_key(key[2:])}: {message}"
+        match key:
+            case ("group", int(place), *rest) if place < len(self.written):
+                number = self.written[place]
+            case _:
+                return key, message
+        group = self.groups[number]
+        if "hazards" not in group or rest[:1] != ["fault"]:
+            return ("group", number, *rest), message
+        if rest[-1] in group:
+            return ("group", number, rest[-1]), message
+        hazard = self.names[place].rpartition("/")[2]
+        return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
 
     def _place(self, key: Key) -> str:
         text, replaced = format_key(key), [format_key(key) for key in self.replaced]

@@ -23,15 +23,13 @@ class _SectionClass(type(BaseModel)):
             try:
                 return super().__call__(**toml_value(keys))
             except ValidationError as error:
-                complaints = [
+                raise location.Where(None, {}, []).error(
                     (
-                        problem["loc"],
+                        (cls.__name__, *problem["loc"]),
                         location.format_error(problem, model_at(cls, problem["loc"][:-1])),
                     )
                     for problem in error.errors()
-                ]
-            where = location.Where(None, {}, [])
-            raise where.error(((cls.__name__, *key), text) for key, text in complaints)
+                ) from None
 
 
 def _typed(schema: Any) -> Any:

@@ -62,12 +62,11 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
-    for f, fault in enumerate(group.fault if not group.run else ()):
-        yield from ((("fault", f, name), text) for name, text in _fault(config, group, fault))
-    for r, run in enumerate(group.run):
-        for f, fault in enumerate(group.faults_of(run)):
+    runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
+    for key, faults in runs or [((), group.fault)]:
+        for f, fault in enumerate(faults):
             for name, message in _fault(config, group, fault):
-                yield ("run", r, "fault", f, name), message
+                yield (*key, "fault", f, name), message
     axes = {**config.parameters, **group.parameters}
     drawn = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
     if len(drawn) > 1:
@@ -186,12 +185,12 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, .
 
     paired: lists are combined element by element.
     """
-    lists = [len(axis.values) for axis in axes if axis.kind == "list" and len(axis.values) > 1]
-    for row in range(max(lists, default=1) if paired else 1):
+    lists = [axis for axis in axes if paired and axis.kind == "list"]
+    for row in range(max((len(axis.values) for axis in lists), default=1)):
         yield from itertools.product(
             *(
-                axis.values[row : row + 1]
-                if paired and axis.kind == "list" and len(axis.values) > 1
+                (axis.values[row % len(axis.values)],)
+                if axis in lists
                 else axis.listed or axis.extent
                 for axis in axes
             )

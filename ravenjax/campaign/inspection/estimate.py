@@ -142,9 +142,7 @@ def tick_ns(work: CostFactors) -> float:
     """Return ns of one core for a tick of one run."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
-    ns += (
-        NS_SITE * max(0, work.sites - 1) * work.arms + NS_SUBSTEP * (work.substeps - 1) * work.arms
-    )
+    ns += (NS_SITE * max(0, work.sites - 1) + NS_SUBSTEP * (work.substeps - 1)) * work.arms
     ns += NS_CUE * max(0, work.cues - 1) + NS_THRESHOLD * work.thresholds
     return ns if shared else ns * UNSHARED
 

@@ -92,7 +92,7 @@ class Explainer(PlannedCampaign):
         observed = {
             name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
         }
-        results = outcomes.result_frame(self.config, some.rows, own, golden)
+        results = pd.DataFrame(outcomes.result_columns(self.config, some.rows, own, golden))
         ticks = pd.DataFrame(
             {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
         )

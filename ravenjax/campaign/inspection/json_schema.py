@@ -29,19 +29,18 @@ TABLE = "Parameters"
 
 def campaign_schema(robot: Robot) -> Schema:
     """Return the JSON Schema of a campaign file of that robot."""
-    whole = of_model(robot, config_class_of(robot), "ravenjax campaign")
+    whole = of_model(robot, config_class_of(robot))
     _groups(whole)
     return whole
 
 
-def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
+def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
     """Return the JSON Schema of a file that `model` checks, with the words that campaigns of a
     robot share.
     """
-    whole = {"$schema": DIALECT, **model.model_json_schema(), "title": title}
+    whole = {"$schema": DIALECT, **model.model_json_schema()}
+    tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
-    for table in (whole, *definitions.values()):
-        tidy_schema(table)
     if fault := definitions.get("Fault", {}).get("properties"):
         fault["site"]["enum"] = list(robot.sites)
         _name(fault["arm"], robot.arms)

@@ -103,11 +103,11 @@ class Replayer(PlannedCampaign):
         if program.ends:
             own[schema.OBSERVED] = self.plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
-        frame = outcomes.result_frame(
+        columns = outcomes.result_columns(
             self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
         )
         return Replay(
-            row=frame.iloc[0],
+            row=pd.DataFrame(columns).iloc[0],
             series={name: values[:end] for name, values in series.items()},
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
@@ -135,8 +135,9 @@ def find_run(ids: np.ndarray, run: Any) -> int:
         if not 0 <= int(run) < len(ids):
             raise UserError(f"run {run}: the campaign has runs 0..{len(ids) - 1}")
         return int(run)
-    matches = run_id.match_prefix(ids, run)
+    texts = run_id.format_run_ids(ids).to_pylist()
+    matches = [row for row, text in enumerate(texts) if text.startswith(run)]
     if len(matches) != 1:
-        problem = "no run has this id" if not len(matches) else f"{len(matches)} runs begin so"
+        problem = f"{len(matches)} runs begin so" if matches else "no run has this id"
         raise UserError(f"run {run!r}: {problem}; expected a run_id of the result table")
-    return int(matches[0])
+    return matches[0]

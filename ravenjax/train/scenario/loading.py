@@ -55,7 +55,7 @@ def from_dict(
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a scenario file."""
-    whole = of_model(ROBOT, Scenario, "ravenjax scenario")
+    whole = of_model(ROBOT, Scenario)
     fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
     # A fault is active from its hazard's start, so it needs no start_ms.
     fault["required"].remove("start_ms")

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 from chromium import CHROMIUM, NEEDED
@@ -145,7 +146,7 @@ def table(config, ready, engine):
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)
     )
-    return outcomes.result_frame(config, ready.rows, own, golden)
+    return pd.DataFrame(outcomes.result_columns(config, ready.rows, own, golden))
 
 
 OF_THE_TABLE = ("run_id", "index", "pair", "group", "seed", "operator")

@@ -38,7 +38,7 @@ def test_the_executor_that_is_meant(arguments, name, workers):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("locl",), "--executor 'locl' is unknown: .*Did you mean 'local'"),
+        (("locl",), "--executor: unknown executor 'locl', .*Did you mean 'local'"),
         (("ray", 0), "--workers 0: expected 1 or more"),
         (("local", 4), "--workers 4 with --executor local.*--executor ray"),
         (("local", 1, "a:1"), "--ray-address a:1 belongs to --executor ray"),
