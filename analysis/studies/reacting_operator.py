@@ -23,8 +23,7 @@ from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import mcnemar_test
+from ravenjax.stats.comparison.paired import exchange_p, mcnemar_test
 from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 from ravenjax.stats.multiplicity import holm_test
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW

@@ -10,8 +10,7 @@ from scipy import stats
 
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import mcnemar_test
+from ravenjax.stats.comparison.paired import exchange_p, mcnemar_test
 from ravenjax.stats.intervals import wilson_interval
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison import clustered, paired
+from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 
 RESAMPLES = 1000
@@ -56,7 +56,7 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
     elif among.count == len(after):
         change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before).p
     else:
-        p = clustered.exchange_p(after, before, among.unit)
+        p = paired.exchange_p(after, before, among.unit)
         alike = not difference.any() and among.count >= units.FEWEST
         change = (
             paired.difference_of_counts(0, 0, among.count)
