@@ -54,7 +54,7 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
     if among is None:
         change, p = Estimate(_mean(difference)), math.nan
     elif among.count == len(after):
-        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before).p
+        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before)
     else:
         p = paired.exchange_p(after, before, among.unit)
         alike = not difference.any() and among.count >= units.FEWEST

@@ -1,7 +1,6 @@
 """Compares two variants run by run, over the same faults and random numbers."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,18 +8,9 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import ALPHA, Estimate
 
 
-class Discordance(NamedTuple):
-    """Pairs in which only one variant hit, and McNemar's exact p-value that both are alike."""
-
-    first_only: int
-    second_only: int
-    n: int
-    p: float
-
-
-def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
-    """Return McNemar's exact test of two bool [n] over the same runs. p is 1 if no pair is
-    discordant.
+def mcnemar_test(first: ArrayLike, second: ArrayLike) -> float:
+    """Return the p-value of McNemar's exact test of two bool [n] over the same runs; 1 if no pair
+    is discordant.
 
     Raises ValueError if the lengths differ.
     """
@@ -28,8 +18,7 @@ def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
 
     one, two = _pairs(first, second)
     only, other = int((one & ~two).sum()), int((two & ~one).sum())
-    p = binomtest(only, only + other).pvalue if only + other else 1.0
-    return Discordance(only, other, len(one), float(p))
+    return float(binomtest(only, only + other).pvalue) if only + other else 1.0
 
 
 def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
