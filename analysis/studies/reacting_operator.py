@@ -23,8 +23,7 @@ from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison.clustered import exchange_p
-from ravenjax.stats.comparison.paired import mcnemar_test
+from ravenjax.stats.comparison.paired import exchange_p
 from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 from ravenjax.stats.multiplicity import holm_test
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
@@ -120,7 +119,7 @@ def contrast_of(pairs: Pairs, measure: Measure) -> Contrast:
         int(with_.sum()),
         units.rate_band(~with_[without], affected),
         affected,
-        mcnemar_test(with_, without).first_only,
+        int((with_ & ~without).sum()),
         exchange_p(with_, without, among.unit),
         int(acted.sum()),
         acting,

@@ -26,7 +26,7 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
-from ravenjax.stats.comparison.clustered import exchange_p
+from ravenjax.stats.comparison.paired import exchange_p
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share_of_cells
 from ravenjax.stats.multiplicity import Finding, holm_test
 from studies import kinds, runs, study

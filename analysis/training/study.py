@@ -19,13 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from analysis.training import clustered
+from analysis.training.clustered import DRAWS
 from ravenjax.document.chart import Chart, ChartAxis, Dots
-from ravenjax.errors import UserError, format_value
+from ravenjax.errors import StoreError, UserError, format_value
 from ravenjax.stats import multiplicity
-from ravenjax.stats.comparison import clustered
-from ravenjax.stats.comparison.clustered import DRAWS
 from ravenjax.stats.intervals import Estimate, alpha_of
-from ravenjax.store.files import require_writable, write_text
+from ravenjax.store.files import hash_file, path_inside, require_writable, write_text
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge import HazardRow
 from ravenjax.train.protocol import Json
@@ -156,11 +156,24 @@ def collect_sessions(folders: Iterable[Path], unblind: bool = False) -> Training
 
 def _read_session(folder: Path) -> StudySession:
     header = description.read_session(folder)
-    description.require_unchanged(folder, header)
+    _require_unchanged(folder, header)
     if (folder / reader.TABLE).exists() or reader.find_recording(folder) is None:
         return StudySession(folder, header, reader.read_table(folder))
     hazards = reader.from_recording(reader.read_recording(folder), header)
     return StudySession(folder, header, hazards, cut_short=True)
+
+
+def _require_unchanged(folder: Path, header: Json) -> None:
+    """Raise StoreError if a file of the session differs from the checksum that it had when the
+    session ended.
+    """
+    for name, digest in (header.get("sha256") or {}).items():
+        path = path_inside(folder, name)
+        if path.is_file() and hash_file(path) != digest:
+            raise StoreError(
+                f"{path}: has changed since the session ended (its sha256 is not that of"
+                f" {description.FILE}): restore it, or leave this session out"
+            )
 
 
 def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:

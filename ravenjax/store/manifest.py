@@ -37,41 +37,8 @@ from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_DECIDING = [
-    "engines/**",
-    "faults/**",
-    "hazards/**",
-    "ir/**",
-    "mechanics/**",
-    "numbers/**",
-    "outcomes/**",
-    "parts/**",
-    "robots/**",
-    "stages/**",
-    "vocabulary/**",
-    "campaign",
-    "campaign/executors",
-    "campaign/faults/**",
-    "campaign/file/**",
-    "campaign/stop/**",
-    "store/consoles",
-    "store/motion",
-]
-"""Folders whose files decide outcomes, including subfolders if the name ends in **.
-
-Changes of other files do not prevent resuming.
-"""
-PACKAGES = [
-    "ravenjax",
-    "jax",
-    "jaxlib",
-    "mujoco",
-    "mujoco-mjx",
-    "numpy",
-    "pandas",
-    "pyarrow",
-    "scipy",
-]
+_LISTS = resources.read_tables(__file__, "manifest.toml")
+_DECIDING, PACKAGES = _LISTS["deciding"], _LISTS["packages"]
 
 
 class CueRecord(BaseModel):

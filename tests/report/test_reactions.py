@@ -45,7 +45,7 @@ def test_unintended_motions_with_and_without(action, told):
     assert (row.n, row.without.k, row.with_.k) == (len(without), without.sum(), with_.sum())
     assert row.change == rate_difference(with_, without) and row.change.value < 0
     assert (row.spared, row.caused) == ((without & ~with_).sum(), 0) and row.spared > 0
-    assert row.p == mcnemar_test(with_, without).p
+    assert row.p == mcnemar_test(with_, without)
 
 
 def test_faults_that_never_act_are_left_out():
@@ -90,7 +90,7 @@ def test_rates_by_the_value_of_a_crossed_parameter():
         assert (row.first, row.value, row.n) == (1.0, value, len(plain))
         assert rates.after == wilson_interval(int(hits.sum()), len(hits))
         assert rates.change == rate_difference(hits, before)
-    assert other.events["unintended motion"].p == mcnemar_test(after, before).p
+    assert other.events["unintended motion"].p == mcnemar_test(after, before)
 
 
 def test_enumerated_faults_have_no_interval_and_no_test():

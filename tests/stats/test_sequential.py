@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.stats.intervals import rate_bounds
-from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum, more_runs
+from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum, wilson_runs
 
 
 def rule(sizes=(1000,), rates=("harm",), half_width=0.03, shares=(0.1, 0.3, 1.0), **more):
@@ -161,7 +161,7 @@ def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
 @given(st.floats(0, 1), st.integers(1, 10**6), st.floats(1e-4, 0.49), st.floats(0.5, 0.9999))
 def test_more_runs_are_the_fewest_whatever_is_asked(rate, n, half_width, confidence):
     k = round(rate * n)
-    total = n + more_runs(k, n, half_width, confidence).expected
+    total = max(n, int(wilson_runs(np.array(k / n), half_width, confidence)))
     runs = np.array([total, total - 1.0])
     low, high = rate_bounds(k / n * runs, runs, 1 - confidence)
     enough, fewer = (high - low) / 2

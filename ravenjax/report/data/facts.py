@@ -23,6 +23,7 @@ from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 
 OUTCOME_WORDS = resources.read_tables(__file__, "outcomes.toml")
+_COLUMNS = resources.read_tables(__file__, "facts.toml")
 OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
@@ -130,7 +131,8 @@ def define_facts(
     if ACTION in names:
         (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
         anybody = f"{action} = 0" if idle else "true"
-    valid = events.VALID_SQL
+    valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
+    terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
     base = {
         "row": "row",
         "group": '"group"',
@@ -140,35 +142,16 @@ def define_facts(
         "response": f"CASE WHEN {valid} THEN response::VARCHAR ELSE '' END",
         "hazard": f"CASE WHEN {valid} THEN hazard::VARCHAR ELSE '' END",
         **{
-            name: f"{valid} AND {events.event_sql(event, rules)}" for name, event in _EVENTS.items()
+            name: f"{valid} AND {events.event_sql(event, rules)}"
+            for name, event in _COLUMNS["events"].items()
         },
-        "active_ms": "first_active_ms",
-        "response_ms": "response_ms",
-        "told_ms": "told_ms",
-        "cue_ms": f"cue{rules.cue}_first_ms",
-        "warned_ms": events.beyond_golden_sql(f"cue{rules.cue}_first_ms"),
-        **{
-            name: f"CASE WHEN {valid} AND hazard = '{hazard}' THEN {column} ELSE -1 END"
-            for name, hazard, column in (
-                ("unintended_ms", "unintended motion", "unintended_first_ms"),
-                ("loss_ms", "loss of motion", "loss_first_ms"),
-                ("misreport_ms", "false report", "false_report_first_ms"),
-            )
-        },
+        **{name: sql.format(**terms) for name, sql in _COLUMNS["times"].items()},
         "action": f"({action})::TINYINT",
         "plain": anybody,
         **_first_fault(names, chosen.robot),
         **(more or {}),
     }
-    derived = {
-        "halted": "loss AND loss_ms < 0",
-        "outcome": (
-            "CASE WHEN failed THEN 'failed' WHEN told THEN response::VARCHAR WHEN unintended AND"
-            " cued THEN 'felt' WHEN unintended THEN 'unseen' WHEN loss THEN 'lost' WHEN misreport"
-            " THEN 'misreported' WHEN cued THEN 'phantom' WHEN response = 'limited' THEN 'limited'"
-            " ELSE 'quiet' END"
-        ),
-    }
+    derived = dict(_COLUMNS["derived"])
     for name, words in _words(table, names, chosen.robot).items():
         base[name] = f"({base[name]})::{query.enum_type(words)}"
     base["response"] = f"({base['response']})::{query.enum_type(['', *verdict.RESPONSES])}"
@@ -189,18 +172,6 @@ def define_facts(
         )
         table.run("DROP TABLE numbers")
     return unique
-
-
-_EVENTS = {
-    "told": "told",
-    "evaded": "evades",
-    "unintended": "unintended_motion",
-    "loss": "loss_of_motion",
-    "misreport": "false_report",
-    "cued": "cue",
-    "jump": "jump",
-}
-"""SQL of the fact columns that are events of `ravenjax.outcomes`; they hold for valid runs."""
 
 
 def faulty_sql(names: Sequence[str]) -> str:

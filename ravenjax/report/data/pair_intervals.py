@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison import clustered, paired
+from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 
 RESAMPLES = 1000
@@ -54,9 +54,9 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
     if among is None:
         change, p = Estimate(_mean(difference)), math.nan
     elif among.count == len(after):
-        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before).p
+        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before)
     else:
-        p = clustered.exchange_p(after, before, among.unit)
+        p = paired.exchange_p(after, before, among.unit)
         alike = not difference.any() and among.count >= units.FEWEST
         change = (
             paired.difference_of_counts(0, 0, among.count)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
@@ -19,6 +20,8 @@ from ravenjax.report import wording
 from ravenjax.report.wording import format_count, format_number
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
+
+_TEXTS = resources.read_tables(__file__, "summary.toml")
 
 
 class RunSummary(NamedTuple):
@@ -89,7 +92,7 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
         peaks = [f"true tip {far} mm from the nominal model"]
     else:
         peaks = [line for arm in robot.arms for line in _distances(arm, series)]
-    for name, text in _DISTANCES.items():
+    for name, text in _TEXTS["distances"].items():
         if (far := float(row[name])) > rules.limit_mm:
             peaks.append(text.format(format_number(far)))
     if (depth := float(row["tissue_depth_mm"])) > 0.0:
@@ -103,17 +106,6 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
             f"cue of {format_number(force)} device units, for {format_count(length)} ms in total"
         )
     return peaks
-
-
-_DISTANCES = {
-    "unintended_off_mm": (
-        "true tip {} mm from the golden run and from standing still while the robot was not live"
-    ),
-    "false_report_mm": "reported tip {} mm from the true tip, more than in the golden run",
-}
-"""Descriptions of distances, printed if beyond the limit. The sizes of other hazards are printed
-with their beginning.
-"""
 
 
 def _distances(arm: str, series: Series) -> list[str]:
@@ -135,12 +127,6 @@ MOST_CHANGES = 8
 """Number of changes of one state that are listed individually."""
 _ORDER = ("fault", "check", "detector", "run level", "brakes", "cue", "hazard", "jump", "operator")
 _LEVELS = {"stop": "error", "flag": "warn", "limit": "warn"}
-
-_JUMPS = {
-    "jump_code": "the reported tip jumps (rule of the published code)",
-    "jump_text": "the true tip jumps (rule of the published text)",
-    "jump_tip": "the true tip jumps (rule of the published code)",
-}
 
 Series = Mapping[str, np.ndarray]
 
@@ -269,25 +255,14 @@ def _cues(row: Mapping[str, Any], rules: Rules, series: Series) -> Iterator[RunE
 
 def _hazards_and_reaction(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
     limit = f"more than {rules.limit_mm:g} mm from"
-    texts = {
-        "unintended": (
-            f"unintended motion: the true tip is {limit} the golden run, the nominal model and"
-            " where standing still would have left it"
-        ),
-        "loss": (
-            f"loss of motion: the true tip is {limit} the golden run and the nominal model, and"
-            " does not follow"
-        ),
-        "false_report": f"false report: the reported tip is {limit} the true one",
-    }
-    for name, text in texts.items():
+    for name, text in _TEXTS["hazards"].items():
         if (ms := int(row[f"{name}_first_ms"])) >= 0:
             far = format_number(float(row[f"{name}_mm"]))
-            yield RunEvent(ms, "hazard", f"{text} (up to {far} mm)", "error")
+            yield RunEvent(ms, "hazard", f"{text.format(limit=limit)} (up to {far} mm)", "error")
     if (ms := int(row.get("reaction_ms", -1))) >= 0:
         yield RunEvent(ms, "operator", "the operator begins to react to the cue")
     if (ms := int(row[f"{rules.jump}_first_ms"])) >= 0:
-        yield RunEvent(ms, "jump", _JUMPS.get(rules.jump, f"the tip jumps ({rules.jump})"))
+        yield RunEvent(ms, "jump", _TEXTS["jumps"].get(rules.jump, f"the tip jumps ({rules.jump})"))
 
 
 def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:

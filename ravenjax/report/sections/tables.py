@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES
@@ -108,21 +109,8 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     faults. reacting: runs in which an operator reacts, if nobody does in others. faulty, failed: of
     all runs. false_cue: of fault-free motions.
     """
-    both = "warned_ms >= 0 AND told_ms >= 0"
-    conditions = {
-        "total": "true",
-        "evaded": "evaded",
-        "unintended": "unintended",
-        "evaded_limited": "evaded AND response = 'limited'",
-        "loss": "NOT told AND loss",
-        "halted": "NOT told AND halted",
-        "misreport": "NOT told AND misreport",
-        "unintended_told": "unintended AND told",
-        "late": "response = 'stopped' AND warned_ms >= response_ms",
-        "both": both,
-        "cue_first": f"{both} AND warned_ms < told_ms",
-        "same_ms": f"{both} AND warned_ms = told_ms",
-        **{name: f"outcome = '{name}'" for name in OUTCOMES},
+    conditions = resources.read_tables(__file__, "headline.toml") | {
+        name: f"outcome = '{name}'" for name in OUTCOMES
     }
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
@@ -134,7 +122,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     free = runs.motions()
     (lead_ms,) = runs.table.row(
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
-        f" AND {both}"
+        f" AND {conditions['both']}"
     )
     return {
         **n,

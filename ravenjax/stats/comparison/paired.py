@@ -1,6 +1,6 @@
 """Compares two variants run by run, over the same faults and random numbers."""
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,18 +8,9 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import ALPHA, Estimate
 
 
-class Discordance(NamedTuple):
-    """Pairs in which only one variant hit, and McNemar's exact p-value that both are alike."""
-
-    first_only: int
-    second_only: int
-    n: int
-    p: float
-
-
-def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
-    """Return McNemar's exact test of two bool [n] over the same runs. p is 1 if no pair is
-    discordant.
+def mcnemar_test(first: ArrayLike, second: ArrayLike) -> float:
+    """Return the p-value of McNemar's exact test of two bool [n] over the same runs; 1 if no pair
+    is discordant.
 
     Raises ValueError if the lengths differ.
     """
@@ -27,8 +18,7 @@ def mcnemar_test(first: ArrayLike, second: ArrayLike) -> Discordance:
 
     one, two = _pairs(first, second)
     only, other = int((one & ~two).sum()), int((two & ~one).sum())
-    p = binomtest(only, only + other).pvalue if only + other else 1.0
-    return Discordance(only, other, len(one), float(p))
+    return float(binomtest(only, only + other).pvalue) if only + other else 1.0
 
 
 def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
@@ -59,6 +49,27 @@ def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) 
     half = z * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
     parts = (first - second) / n, np.maximum(p - q - half, -1.0), np.minimum(p - q + half, 1.0)
     return Estimate(*(part if part.ndim else float(part) for part in parts))
+
+
+def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
+    """Return the exact two-sided p-value that two conditions of the same rows are alike. Rows [n]
+    are bool; `unit` has their unit numbers.
+
+    If the conditions are alike, their labels can be exchanged in each unit, for all its rows
+    together. So the opposite sign of the unit's difference of counts is equally likely. All
+    exchanges are enumerated. With one row per unit this is McNemar's exact test. The result is NaN
+    if no unit has a difference, because there is nothing to test.
+    """
+    difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
+    size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
+    if not size.any():
+        return math.nan
+    total = abs(int(difference.sum()))
+    law = np.ones(1)  # distribution of the sum, from -reach to reach
+    for step in size[size > 0]:
+        law = 0.5 * (np.pad(law, (2 * step, 0)) + np.pad(law, (0, 2 * step)))
+    sums = np.abs(np.arange(len(law)) - len(law) // 2)
+    return min(1.0, float(law[sums >= total].sum()))
 
 
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -194,22 +194,12 @@ class Sequential:
         """
         if self.of == "whole":
             return self.size
-        return np.array(
-            [
-                (
-                    max(
-                        1,
-                        *(
-                            more_runs(int(hits), int(runs), self.half_width, self.each).safe
-                            for hits in of
-                        ),
-                    )
-                    if runs
-                    else stratum.size
-                )
-                for stratum, of, runs in zip(self.strata, k.T, n, strict=True)
-            ]
-        )
+        low, high = rate_bounds(k, n, alpha_of(self.each))
+        # The rate may move within its interval towards one half, where a rate is hardest to
+        # estimate.
+        worst = np.minimum(np.maximum(0.5, low), high)
+        more = wilson_runs(worst, self.half_width, self.each) - n
+        return np.where(n > 0, np.maximum(1, more).max(axis=0), self.size).astype(np.int64)
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
         of_it = self.judged & np.array(
@@ -333,31 +323,9 @@ def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) ->
     return float(np.interp(total, sums, corners))
 
 
-class MoreRuns(NamedTuple):
-    """Further runs to a wanted half-width.
-
-    `expected`: if the rate stays as observed. `safe`: if the rate moves within its interval towards
-    one half, where a rate is hardest to estimate.
-    """
-
-    expected: int
-    safe: int
-
-
-def more_runs(k: int, n: int, half_width: float, confidence: float) -> MoreRuns:
-    """Return further runs until the Wilson interval of a rate observed as k of n is +- half_width
-    (fraction) or narrower; n > 0.
-    """
-    (rate,) = rates_with_intervals(k, n, confidence)
-    worst = min(max(0.5, rate.low), rate.high)
-    return MoreRuns(
-        *(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst))
-    )
-
-
-def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
-    """Return the fewest runs with which a Wilson interval around `rate` is +- half_width or
-    narrower.
+def wilson_runs(rate: np.ndarray, half_width: float, confidence: float) -> np.ndarray:
+    """Return the fewest runs with which a Wilson interval around each rate is +- half_width
+    (fraction) or narrower; whole numbers, NaN for a rate that is NaN.
 
     With z the normal quantile, the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) /
     (1 + z^2 / n), which falls with n. Setting it to half_width gives a quadratic equation in n with
@@ -367,6 +335,6 @@ def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
 
     z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
     excess = rate * (1 - rate) - 2 * square
-    root = z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)
+    root = z**2 * (excess + np.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)
     # An excess that is only floating-point rounding does not add a run.
-    return max(1, math.ceil(root * (1 - 1e-9)))
+    return np.maximum(1, np.ceil(root * (1 - 1e-9)))

@@ -139,16 +139,13 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    record = _parse(data[place:end])
+    content = io.BytesIO(data[place:end])
+    record = next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
         raise ValueError("the record has another length than it says")
     return record, end
-
-
-def _parse(content: bytes) -> McapRecord:
-    return next(StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records)
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:

@@ -20,6 +20,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 
+from ravenjax.bundled import resources
 from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
 from ravenjax.vocabulary.robot import Robot
 
@@ -34,9 +35,6 @@ LOG = "/ravenjax/log"
 """Topic of events in words, for people; viewers show it as a log."""
 FRAMES = "/tf"
 WORLD = "world"
-LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
-"""Severities of rcl_interfaces/Log."""
-
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SIGNALS_TYPE = "ravenjax_msgs/msg/Signals"
 TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
@@ -48,19 +46,10 @@ Each further number is one more.
 """
 
 
-_JOINT_STATES = {
-    "measured_js": ("jpos", "jvel", None),
-    "setpoint_js": ("jpos_d", None, "tau_d"),
-    "true_js": ("link_jpos", "link_jvel", None),
-    "model_js": ("model_jpos", None, None),
-}
-_TIPS = {
-    "measured": ("position", "rotation"),
-    "setpoint": ("position_d", "rotation_d"),
-    "true": ("tip", "tip_rotation"),
-    "model": ("model_position", "model_rotation"),
-    "golden": ("golden_tip", "golden_rotation"),
-}
+_TABLES = resources.read_tables(__file__, "topics.toml")
+_JOINT_STATES, _TIPS = _TABLES["joint_states"], _TABLES["tips"]
+LEVELS = _TABLES["levels"]
+"""Severities of rcl_interfaces/Log."""
 _FRAMES = ("measured", "true", "model")
 _FORCE = "haptic_force"
 SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name in names} | {_FORCE}

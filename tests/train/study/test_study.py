@@ -11,9 +11,9 @@ import pytest
 import synthetic_session as synthetic
 from training import study
 
+from analysis.training import clustered
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats import intervals, multiplicity
-from ravenjax.stats.comparison import clustered
 from ravenjax.store.logs.session import description
 from ravenjax.train.recording import reader
 

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ravenjax.errors import StoreError, format_value
-from ravenjax.store.files import hash_file, parse_json, path_inside, require_writable, write_text
+from ravenjax.store.files import parse_json, require_writable, write_text
 
 FILE = "session.json"
 VERSION = 1
@@ -123,19 +123,6 @@ def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
     header = _merged(read_session(folder), changes)
     write_session(folder, header)
     return header
-
-
-def require_unchanged(folder: Path, header: Mapping[str, Any]) -> None:
-    """Raise StoreError if a file of the session differs from the checksum that it had when the
-    session ended.
-    """
-    for name, digest in (header.get("sha256") or {}).items():
-        path = path_inside(folder, name)
-        if path.is_file() and hash_file(path) != digest:
-            raise StoreError(
-                f"{path}: has changed since the session ended (its sha256 is not that of {FILE}):"
-                " restore it, or leave this session out"
-            )
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

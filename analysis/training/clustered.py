@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import ALPHA, Estimate, independent_difference, rate_bounds
@@ -164,27 +163,6 @@ def permutation_p(
         rng=np.random.default_rng(seed),
     )
     return float(test.pvalue)
-
-
-def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
-    """Return the exact two-sided p-value that two conditions of the same rows are alike. Rows [n]
-    are bool; `unit` has their unit numbers.
-
-    If the conditions are alike, their labels can be exchanged in each unit, for all its rows
-    together. So the opposite sign of the unit's difference of counts is equally likely. All
-    exchanges are enumerated. With one row per unit this is McNemar's exact test. The result is NaN
-    if no unit has a difference, because there is nothing to test.
-    """
-    difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
-    size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
-    if not size.any():
-        return math.nan
-    total = abs(int(difference.sum()))
-    law = np.ones(1)  # distribution of the sum, from -reach to reach
-    for step in size[size > 0]:
-        law = 0.5 * (np.pad(law, (2 * step, 0)) + np.pad(law, (0, 2 * step)))
-    sums = np.abs(np.arange(len(law)) - len(law) // 2)
-    return min(1.0, float(law[sums >= total].sum()))
 
 
 def cluster_means(clusters: Clusters) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from analysis.training import clustered
 from ravenjax.stats import intervals
-from ravenjax.stats.comparison import clustered
 
 
 def singles(values):
