@@ -168,7 +168,7 @@ class _Code:
         # Only outcomes, which are unused here, read a golden run.
         lanes = () if self._code.grouped else (self.width,)
         golden = np.zeros((1, self._series, *lanes), real)
-        out = np.zeros((ticks, self._code.outputs, self.width), real)
+        out = np.zeros((ticks, self._code.kernel.outputs, self.width), real)
         self._code.run(Lanes(inputs, golden, np.concatenate(ready.columns), out), ticks)
         for lane in range(len(rows)):
             yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))

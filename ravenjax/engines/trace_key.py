@@ -7,7 +7,7 @@ import hashlib
 import pickle
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
@@ -95,19 +95,6 @@ def persistent_key(*values: Any) -> str:
     known.
     """
     return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
-
-
-def load_or_compile(
-    objects: Objects | None, source: Iterable[str], make: Callable[[], bytes]
-) -> bytes:
-    """Return the result of `make`, loaded from `objects` if it was made from these texts before."""
-    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
-    code = None if objects is None else objects.get(key)
-    if code is None:
-        code = make()
-        if objects is not None:
-            objects[key] = code
-    return code
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:

@@ -51,17 +51,6 @@ class TracedTick:
         step = dataclasses.replace(self.loop.step, outputs=kept)
         return dataclasses.replace(self.loop, step=step)
 
-    def signals_of(
-        self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
-    ) -> Any:
-        """Return every signal of the first lane, [ticks], from `out` [ticks, numbers, lanes].
-
-        typed: converts a column of `out` to a type.
-        """
-        columns = np.ascontiguousarray(out[:, self.series :, 0].T)
-        numbers = map(typed, columns, tree.tree_leaves(self.signals))
-        return tree.fill_tree(self.signals, list(numbers))
-
 
 class Forms:
     """A traced program and all code made from it, by engine, form and device. Thread-safe."""

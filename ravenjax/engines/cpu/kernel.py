@@ -15,7 +15,7 @@ import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence
 
-from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeat_lines
+from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, TEXTS, LlvmPrinter, repeat_lines
 from ravenjax.engines.cpu.memory import BufferLayout, Place
 from ravenjax.engines.printing import render_template
 from ravenjax.ir.program import Operation, Program
@@ -24,15 +24,8 @@ from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
 """Operations, counted from the earliest that is not placed yet, among which the next is chosen."""
-LATENCIES = (
-    {"fma": 6, "mul": 6, "add": 5, "sub": 5, "div": 20, "sqrt": 30, "rem": 60}
-    | {"select": 3, "rarely": 3, "neg": 0, "bitcast": 0}
-    | dict.fromkeys(("lt", "le", "eq", "ne", "max", "min", "convert", "truncate"), 6)
-    | dict.fromkeys(("round", "floor", "ceil"), 6)
-)
-"""Cycles until the result of a 512-bit operation is available, with its loads and stores; of other
-operations 2.
-"""
+LATENCIES: dict[str, int] = TEXTS["latencies"]
+"""Cycles until an operation's result is available; of other operations 2."""
 
 
 def schedule_operations(
