@@ -10,7 +10,7 @@ from compiled_program import same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.lanes import Lanes
 from ravenjax.ir import lowering, semantics
 from ravenjax.ir.builder import Builder, contract_to_fma
@@ -63,8 +63,9 @@ def test_passing_by_changes_no_bit(width):
     limit = rng.uniform(0.0, 1.0, lanes).astype(np.float32)
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
-    found = VectorCode(loop, 0, False, width).run(
-        Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
+    found = VectorCode(loop, 0, False, width).follow(
+        Lanes([limit], given, np.zeros(0, np.float32), out),
+        LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS)),
     )
     state = semantics.run_program(loop.begin, [limit])
     for now in range(TICKS):

@@ -8,7 +8,7 @@ from compiled_program import same_bits
 from small_loop import TABLE, in_numpy, loop
 
 from ravenjax.engines.cpu import kernel
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.lanes import Lanes
 
 TICKS = 1003  # not a multiple of the chunk
@@ -30,7 +30,8 @@ def test_vector_code_runs_the_loop(width, grouped):
     out = np.zeros((TICKS, 2, lanes), np.float32)
     done = []
     code = VectorCode(found, 1, grouped, width)
-    results = code.run(Lanes([gain, kick], given, TABLE, out), TICKS, done.append)
+    course = LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS))
+    results = code.follow(Lanes([gain, kick], given, TABLE, out), course, done.append)
     expected, expected_out = in_numpy(found, gain, kick, given[:, 0], TICKS)
     assert sum(done) == TICKS * lanes
     same_bits(out, expected_out)

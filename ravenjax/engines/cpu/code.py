@@ -180,12 +180,6 @@ class VectorCode:
         self._module = jit.compile_functions(self.kernel.text, FUNCTIONS, objects)
         self._make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
-    def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
-        """Run one group from the beginning; return its results, each [lanes]."""
-        size = len(lanes.inputs[0]) if lanes.inputs else self.width
-        begins = np.zeros(size // self.width, np.int64)
-        return self.follow(lanes, LaneCourse(begins, np.full(size, ticks)), progress)
-
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:

@@ -8,22 +8,19 @@ calls them, one lane wide. They are the same functions of this process that Pyth
 """
 
 import struct
-import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program, from_bits
 from ravenjax.ir.semantics import LIBRARY
 
-TEXTS: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("llvm.toml").read_text(encoding="utf-8")
-)
+TEXTS = resources.read_tables(__file__, "llvm.toml")
 _STORED, _KINDS = TEXTS["stored"], TEXTS["kinds"]
 _TYPES: dict[str, str] = {**_STORED, "bool": "i1"}
 
@@ -39,10 +36,10 @@ class LlvmPrinter(Printing[Place]):
 
     # --- a program ---
 
-    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+    def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         name, dtype, operands, detail = program.operations[i]
         if name == "lookup":
-            return self._lookup(program, detail, inputs[0], tables)
+            return self._lookup(program, detail, inputs[0])
         if name in ("select", "rarely"):
             logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if logic and dtype in ("int32", "uint32") and self.width > 1:
@@ -279,11 +276,11 @@ class LlvmPrinter(Printing[Place]):
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.select("int32", fits, near, self._constant("int32", -(2**31)))
 
-    def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
+    def _lookup(self, program: Program, table: int, index: str) -> str:
         """Return one number of a table. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
         offset = sum(stored_size(kind) * length for kind, length in program.tables[:table])
-        start, scalar = self.address(Place(tables, offset)), _STORED[dtype]
+        start, scalar = self.address(Place("%tables", offset)), _STORED[dtype]
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
             return self.op(f"load {scalar}, ptr {at}, align {stored_size(dtype)}")
