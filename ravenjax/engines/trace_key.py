@@ -57,14 +57,8 @@ def _pieces(value: Any) -> Iterator[bytes]:
 @functools.cache
 def package_versions() -> tuple[str, ...]:
     """Return the versions of Python and of the packages that take part in tracing."""
-    return (sys.version, *map(_version, _PACKAGES))
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
+    found = (one for name in _PACKAGES for one in metadata.distributions(name=name))
+    return (sys.version, *(f"{one.name} {one.version}" for one in found))
 
 
 def hash_files() -> str:

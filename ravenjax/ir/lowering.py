@@ -47,6 +47,8 @@ _RENAMED = {
     "shift_right_logical": "shr",
     "shift_right_arithmetic": "sar",
     "add_any": "add",  # arises from derivatives
+    "convert_element_type": "convert",
+    "bitcast_convert_type": "bitcast",
 }
 _CALLS = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call")
 _REMATERIALISED = ("remat", "checkpoint")
@@ -225,12 +227,8 @@ class _Walk:
                 return b.emit("min", dtype, b.emit("max", dtype, x[0], x[1]), x[2])
             case "select_n" if len(x) == 3 and b.operations[x[0]].dtype == "bool":
                 return b.emit("select", dtype, x[0], x[2], x[1])
-            case "convert_element_type":
-                return b.emit("convert", dtype, x[0])
-            case "bitcast_convert_type":
-                return b.emit("bitcast", dtype, x[0])
-            case _ if (operation := _RENAMED.get(name, name)) in semantics.MEANING:
-                return b.emit(operation, dtype, *x)
+            case _ if name in _RENAMED or name in semantics.MEANING:
+                return b.emit(_RENAMED.get(name, name), dtype, *x)
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(

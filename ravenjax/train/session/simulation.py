@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -137,19 +139,14 @@ def _frame(
     signal: tick.Input,
 ) -> list[Scalar]:
     """Return the numbers of [simulated] in `channels.toml`, then [simulated_arm] of each arm."""
-    active_fault = jnp.bool_(False)
-    for active in out.fault_active:
-        active_fault = active_fault | active
+    active_fault = reduce(operator.or_, out.fault_active, jnp.bool_(False))
     software, observer = out.control, state.monitor
-    pulls = jnp.bool_(False)
-    for cue in out.haptics:
-        pulls = pulls | (cue.force[0] > 0.0)
+    pulls = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
     live = observers.is_live(software.runlevel, state.control.state_machine.soft_estopped)
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
-    trips = jnp.int32(0)
-    for history in run.check_histories(setup, state).values():
-        trips = trips + history.count
+    histories = run.check_histories(setup, state).values()
+    trips = sum((history.count for history in histories), jnp.int32(0))
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]
