@@ -53,7 +53,6 @@ _RENAMED = {
 _CALLS = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call")
 _REMATERIALISED = ("remat", "checkpoint")
 
-Origin = Callable[["core.JaxprEqn"], str]
 Functions = Literal["polynomials", "library"]
 
 
@@ -61,18 +60,16 @@ class UnknownPrimitive(NotImplementedError):
     """The jaxpr contains something that is not an operation on single numbers."""
 
 
-def lower_jaxpr(
-    jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials"
-) -> Program:
+def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. origin:
-    returns a name for the source of an equation; slow. functions: with `polynomials`, sin, atan2
-    and similar functions are written out. Otherwise they stay operations with the meaning of the C
-    library, and wide integers are allowed. Raises UnknownPrimitive.
+    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. functions:
+    with `polynomials`, sin, atan2 and similar functions are written out. Otherwise they stay
+    operations with the meaning of the C library, and wide integers are allowed. Raises
+    UnknownPrimitive.
     """
     builder = Builder()
-    walk = _Walk(builder, origin, functions)
+    walk = _Walk(builder, functions)
     consts = [walk.constant(value) for value in jaxpr.consts]
     inputs = [walk.input(var.aval) for var in jaxpr.jaxpr.invars]
     outputs = walk.body(jaxpr.jaxpr, consts, inputs)
@@ -98,8 +95,8 @@ def _single(value: _Value) -> int:
 
 
 class _Walk:
-    def __init__(self, builder: Builder, origin: Origin | None, functions: Functions) -> None:
-        self.builder, self.origin, self.functions = builder, origin, functions
+    def __init__(self, builder: Builder, functions: Functions) -> None:
+        self.builder, self.functions = builder, functions
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
 
     def _dtype(self, aval: Any) -> str:
@@ -188,8 +185,6 @@ class _Walk:
             raise UnknownPrimitive(
                 f"{name} gives shape {aval.shape}; only single numbers are known"
             )
-        if self.origin is not None:
-            self.builder.origin = self.origin(eqn)
         if name in ("dynamic_slice", "gather"):
             return self._looked_up(eqn, operands)
         return self._operation(eqn, self._dtype(aval), [_single(operand) for operand in operands])

@@ -40,10 +40,11 @@ def test_vector_code_runs_the_loop(width, grouped):
 
 
 @pytest.mark.parametrize("window", [1, 3, 200])
-def test_a_schedule_is_an_order_that_can_be_run(window):
+def test_a_schedule_is_an_order_that_can_be_run(window, monkeypatch):
+    monkeypatch.setattr(kernel, "WINDOW", window)
     program = loop().step
     order = program.needed()
-    arranged = kernel.schedule_operations(program.operations, order, window)
+    arranged = kernel.schedule_operations(program.operations, order)
     assert sorted(arranged) == order
     place = {i: k for k, i in enumerate(arranged)}
     assert all(place[o] < place[i] for i in order for o in program.operations[i].operands)

@@ -29,7 +29,7 @@ LATENCIES: dict[str, int] = TEXTS["latencies"]
 
 
 def schedule_operations(
-    operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
+    operations: Sequence[Operation], arranged: Iterable[int | Region]
 ) -> list[int | Region]:
     """Reorder operations between regions and within each, in a valid order; one operation begins
     each cycle.
@@ -44,17 +44,15 @@ def schedule_operations(
     between: list[int] = []
     for item in arranged:
         if isinstance(item, Region):
-            out += _straight(operations, between, window)
-            out.append(item._replace(operations=_straight(operations, item.operations, window)))
+            out += _straight(operations, between)
+            out.append(item._replace(operations=_straight(operations, item.operations)))
             between = []
         else:
             between.append(item)
-    return out + list(_straight(operations, between, window))
+    return out + list(_straight(operations, between))
 
 
-def _straight(
-    operations: Sequence[Operation], order: Sequence[int], window: int
-) -> tuple[int, ...]:
+def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
     """Order operations: of those whose operands have begun, take the first in the window that need
     not wait.
 
@@ -77,7 +75,7 @@ def _straight(
     result: list[int] = []
     now = inside = 0
     while len(result) < len(order):
-        while inside < min(len(result) + window, len(order)):
+        while inside < min(len(result) + WINDOW, len(order)):
             if not missing[inside]:
                 candidates.append(inside)
             inside += 1
@@ -144,7 +142,8 @@ class _LlvmModule(LoopPrinting[Place]):
     def __init__(self, split: Split, width: int, features: frozenset[str]) -> None:
         super().__init__(split)
         self.width, self.features = width, features
-        types = split.loop.state_types
+        first = split.loop.lane_inputs
+        types = self.step.inputs[first : first + split.loop.states]
         self.lane_state = (*split.lane_state, *split.held_state)
 
         step, results = self.step.operations, self.finish.operations

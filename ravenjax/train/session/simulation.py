@@ -310,15 +310,15 @@ class SimulatedRobot:
         self._realign()
         self._part(False)
 
-    def press(self, row: int, ticks: int = 100) -> None:
-        """Hold the button of this row of the fault table for this number of ticks."""
+    def press(self, row: int) -> None:
+        """Hold the button of this row of the fault table for 100 ms."""
         if not self._apart:
             self._beside.restore(self._own.snapshot())
             self._part(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         slot = self.blueprint.fault_slots
         self._write(
-            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks}
+            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": 100}
         )
         self._forget([slot])
 
