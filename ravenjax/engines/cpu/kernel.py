@@ -95,18 +95,7 @@ def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[in
     return tuple(result)
 
 
-_RUN = "ptr %tables, ptr %in0, i64 %in_stride, i64 %in_step, ptr %row0"
-PARAMETERS = {
-    "shared_begin": "ptr %inputs, ptr %state",
-    "shared_run": f"ptr %inputs, ptr %state, {_RUN}, i32 %first, i64 %count",
-    "lane_begin": "ptr %inputs, ptr %state, ptr %held",
-    "lane_run": (
-        f"ptr %inputs, ptr %held, ptr %state, {_RUN}, ptr %out0, i64 %out_stride, i64 %out_step,"
-        " i64 %count"
-    ),
-    "lane_finish": "ptr %inputs, ptr %state, ptr %group, ptr %results",
-    "copy_bytes": "ptr %to, ptr %from, i64 %count",
-}
+PARAMETERS: dict[str, str] = TEXTS["parameters"]
 """Functions that can be called, and their parameters. Strides and steps are in bytes."""
 ARGUMENTS = {
     name: [parameter.split()[0] for parameter in parameters.split(", ")]

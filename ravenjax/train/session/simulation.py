@@ -295,18 +295,15 @@ class SimulatedRobot:
             self._write(slot, values if slot in used else None)
         for k, values in enumerate(self.blueprint.plan.varied.values()):
             self._own.inputs[k][0] = values[row]
-        self._forget(slots)
         self._realign()
         self._part(True)
 
     def disarm(self) -> None:
         """Remove the faults that `arm` and `press` set."""
-        slots = range(self.blueprint.fault_slots + 1)
-        for slot in slots:
+        for slot in range(self.blueprint.fault_slots + 1):
             self._write(slot, None)
         for k, value in enumerate(self.blueprint.inputs[0]):
             self._own.inputs[k][0] = value
-        self._forget(slots)
         self._realign()
         self._part(False)
 
@@ -320,17 +317,13 @@ class SimulatedRobot:
         self._write(
             slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": 100}
         )
-        self._forget([slot])
 
     def _write(self, slot: int, values: Json | None) -> None:
+        """Set a slot's fault, or none, and forget what the slot has done so far."""
         first = self._fault_inputs + slot * len(_FIELDS)
         for k, name in enumerate(_FIELDS):
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
-
-    def _forget(self, slots: Sequence[int] | range) -> None:
-        self._own.restore_leaves(
-            self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
-        )
+        self._own.restore_leaves(self._fresh, self._slots[slot])
 
 
 class EstopHold:

@@ -71,8 +71,8 @@ def message_types(ros: Ros) -> MessageTypes:
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
     """Return position and quaternion of a `PoseStamped`; None if they are not finite or no pose."""
     point, turn = message.pose.position, message.pose.orientation
-    numbers = np.array([point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w])
-    if not np.isfinite(numbers).all() or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
+    numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
+    if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
         return None
     return numbers[:3], numbers[3:]
 
