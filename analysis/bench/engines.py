@@ -87,10 +87,11 @@ def count_operations(kernel: Any, work: Workload) -> float:
     return float(by_stage(split_lanes(loop, len(work.program.varied), True))["lane"].total())
 
 
-def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
+def by_stage(parted: Split, stages: Mapping[int, str] | None = None) -> Mapping[str, Counter[str]]:
     """Return operations by stage of the "lane" part and of the "shared" part.
 
-    Operations without cost, and lane operations that only some ticks need, are left out.
+    Operations without cost, and lane operations that only some ticks need, are left out. stages: of
+    each operation; None: "" for all.
     """
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
@@ -101,8 +102,9 @@ def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
         "lane": [i for i in lane if not isinstance(i, Region)],
         "shared": [i for i in shared if not isinstance(i, Region)],
     }
+    stages = {} if stages is None else stages
     return {
-        part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
+        part: Counter(stages.get(i, "") for i in numbers if step.operations[i].name not in _FREE)
         for part, numbers in parts.items()
     }
 

@@ -6,9 +6,10 @@ find the stages worth optimising.
 
 import dataclasses
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any
+from unittest import mock
 
 from jax.extend import core
 
@@ -17,6 +18,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 from bench.engines import by_stage
 from bench.workload import Workload
 from ravenjax.engines import traced
+from ravenjax.ir import builder, lowering
+from ravenjax.ir.program import Operation, Program
 from ravenjax.ir.time_loop import split_lanes
 
 STAGES = frozenset(("stages", "plant", "console"))
@@ -41,14 +44,65 @@ class Operations:
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
-    trace = traced.trace_tick(program, workload.golden_runs(1), workload.motion, stage)
-    parts = by_stage(split_lanes(trace.without_signals(), len(program.varied), True))
+    with (
+        mock.patch.object(lowering, "Builder", _NotingBuilder),
+        mock.patch.object(builder, "Builder", _NotingBuilder),
+        mock.patch.object(lowering._Walk, "_equation", _noting_equation),
+        mock.patch.object(traced, "contract_to_fma", _noting_contraction),
+    ):
+        trace = traced.trace_tick(program, workload.golden_runs(1), workload.motion)
+    stages = dict(enumerate(_STAGES_OF[id(trace.loop.step.operations)]))
+    parts = by_stage(split_lanes(trace.without_signals(), len(program.varied), True), stages)
     return Operations(
         *(
             {name or "tick.glue": n for name, n in parts[k].most_common()}
             for k in ("lane", "shared")
         )
     )
+
+
+_STAGES_OF: dict[int, list[str]] = {}
+"""Stage of each operation of a program, by the identity of its operations."""
+_EQUATION, _FUSED = lowering._Walk._equation, builder._fused
+
+
+class _NotingBuilder(builder.Builder):
+    """Notes the stage of each operation that it writes."""
+
+    now = ""  # stage of the operations that are being written
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stages: list[str] = []
+        _NotingBuilder.now = ""
+
+    def _write(self, operation: Operation) -> int:
+        number = super()._write(operation)
+        if number == len(self.stages):
+            self.stages.append(_NotingBuilder.now)
+        return number
+
+    def program(self, outputs: Sequence[int]) -> Program:
+        made = super().program(outputs)
+        _STAGES_OF[id(made.operations)] = self.stages
+        return made
+
+
+def _noting_equation(walk: Any, eqn: core.JaxprEqn, operands: Any) -> int:
+    _NotingBuilder.now = stage(eqn)
+    return _EQUATION(walk, eqn, operands)
+
+
+def _noting_contraction(program: Program) -> Program:
+    """Contract, and give each operation the stage of the one that it was made from."""
+    stages, order = _STAGES_OF[id(program.operations)], iter(program.needed())
+
+    def fused(*operation: Any) -> int | None:
+        _NotingBuilder.now = stages[next(order)]
+        return _FUSED(*operation)
+
+    with mock.patch.object(builder, "_fused", fused):
+        return builder.contract_to_fma(program)
 
 
 def stage(eqn: core.JaxprEqn) -> str:

@@ -22,7 +22,7 @@ from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.numbers.lazy import jax
@@ -168,8 +168,9 @@ class _Code:
         # Only outcomes, which are unused here, read a golden run.
         lanes = () if self._code.grouped else (self.width,)
         golden = np.zeros((1, self._series, *lanes), real)
-        out = np.zeros((ticks, self._code.outputs, self.width), real)
-        self._code.run(Lanes(inputs, golden, np.concatenate(ready.columns), out), ticks)
+        out = np.zeros((ticks, self._code.kernel.outputs, self.width), real)
+        course = LaneCourse(np.zeros(1, int), np.full(self.width, ticks))
+        self._code.follow(Lanes(inputs, golden, np.concatenate(ready.columns), out), course)
         for lane in range(len(rows)):
             yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))
 

@@ -6,12 +6,13 @@ overwrites the old content of its place before that has been read.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ravenjax.ir.program import Program, from_bits
-from ravenjax.ir.regions import Region, flatten_regions
+from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
+from ravenjax.ir.time_loop import Split
 
 
 def render_template(template: str, **values: Any) -> str:
@@ -47,13 +48,12 @@ class Printing(ABC, Generic[Where]):
         operations: Iterable[int | Region],
         sources: Mapping[int, Where],
         results: Sequence[tuple[int, Where]],
-        tables: str = "",
         given: Mapping[int, str] | None = None,
     ) -> None:
         """Print `operations` of `program`: read numbers from `sources` and write `results`.
 
         A region becomes a block that is skipped if its condition does not hold. given: numbers that
-        are already values of the function; tables: pointer to the concatenated tables.
+        are already values of the function.
         """
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
@@ -99,7 +99,7 @@ class Printing(ABC, Generic[Where]):
             if is_given(i):
                 return
             operation = program.operations[i]
-            values[i] = self._operation(program, i, [value(o) for o in operation.operands], tables)
+            values[i] = self._operation(program, i, [value(o) for o in operation.operands])
             write(goals.get(i, []))
 
         def enter(region: Region) -> None:
@@ -139,7 +139,7 @@ class Printing(ABC, Generic[Where]):
         """Write a number to a place."""
 
     @abstractmethod
-    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+    def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         """Return a new value: the result of operation `i`."""
 
     @abstractmethod
@@ -149,3 +149,60 @@ class Printing(ABC, Generic[Where]):
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:
         """End the block; return its results as new values, arbitrary where it was not needed."""
+
+
+class LoopPrinting(Generic[Where]):
+    """Prints the functions of a split time loop. A place of the state is given by its number."""
+
+    def __init__(self, split: Split) -> None:
+        self.split, loop = split, split.loop
+        self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
+        self.outputs = loop.step.outputs[loop.states :]
+        first = loop.lane_inputs + loop.states
+        # Operation -> index of the input of a tick that it is; 0: the tick's number.
+        self.tick_reads = {i: k - first for i, k in loop.step.reads.items() if k >= first}
+
+    @staticmethod
+    def sources(
+        program: Program, inputs: Sequence[Where], state: Mapping[int, Where]
+    ) -> dict[int, Where]:
+        """Return the places of a lane's inputs and its state, by operation of `program`."""
+        places = dict(enumerate(inputs)) | {len(inputs) + k: at for k, at in state.items()}
+        return {i: places[k] for i, k in program.reads.items() if k in places}
+
+    def print_begin(
+        self, printer: Printing[Where], inputs: Sequence[Where], state: Mapping[int, Where]
+    ) -> None:
+        """Print the statements that make `state`."""
+        results = [(self.begin.outputs[k], place) for k, place in state.items()]
+        needed = self.begin.needed(i for i, _ in results)
+        printer.run(self.begin, needed, self.sources(self.begin, inputs, {}), results)
+
+    def print_step(
+        self,
+        printer: Printing[Where],
+        part: Sequence[int],
+        sources: Mapping[int, Where],
+        state: Mapping[int, Where],
+        others: Iterable[tuple[int, Where]],
+        given: Mapping[int, str] | None = None,
+        schedule: Callable[..., list[int | Region]] = lambda _, order: order,
+    ) -> None:
+        """Print the operations `part` of a tick, which write `state` and other results."""
+        results = [*((self.step.outputs[k], place) for k, place in state.items()), *others]
+        order = arrange_regions(self.step.operations, part, [i for i, _ in results])
+        order = schedule(self.step.operations, order)
+        printer.run(self.step, order, sources, results, given)
+
+    def print_finish(
+        self,
+        printer: Printing[Where],
+        inputs: Sequence[Where],
+        state: Mapping[int, Where],
+        results: Iterable[Where],
+    ) -> None:
+        """Print the statements that compute the results of a lane."""
+        # Two results may be the same operation.
+        pairs = list(zip(self.finish.outputs, results, strict=True))
+        sources = self.sources(self.finish, inputs, state)
+        printer.run(self.finish, self.finish.needed(), sources, pairs)

@@ -7,7 +7,7 @@ import hashlib
 import pickle
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
@@ -57,14 +57,8 @@ def _pieces(value: Any) -> Iterator[bytes]:
 @functools.cache
 def package_versions() -> tuple[str, ...]:
     """Return the versions of Python and of the packages that take part in tracing."""
-    return (sys.version, *map(_version, _PACKAGES))
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
+    found = (one for name in _PACKAGES for one in metadata.distributions(name=name))
+    return (sys.version, *(f"{one.name} {one.version}" for one in found))
 
 
 def hash_files() -> str:
@@ -95,19 +89,6 @@ def persistent_key(*values: Any) -> str:
     known.
     """
     return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
-
-
-def load_or_compile(
-    objects: Objects | None, source: Iterable[str], make: Callable[[], bytes]
-) -> bytes:
-    """Return the result of `make`, loaded from `objects` if it was made from these texts before."""
-    key = hashlib.sha256("\n".join(source).encode()).hexdigest()
-    code = None if objects is None else objects.get(key)
-    if code is None:
-        code = make()
-        if objects is not None:
-            objects[key] = code
-    return code
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:

@@ -51,17 +51,6 @@ class TracedTick:
         step = dataclasses.replace(self.loop.step, outputs=kept)
         return dataclasses.replace(self.loop, step=step)
 
-    def signals_of(
-        self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
-    ) -> Any:
-        """Return every signal of the first lane, [ticks], from `out` [ticks, numbers, lanes].
-
-        typed: converts a column of `out` to a type.
-        """
-        columns = np.ascontiguousarray(out[:, self.series :, 0].T)
-        numbers = map(typed, columns, tree.tree_leaves(self.signals))
-        return tree.fill_tree(self.signals, list(numbers))
-
 
 class Forms:
     """A traced program and all code made from it, by engine, form and device. Thread-safe."""
@@ -151,12 +140,7 @@ def record_shapes(record: Any) -> Any:
     return tree.map_leaves(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
-def trace_tick(
-    program: TickProgram,
-    block: Block,
-    motion: Sequence[np.ndarray],
-    origin: lowering.Origin | None = None,
-) -> TracedTick:
+def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> TracedTick:
     """Trace the tick for blocks like this one. Makes no array, so JAX looks for no device."""
     setup = program.setup
     series = program.loop.series_length(setup)
@@ -171,26 +155,17 @@ def trace_tick(
     entering = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
     with x64_context(setup):
-        first, state = trace_function(
-            lambda varied, *_: program.begin(varied), *lane, origin=origin
-        )
-        middle, (_, _, signals) = trace_function(
-            program.step, *lane, state, *entering, columns, origin=origin
-        )
+        first, state = trace_function(lambda varied, *_: program.begin(varied), *lane)
+        middle, (_, _, signals) = trace_function(program.step, *lane, state, *entering, columns)
         last, outcomes = trace_function(
-            lambda varied, _, end, state: program.finish(varied, state),
-            *(*lane, state),
-            origin=origin,
+            lambda varied, _, end, state: program.finish(varied, state), *lane, state
         )
     signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
 
 
 def trace_function(
-    function: Callable[..., Any],
-    *arguments: Any,
-    origin: lowering.Origin | None = None,
-    functions: lowering.Functions = "polynomials",
+    function: Callable[..., Any], *arguments: Any, functions: lowering.Functions = "polynomials"
 ) -> tuple[Program, Any]:
     """Return the program of a function with arguments of these shapes, and the shapes of its
     results.
@@ -199,7 +174,7 @@ def trace_function(
     """
     with leaks_refused():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
-    program = lowering.lower_jaxpr(jaxpr, origin, functions)
+    program = lowering.lower_jaxpr(jaxpr, functions)
     return (contract_to_fma(program) if functions == "polynomials" else program), results
 
 

@@ -25,8 +25,6 @@ class Builder:
         self.constants: dict[int, Any] = {}  # operation -> NumPy number
         self.inputs: list[str] = []
         self.tables: list[tuple[str, int]] = []
-        self.origin = ""
-        self.origins: list[str] = []
         self._numbers: dict[Operation, int] = {}
 
     def input(self, dtype: str) -> int:
@@ -64,15 +62,13 @@ class Builder:
     def program(self, outputs: Sequence[int]) -> Program:
         """Return the program written so far."""
         operations, inputs = tuple(self.operations), tuple(self.inputs)
-        tables, origins = tuple(self.tables), tuple(self.origins)
-        return Program(operations, inputs, tuple(outputs), tables, origins)
+        return Program(operations, inputs, tuple(outputs), tuple(self.tables))
 
     def _write(self, operation: Operation) -> int:
         place = self._numbers.get(operation)
         if place is None:
             place = self._numbers[operation] = len(self.operations)
             self.operations.append(operation)
-            self.origins.append(self.origin)
         return place
 
 
@@ -217,7 +213,6 @@ def contract_to_fma(program: Program) -> Program:
     new: dict[int, int] = {}
     for i in program.needed():
         name, dtype, operands, detail = program.operations[i]
-        builder.origin = program.origins[i]
         moved = tuple(new[o] for o in operands)
         if (fused := _fused(builder, name, dtype, moved)) is not None:
             new[i] = fused

@@ -47,11 +47,12 @@ _RENAMED = {
     "shift_right_logical": "shr",
     "shift_right_arithmetic": "sar",
     "add_any": "add",  # arises from derivatives
+    "convert_element_type": "convert",
+    "bitcast_convert_type": "bitcast",
 }
 _CALLS = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call")
 _REMATERIALISED = ("remat", "checkpoint")
 
-Origin = Callable[["core.JaxprEqn"], str]
 Functions = Literal["polynomials", "library"]
 
 
@@ -59,18 +60,16 @@ class UnknownPrimitive(NotImplementedError):
     """The jaxpr contains something that is not an operation on single numbers."""
 
 
-def lower_jaxpr(
-    jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials"
-) -> Program:
+def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. origin:
-    returns a name for the source of an equation; slow. functions: with `polynomials`, sin, atan2
-    and similar functions are written out. Otherwise they stay operations with the meaning of the C
-    library, and wide integers are allowed. Raises UnknownPrimitive.
+    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. functions:
+    with `polynomials`, sin, atan2 and similar functions are written out. Otherwise they stay
+    operations with the meaning of the C library, and wide integers are allowed. Raises
+    UnknownPrimitive.
     """
     builder = Builder()
-    walk = _Walk(builder, origin, functions)
+    walk = _Walk(builder, functions)
     consts = [walk.constant(value) for value in jaxpr.consts]
     inputs = [walk.input(var.aval) for var in jaxpr.jaxpr.invars]
     outputs = walk.body(jaxpr.jaxpr, consts, inputs)
@@ -96,8 +95,8 @@ def _single(value: _Value) -> int:
 
 
 class _Walk:
-    def __init__(self, builder: Builder, origin: Origin | None, functions: Functions) -> None:
-        self.builder, self.origin, self.functions = builder, origin, functions
+    def __init__(self, builder: Builder, functions: Functions) -> None:
+        self.builder, self.functions = builder, functions
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
 
     def _dtype(self, aval: Any) -> str:
@@ -186,8 +185,6 @@ class _Walk:
             raise UnknownPrimitive(
                 f"{name} gives shape {aval.shape}; only single numbers are known"
             )
-        if self.origin is not None:
-            self.builder.origin = self.origin(eqn)
         if name in ("dynamic_slice", "gather"):
             return self._looked_up(eqn, operands)
         return self._operation(eqn, self._dtype(aval), [_single(operand) for operand in operands])
@@ -225,12 +222,8 @@ class _Walk:
                 return b.emit("min", dtype, b.emit("max", dtype, x[0], x[1]), x[2])
             case "select_n" if len(x) == 3 and b.operations[x[0]].dtype == "bool":
                 return b.emit("select", dtype, x[0], x[2], x[1])
-            case "convert_element_type":
-                return b.emit("convert", dtype, x[0])
-            case "bitcast_convert_type":
-                return b.emit("bitcast", dtype, x[0])
-            case _ if (operation := _RENAMED.get(name, name)) in semantics.MEANING:
-                return b.emit(operation, dtype, *x)
+            case _ if name in _RENAMED or name in semantics.MEANING:
+                return b.emit(_RENAMED.get(name, name), dtype, *x)
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(

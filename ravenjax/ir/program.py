@@ -33,7 +33,6 @@ class Program:
     inputs: tuple[str, ...]  # types
     outputs: tuple[int, ...]
     tables: tuple[tuple[str, int], ...] = ()  # types and lengths
-    origins: tuple[str, ...] = ()  # source of each operation, if requested
 
     @property
     def reads(self) -> dict[int, int]:

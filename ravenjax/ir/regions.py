@@ -35,10 +35,7 @@ def flatten_regions(arranged: Iterable[int | Region]) -> Iterator[int]:
 
 
 def arrange_regions(
-    operations: Sequence[Operation],
-    order: Sequence[int],
-    results: Sequence[int],
-    least: int = LEAST,
+    operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ) -> list[int | Region]:
     """Return `order`, a valid order, with each region in one piece before it is first read.
 
@@ -66,7 +63,7 @@ def arrange_regions(
                     ready[member] = None
             missing.difference_update(ready)
             read = tuple(member for member in ready if not ready.keys() >= {*readers[member]})
-            arranged += ready if len(ready) < least else [Region(condition, tuple(ready), read)]
+            arranged += ready if len(ready) < LEAST else [Region(condition, tuple(ready), read)]
         missing.discard(i)
         arranged.append(i)
     return arranged

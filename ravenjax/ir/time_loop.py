@@ -50,11 +50,6 @@ class TimeLoop:
         """Indices of the inputs of a tick, from 0; the first is the tick's number."""
         return range(len(self.step.inputs) - self.lane_inputs - self.states)
 
-    @property
-    def state_types(self) -> tuple[str, ...]:
-        """Types of the numbers of the state."""
-        return self.step.inputs[self.lane_inputs : self.lane_inputs + self.states]
-
 
 @dataclasses.dataclass(frozen=True)
 class Split:

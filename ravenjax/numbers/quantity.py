@@ -12,14 +12,15 @@ parameter may make the robot as bad as a campaign wants it.
 import dataclasses
 import functools
 import sys
-import tomllib
 import types
 import typing
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+from ravenjax.bundled import resources
+
 Record = TypeVar("Record")
+_read_tables = functools.cache(resources.read_tables)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,16 +61,11 @@ class Reserved:
 
 def describe_fields(record: type[Record]) -> type[Record]:
     """Annotate a record's fields from its table in quantities.toml beside its module."""
-    path = Path(str(sys.modules[record.__module__].__file__)).with_name("quantities.toml")
-    for name, rows in _tables(path)[record.__name__].items():
+    tables = _read_tables(str(sys.modules[record.__module__].__file__), "quantities.toml")
+    for name, rows in tables[record.__name__].items():
         notes = tuple(map(_note, rows if isinstance(rows, list) else [rows]))
         record.__annotations__[name] = Annotated[record.__annotations__[name], notes]
     return record
-
-
-@functools.cache
-def _tables(path: Path) -> dict[str, Any]:
-    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def _note(row: dict[str, Any]) -> Quantity | Reserved:

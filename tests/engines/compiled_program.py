@@ -55,7 +55,7 @@ def printed(program: Program, width: int, features) -> tuple[str, BufferLayout]:
         i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"
     }
     results = list(zip(program.outputs, outputs.places("%out"), strict=True))
-    printer.run(program, program.needed(), sources, results, "%tables")
+    printer.run(program, program.needed(), sources, results)
     body = "\n".join(printer.lines)
     text = f"define void @f(ptr %in, ptr %out, ptr %tables) {{\n{body}\nret void\n}}\n" + "\n".join(
         printer.declared

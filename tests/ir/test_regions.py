@@ -2,6 +2,8 @@
 changes no bit.
 """
 
+from unittest import mock
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,9 +12,9 @@ from compiled_program import same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.lanes import Lanes
-from ravenjax.ir import lowering, semantics
+from ravenjax.ir import lowering, regions, semantics
 from ravenjax.ir.builder import Builder, contract_to_fma
 from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
 from ravenjax.ir.time_loop import TimeLoop
@@ -63,8 +65,9 @@ def test_passing_by_changes_no_bit(width):
     limit = rng.uniform(0.0, 1.0, lanes).astype(np.float32)
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
-    found = VectorCode(loop, 0, False, width).run(
-        Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
+    found = VectorCode(loop, 0, False, width).follow(
+        Lanes([limit], given, np.zeros(0, np.float32), out),
+        LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS)),
     )
     state = semantics.run_program(loop.begin, [limit])
     for now in range(TICKS):
@@ -95,7 +98,8 @@ def test_any_program_can_be_arranged(choices, data):
             numbers.append(builder.emit("rarely", "float32", p, x, y))
     program = builder.program(data.draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=4)))
     order = [i for i in program.needed() if program.operations[i].name != "input"]
-    found = arrange_regions(program.operations, order, program.outputs, 1)
+    with mock.patch.object(regions, "LEAST", 1):
+        found = arrange_regions(program.operations, order, program.outputs)
     every = list(flatten_regions(found))
     assert sorted(every) == order
     place = {i: k for k, i in enumerate(every)}

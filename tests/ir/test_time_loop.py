@@ -8,7 +8,7 @@ from compiled_program import same_bits
 from small_loop import TABLE, in_numpy, loop
 
 from ravenjax.engines.cpu import kernel
-from ravenjax.engines.cpu.code import VectorCode
+from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.lanes import Lanes
 
 TICKS = 1003  # not a multiple of the chunk
@@ -30,7 +30,8 @@ def test_vector_code_runs_the_loop(width, grouped):
     out = np.zeros((TICKS, 2, lanes), np.float32)
     done = []
     code = VectorCode(found, 1, grouped, width)
-    results = code.run(Lanes([gain, kick], given, TABLE, out), TICKS, done.append)
+    course = LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS))
+    results = code.follow(Lanes([gain, kick], given, TABLE, out), course, done.append)
     expected, expected_out = in_numpy(found, gain, kick, given[:, 0], TICKS)
     assert sum(done) == TICKS * lanes
     same_bits(out, expected_out)
@@ -39,10 +40,11 @@ def test_vector_code_runs_the_loop(width, grouped):
 
 
 @pytest.mark.parametrize("window", [1, 3, 200])
-def test_a_schedule_is_an_order_that_can_be_run(window):
+def test_a_schedule_is_an_order_that_can_be_run(window, monkeypatch):
+    monkeypatch.setattr(kernel, "WINDOW", window)
     program = loop().step
     order = program.needed()
-    arranged = kernel.schedule_operations(program.operations, order, window)
+    arranged = kernel.schedule_operations(program.operations, order)
     assert sorted(arranged) == order
     place = {i: k for k, i in enumerate(arranged)}
     assert all(place[o] < place[i] for i in order for o in program.operations[i].operands)

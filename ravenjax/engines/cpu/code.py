@@ -6,6 +6,8 @@ Python runs in between. A Python thread that made each call itself would wait fo
 lock every time. With many threads that takes longer than the computing.
 """
 
+from __future__ import annotations
+
 import ctypes
 import dataclasses
 from collections.abc import Callable
@@ -59,17 +61,11 @@ class LaneGroup:
     """
 
     def __init__(
-        self,
-        kernel: VectorKernel,
-        make_calls: Callable[[int, int], None],
-        lanes: Lanes,
-        vectors: int,
-        rows: int,
-        results: int,
+        self, code: VectorCode, lanes: Lanes, vectors: int, rows: int, results: int
     ) -> None:
         """rows, results: number of rows, and of rows of results, that the memory has room for."""
-        self.kernel, self.lanes = kernel, lanes
-        self._make_calls = make_calls
+        self.lanes, self._make_calls = lanes, code.make_calls
+        kernel = self.kernel = code.kernel
         self._calls: list[tuple[int, ...]] = []
         self._inputs = kernel.inputs.pack(lanes.inputs, vectors)
         self._group_inputs = kernel.group_inputs.pack([column[:1] for column in lanes.inputs], 1)
@@ -178,18 +174,7 @@ class VectorCode:
 
         self.kernel = printed(make)
         self._module = jit.compile_functions(self.kernel.text, FUNCTIONS, objects)
-        self._make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
-
-    @property
-    def outputs(self) -> int:
-        """How many numbers each tick returns."""
-        return self.kernel.outputs
-
-    def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
-        """Run one group from the beginning; return its results, each [lanes]."""
-        size = len(lanes.inputs[0]) if lanes.inputs else self.width
-        begins = np.zeros(size // self.width, np.int64)
-        return self.follow(lanes, LaneCourse(begins, np.full(size, ticks)), progress)
+        self.make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
@@ -204,7 +189,7 @@ class VectorCode:
         for row, (v, end) in enumerate(pairs.tolist()):
             stops[v].append((end, row))
         ends, begins, done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
-        group = LaneGroup(self.kernel, self._make_calls, lanes, vectors, CHUNK, len(pairs))
+        group = LaneGroup(self, lanes, vectors, CHUNK, len(pairs))
         kept = aligned_buffer(len(ends), self.kernel.group_state.bytes)
         kept_at = {end: row_address(kept, row) for row, end in enumerate(ends)}
         if course.trunk is not None:
@@ -246,7 +231,7 @@ class VectorCode:
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
         every = snapshot_spacing(last, len(words) + shared_words)
-        group = LaneGroup(self.kernel, self._make_calls, lanes, 1, every, max(1, len(ends)))
+        group = LaneGroup(self, lanes, 1, every, max(1, len(ends)))
         state, shared = (rows.view(np.uint32)[0] for rows in (group.state, group.group_state))
         snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(words))
         row_of = {end: row for row, end in enumerate(ends.tolist())}

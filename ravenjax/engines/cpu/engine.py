@@ -19,6 +19,7 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
+from ravenjax.numbers import tree
 
 MIN_LANES, MAX_LANES = 256, 1024
 """Least and greatest number of lanes of a block.
@@ -68,7 +69,10 @@ class SimdKernel(traced.PrintedKernel):
     def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
-        return result, self.forms(block, motion).traced.signals_of(out, _from_slots)
+        tick = self.forms(block, motion).traced
+        columns = np.ascontiguousarray(out[:, tick.series :, 0].T)
+        numbers = map(_from_slots, columns, tree.tree_leaves(tick.signals))
+        return result, tree.fill_tree(tick.signals, list(numbers))
 
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
@@ -90,7 +94,7 @@ class SimdKernel(traced.PrintedKernel):
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
         lanes, keep = len(group), self.signals or block.reference is None
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
-        out = np.zeros((ticks if keep else 0, code.outputs, lanes), dtype)
+        out = np.zeros((ticks if keep else 0, code.kernel.outputs, lanes), dtype)
         outcomes: list[np.ndarray] = []
         for number in range(group.max() + 1):
             mine = np.flatnonzero(group == number)

@@ -10,7 +10,7 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from ravenjax.engines.trace_key import Objects, load_or_compile
+from ravenjax.engines.trace_key import Objects, hash_values, load_or_make
 from ravenjax.errors import UserError
 
 _OPTIMISATION = 1
@@ -95,8 +95,8 @@ def compile_functions(
 ) -> HostModule:
     """Compile functions `names` of a module's text, or load them from `objects`."""
     target = host_target()
-    source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
-    return HostModule(load_or_compile(objects, source, lambda: emit_object(text, target)), names)
+    key = hash_values(llvmlite.__version__, target.cpu, target.text, _OPTIONS, _OPTIMISATION, text)
+    return HostModule(load_or_make(objects, key, lambda: emit_object(text, target)), names)
 
 
 def emit_object(text: str, target: Host) -> bytes:

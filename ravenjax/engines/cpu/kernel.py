@@ -15,28 +15,21 @@ import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence
 
-from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeat_lines
+from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, TEXTS, LlvmPrinter, repeat_lines
 from ravenjax.engines.cpu.memory import BufferLayout, Place
-from ravenjax.engines.printing import render_template
-from ravenjax.ir.program import Operation, Program
-from ravenjax.ir.regions import Region, arrange_regions
+from ravenjax.engines.printing import LoopPrinting, render_template
+from ravenjax.ir.program import Operation
+from ravenjax.ir.regions import Region
 from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
 """Operations, counted from the earliest that is not placed yet, among which the next is chosen."""
-LATENCIES = (
-    {"fma": 6, "mul": 6, "add": 5, "sub": 5, "div": 20, "sqrt": 30, "rem": 60}
-    | {"select": 3, "rarely": 3, "neg": 0, "bitcast": 0}
-    | dict.fromkeys(("lt", "le", "eq", "ne", "max", "min", "convert", "truncate"), 6)
-    | dict.fromkeys(("round", "floor", "ceil"), 6)
-)
-"""Cycles until the result of a 512-bit operation is available, with its loads and stores; of other
-operations 2.
-"""
+LATENCIES: dict[str, int] = TEXTS["latencies"]
+"""Cycles until an operation's result is available; of other operations 2."""
 
 
 def schedule_operations(
-    operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
+    operations: Sequence[Operation], arranged: Iterable[int | Region]
 ) -> list[int | Region]:
     """Reorder operations between regions and within each, in a valid order; one operation begins
     each cycle.
@@ -51,17 +44,15 @@ def schedule_operations(
     between: list[int] = []
     for item in arranged:
         if isinstance(item, Region):
-            out += _straight(operations, between, window)
-            out.append(item._replace(operations=_straight(operations, item.operations, window)))
+            out += _straight(operations, between)
+            out.append(item._replace(operations=_straight(operations, item.operations)))
             between = []
         else:
             between.append(item)
-    return out + list(_straight(operations, between, window))
+    return out + list(_straight(operations, between))
 
 
-def _straight(
-    operations: Sequence[Operation], order: Sequence[int], window: int
-) -> tuple[int, ...]:
+def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
     """Order operations: of those whose operands have begun, take the first in the window that need
     not wait.
 
@@ -84,7 +75,7 @@ def _straight(
     result: list[int] = []
     now = inside = 0
     while len(result) < len(order):
-        while inside < min(len(result) + window, len(order)):
+        while inside < min(len(result) + WINDOW, len(order)):
             if not missing[inside]:
                 candidates.append(inside)
             inside += 1
@@ -104,18 +95,7 @@ def _straight(
     return tuple(result)
 
 
-_RUN = "ptr %tables, ptr %in0, i64 %in_stride, i64 %in_step, ptr %row0"
-PARAMETERS = {
-    "shared_begin": "ptr %inputs, ptr %state",
-    "shared_run": f"ptr %inputs, ptr %state, {_RUN}, i32 %first, i64 %count",
-    "lane_begin": "ptr %inputs, ptr %state, ptr %held",
-    "lane_run": (
-        f"ptr %inputs, ptr %held, ptr %state, {_RUN}, ptr %out0, i64 %out_stride, i64 %out_step,"
-        " i64 %count"
-    ),
-    "lane_finish": "ptr %inputs, ptr %state, ptr %group, ptr %results",
-    "copy_bytes": "ptr %to, ptr %from, i64 %count",
-}
+PARAMETERS: dict[str, str] = TEXTS["parameters"]
 """Functions that can be called, and their parameters. Strides and steps are in bytes."""
 ARGUMENTS = {
     name: [parameter.split()[0] for parameter in parameters.split(", ")]
@@ -147,12 +127,12 @@ def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKe
     return _LlvmModule(split, width, features).kernel()
 
 
-class _LlvmModule:
+class _LlvmModule(LoopPrinting[Place]):
     def __init__(self, split: Split, width: int, features: frozenset[str]) -> None:
-        self.split, self.width, self.features = split, width, features
-        loop = split.loop
-        self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
-        types = loop.state_types
+        super().__init__(split)
+        self.width, self.features = width, features
+        first = split.loop.lane_inputs
+        types = self.step.inputs[first : first + split.loop.states]
         self.lane_state = (*split.lane_state, *split.held_state)
 
         step, results = self.step.operations, self.finish.operations
@@ -169,7 +149,7 @@ class _LlvmModule:
             prologue=layout(step[i].dtype for i in split.prologue_results),
             row=layout((step[i].dtype for i in split.row), 1),
             results=layout(results[i].dtype for i in self.finish.outputs),
-            outputs=len(self.step.outputs) - loop.states,
+            outputs=len(self.outputs),
         )
         self.declared: set[str] = set()
         self.functions: list[str] = []
@@ -188,13 +168,6 @@ class _LlvmModule:
         return dataclasses.replace(self.buffers, text="\n".join(lines))
 
     # --- addresses of inputs ---
-
-    def _sources(
-        self, program: Program, inputs: list[Place], state: dict[int, Place]
-    ) -> dict[int, Place]:
-        first = len(inputs)
-        places = dict(enumerate(inputs)) | {first + k: place for k, place in state.items()}
-        return {i: places[k] for i, k in program.reads.items() if k in places}
 
     def _lane_places(self) -> dict[int, Place]:
         return _places(self.lane_state, self.buffers.state, "%state")
@@ -218,76 +191,65 @@ class _LlvmModule:
 
     def _shared_begin(self) -> None:
         printer = LlvmPrinter(1, self.features)
-        sources = self._sources(self.begin, self.buffers.group_inputs.places("%inputs"), {})
-        results = [(self.begin.outputs[k], place) for k, place in self._group_places().items()]
-        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        inputs = self.buffers.group_inputs.places("%inputs")
+        self.print_begin(printer, inputs, self._group_places())
         self._function("shared_begin", printer)
 
     def _shared_run(self) -> None:
         printer = LlvmPrinter(1, self.features, "again")
-        split, step = self.split, self.step
-        state = self._group_places()
-        sources = self._sources(step, self.buffers.group_inputs.places("%inputs"), state)
+        split, buffers, state = self.split, self.buffers, self._group_places()
+        sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
         tick_values = self._of_this_tick(printer, sources, shared=True)
-        results = [(step.outputs[k], place) for k, place in state.items()]
-        results += _places(split.row, self.buffers.row, "%row").items()
-        order = arrange_regions(step.operations, split.shared, [i for i, _ in results])
-        printer.run(step, order, sources, results, "%tables", tick_values)
-        steps = {"in": "%in_stride", "row": str(self.buffers.row.bytes)}
-        self._loop("shared_run", printer, steps)
+        row = _places(split.row, buffers.row, "%row").items()
+        self.print_step(printer, split.shared, sources, state, row, tick_values)
+        self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
     def _of_this_tick(
         self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
     ) -> dict[int, str]:
         """Add the sources of the tick's inputs; return the tick's number, which is a value."""
-        first = self.split.loop.lane_inputs + self.split.loop.states
         tick_values: dict[int, str] = {}
-        for i, k in self.step.reads.items():
-            if k == first and shared:
+        for i, k in self.tick_reads.items():
+            if k:
+                offset = printer.op(f"mul i64 %in_step, {k - 1}")
+                sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
+            elif shared:
                 now = printer.op("trunc i64 %tick to i32")
                 tick_values[i] = printer.op(f"add i32 %first, {now}")
-            elif k > first:
-                offset = printer.op(f"mul i64 %in_step, {k - first - 1}")
-                sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
         return tick_values
 
     def _lane_begin(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_places()
-        sources = self._sources(self.begin, inputs, {})
-        results = [(self.begin.outputs[k], place) for k, place in state.items()]
-        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        self.print_begin(printer, inputs, state)
         held = _places(self.split.prologue_results, self.buffers.prologue, "%held")
-        sources = self._sources(self.step, inputs, state)
+        sources = self.sources(self.step, inputs, state)
         printer.run(self.step, self.split.prologue, sources, list(held.items()))
         self._function("lane_begin", printer)
 
     def _lane_run(self) -> None:
         printer = LlvmPrinter(self.width, self.features, "again")
-        split, step, buffers = self.split, self.step, self.buffers
-        state = self._lane_places()
-        sources = self._sources(step, buffers.inputs.places("%inputs"), state)
+        split, buffers, state = self.split, self.buffers, self._lane_places()
+        sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)
         self._of_this_tick(printer, sources, shared=False)
         sources |= _places(split.prologue_results, buffers.prologue, "%held")
         sources |= _places(split.row, buffers.row, "%row", splat=True)
-        results = [(step.outputs[k], state[k]) for k in split.lane_state]
-        for k, i in enumerate(step.outputs[split.loop.states :]):
+        leaving = []
+        for k, i in enumerate(self.outputs):
             offset = printer.op(f"mul i64 %out_step, {k}")
-            results.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        order = schedule_operations(
-            step.operations, arrange_regions(step.operations, split.lane, [i for i, _ in results])
+            leaving.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
+        changed = {k: state[k] for k in split.lane_state}
+        self.print_step(
+            printer, split.lane, sources, changed, leaving, schedule=schedule_operations
         )
-        printer.run(step, order, sources, results, "%tables")
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
 
     def _lane_finish(self) -> None:
-        printer = LlvmPrinter(self.width, self.features)
+        printer, buffers = LlvmPrinter(self.width, self.features), self.buffers
         state = self._lane_places() | self._group_places("%group", splat=True)
-        sources = self._sources(self.finish, self.buffers.inputs.places("%inputs"), state)
-        # Two results may be the same operation.
-        results = zip(self.finish.outputs, self.buffers.results.places("%results"), strict=True)
-        printer.run(self.finish, self.finish.needed(), sources, list(results))
+        results = buffers.results.places("%results")
+        self.print_finish(printer, buffers.inputs.places("%inputs"), state, results)
         self._function("lane_finish", printer)
 
 

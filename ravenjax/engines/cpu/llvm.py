@@ -13,31 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program, from_bits
 from ravenjax.ir.semantics import LIBRARY
 
-_STORED = {
-    "float32": "float",
-    "float64": "double",
-    "int32": "i32",
-    "uint32": "i32",
-    "int64": "i64",
-    "uint64": "i64",
-    "bool": "i32",
-}
-_TYPES = {**_STORED, "bool": "i1"}
-_PLAIN = ("add", "sub", "mul", "and", "or", "xor")
-_COMPARED = {
-    "eq": ("oeq", "eq", "eq"),
-    "ne": ("une", "ne", "ne"),
-    "lt": ("olt", "slt", "ult"),
-    "le": ("ole", "sle", "ule"),
-}
-_ROUNDED = {"floor": "floor", "ceil": "ceil", "round": "rint", "sqrt": "sqrt", "abs": "fabs"}
-_SHIFTED = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
+TEXTS = resources.read_tables(__file__, "llvm.toml")
+_STORED, _KINDS = TEXTS["stored"], TEXTS["kinds"]
+_TYPES: dict[str, str] = {**_STORED, "bool": "i1"}
 
 
 class LlvmPrinter(Printing[Place]):
@@ -51,10 +36,10 @@ class LlvmPrinter(Printing[Place]):
 
     # --- a program ---
 
-    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+    def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         name, dtype, operands, detail = program.operations[i]
         if name == "lookup":
-            return self._lookup(program, detail, inputs[0], tables)
+            return self._lookup(program, detail, inputs[0])
         if name in ("select", "rarely"):
             logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if logic and dtype in ("int32", "uint32") and self.width > 1:
@@ -170,27 +155,22 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"bitcast {real} {self.select('float32', inputs[0], *sides)} to {wide}")
 
     def _computed(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
-        real = dtype.startswith("float")
-        wide = self.type(dtype)
-        if name in _PLAIN:
-            return self.op(f"{'f' if real else ''}{name} {wide} {', '.join(x)}")
-        if name in _COMPARED:
-            return self._compared(name, source, x)
+        real, kind, wide = dtype.startswith("float"), _KINDS[source], self.type(dtype)
+        if instruction := TEXTS["instructions"][kind].get(name):
+            return self.op(f"{instruction} {self.type(source)} {', '.join(x)}")
+        if function := TEXTS["intrinsics"][kind].get(name):
+            return self.intrinsic(function, dtype, *x)
         if name == "not":
             return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, -1)}")
         if name == "bitcast":
             if not real and not source.startswith("float"):
                 return x[0]
             return self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
-        if real and name in _ROUNDED:
-            return self.intrinsic(_ROUNDED[name], dtype, x[0])
-        if name in _SHIFTED:
+        if name in TEXTS["shifts"]:
             return self._shifted(name, dtype, x, known[1])
         if name in LIBRARY and self.width == 1:
             return self._library(name, dtype, x)
         match name:
-            case "div" if real:
-                return self.op(f"fdiv {wide} {', '.join(x)}")
             case "div" | "rem" if not real and stored_size(dtype) == 4:
                 return self._divided(name, dtype, x)
             case "fma" if not self.features & FUSED:
@@ -200,22 +180,18 @@ class LlvmPrinter(Printing[Place]):
             case "fma":
                 return self.intrinsic("fma", dtype, *x)
             case "neg":
-                zero = "" if real else f"{self._constant(dtype, 0)}, "
-                return self.op(f"{'fneg' if real else 'sub'} {wide} {zero}{x[0]}")
+                return self.op(f"sub {wide} {self._constant(dtype, 0)}, {x[0]}")
             case "abs":
                 return self.call(
                     wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false")
                 )
-            case "max" | "min" if real:
+            case "max" | "min":
                 ahead = self.op(f"fcmp o{'gt' if name == 'max' else 'lt'} {wide} {', '.join(x)}")
                 best = self.select(dtype, ahead, *x)
                 if known[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
                 return self.select(dtype, unknown, x[0], best)
-            case "max" | "min":
-                kind = "s" if _signed(dtype) else "u"
-                return self.intrinsic(f"{kind}{name}", dtype, *x)
             case "convert":
                 return self._converted(dtype, source, x[0])
             case "truncate":
@@ -226,35 +202,27 @@ class LlvmPrinter(Printing[Place]):
         scalar = {"float": "f32", "double": "f64"}.get(_TYPES[dtype], _TYPES[dtype])
         return scalar if self.width == 1 else f"v{self.width}{scalar}"
 
-    def _compared(self, name: str, source: str, x: list[str]) -> str:
-        real, signed, unsigned = _COMPARED[name]
-        if source.startswith("float"):
-            return self.op(f"fcmp {real} {self.type(source)} {', '.join(x)}")
-        return self.op(
-            f"icmp {signed if _signed(source) else unsigned} {self.type(source)} {', '.join(x)}"
-        )
-
     def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
-        wide, bits = self.type(dtype), stored_size(dtype) * 8
-        by = x[1]
+        by, bits = x[1], stored_size(dtype) * 8
+        instruction = f"{TEXTS['shifts'][name]} {self.type(dtype)} {x[0]}"
         if name == "sar":
             by = self.intrinsic("umin", dtype, by, self._constant(dtype, bits - 1))
-            return self.op(f"ashr {wide} {x[0]}, {by}")
-        # The shift is within the width; otherwise `simplify` would have removed it.
-        if constant:
-            return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
+        # A constant shift is within the width; otherwise `simplify` would have removed it.
+        if name == "sar" or constant:
+            return self.op(f"{instruction}, {by}")
+        wide = self.type(dtype)
         inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
         amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
-        moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {amount}")
+        moved = self.op(f"{instruction}, {amount}")
         return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
         """Divide 32-bit integers exactly through float64: vectors of CPUs have no division."""
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
-        signed = "s" if dtype == "int32" else "u"
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
         by = self.select(dtype, none, self._constant(dtype, 1), x[1])
-        a, b = (self.op(f"{signed}itofp {wide} {operand} to {double}") for operand in (x[0], by))
+        convert = f"{_KINDS[dtype][0]}itofp {wide}"
+        a, b = (self.op(f"{convert} {operand} to {double}") for operand in (x[0], by))
         exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
         quotient = self.op(f"trunc {long} {exact} to {wide}")
         if name == "rem":
@@ -266,13 +234,13 @@ class LlvmPrinter(Printing[Place]):
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")
         if dtype.startswith("float"):
-            return self.op(f"{'s' if _signed(source) else 'u'}itofp {before} {x} to {wide}")
+            return self.op(f"{_KINDS[source][0]}itofp {before} {x} to {wide}")
         if not source.startswith("float"):
             return self._resized(dtype, source, x)
         if dtype != "int32":
             suffix = f"{self._suffix(dtype)}.{self._suffix(source)}"
-            kind = "si" if _signed(dtype) else "ui"
-            return self.call(wide, f"llvm.fpto{kind}.sat.{suffix}", (before, x))
+            name = f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}"
+            return self.call(wide, name, (before, x))
         # Right except for NaN and values that are too large.
         best = self._truncated(source, x)
         for condition, value in (
@@ -287,7 +255,7 @@ class LlvmPrinter(Printing[Place]):
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
             return x
-        name = "trunc" if size < before else "sext" if _signed(source) else "zext"
+        name = "trunc" if size < before else "sext" if _KINDS[source] == "signed" else "zext"
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _library(self, name: str, dtype: str, x: list[str]) -> str:
@@ -300,23 +268,19 @@ class LlvmPrinter(Printing[Place]):
     def _truncated(self, source: str, x: str) -> str:
         """Convert as C's `(int)x` on x86 does, in one instruction there."""
         wide, before = self.type("int32"), self.type(source)
-        if source == "float32" and self.width == 16 and "avx512f" in self.features:
-            arguments = ((before, x), (wide, "zeroinitializer"), ("i16", "-1"), ("i32", "4"))
-            return self.call(wide, "llvm.x86.avx512.mask.cvttps2dq.512", *arguments)
-        if source == "float32" and self.width == 8 and "avx" in self.features:
-            return self.call(wide, "llvm.x86.avx.cvtt.ps2dq.256", (before, x))
-        if source == "float32" and self.width == 4 and "sse2" in self.features:
-            return self.call(wide, "llvm.x86.sse2.cvttps2dq", (before, x))
+        form = TEXTS["truncations"].get(str(self.width))
+        if source == "float32" and form and form["feature"] in self.features:
+            return self.call(wide, f"llvm.x86.{form['function']}", (before, x), *form["more"])
         suffix = f"{self._suffix('int32')}.{self._suffix(source)}"
         near = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.select("int32", fits, near, self._constant("int32", -(2**31)))
 
-    def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
+    def _lookup(self, program: Program, table: int, index: str) -> str:
         """Return one number of a table. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
         offset = sum(stored_size(kind) * length for kind, length in program.tables[:table])
-        start, scalar = self.address(Place(tables, offset)), _STORED[dtype]
+        start, scalar = self.address(Place("%tables", offset)), _STORED[dtype]
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
             return self.op(f"load {scalar}, ptr {at}, align {stored_size(dtype)}")
@@ -359,7 +323,3 @@ def repeat_lines(
         f"define void @{name}({parameters}){attributes} {{\nentry:\n  br label %again\n"
         f"again:\n{body}end:\n  ret void\n}}\n"
     )
-
-
-def _signed(dtype: str) -> bool:
-    return dtype.startswith("int")

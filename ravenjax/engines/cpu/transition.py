@@ -223,5 +223,5 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     regions = schedule_operations(
         program.operations, arrange_regions(program.operations, order, program.outputs)
     )
-    printer.run(program, regions, sources, results, "%tables")
+    printer.run(program, regions, sources, results)
     return printer

@@ -79,10 +79,6 @@ class CudaCode:
         names += ("lane_begin", "lane_branch", "lane_finish", "lane_snapshot")
         self.functions = {name: module.function(name) for name in names}
 
-    def whole(self, places: Places, ticks: int) -> BlockCourse:
-        """Return the course of every lane from the first tick to before tick `ticks`."""
-        return plan_course(places, self.form.threads, np.full(len(places.thread), ticks))
-
     def follow(
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
@@ -96,7 +92,8 @@ class CudaCode:
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
         """Return the snapshots of a golden run before tick `last`; all lanes are that run."""
-        course = self.whole(places, max(last, 1))
+        ends = np.full(len(places.thread), max(last, 1))
+        course = plan_course(places, self.form.threads, ends)
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, EVERY).trunk()
 

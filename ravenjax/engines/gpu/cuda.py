@@ -6,22 +6,19 @@ devices give the same bits, except for the payload of a NaN. Numbers have 32 bit
 float64.
 """
 
-import tomllib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program, from_bits
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """Options of the compiler that keep each operation's rounding."""
 
-_TEXTS: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("cuda.toml").read_text(encoding="utf-8")
-)
+_TEXTS = resources.read_tables(__file__, "cuda.toml")
 _TYPES = _TEXTS["types"]
 
 
@@ -59,12 +56,12 @@ class CudaPrinter(Printing[str]):
     def _store(self, dtype: str, value: str, place: str) -> None:
         self.line(f"{place} = {_TEXTS['words'][dtype][1].format(value)};")
 
-    def _operation(self, program: Program, i: int, inputs: list[str], tables: str) -> str:
+    def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         name, dtype, operands, detail = program.operations[i]
         first = program.operations[operands[0]]
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
-            return self._load(dtype, f"__ldg({tables} + {start} + {inputs[0]})")
+            return self._load(dtype, f"__ldg(tables + {start} + {inputs[0]})")
         literal = from_bits(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
         return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))

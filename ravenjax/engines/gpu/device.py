@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.trace_key import Objects, load_or_compile
+from ravenjax.engines.trace_key import Objects, hash_values, load_or_make
 from ravenjax.errors import UserError
 
 INSTALL = "pip install 'ravenjax[cuda]'"
@@ -113,8 +113,8 @@ def compile_cubin(
     """Compile a module's text, or load it from `objects`. Raises UserError and RuntimeError."""
     nvrtc, version = _compiler_for(architecture)
     flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
-    source = str(version), *flags, text
-    return load_or_compile(objects, source, lambda: _compiled(nvrtc, text, flags))
+    key = hash_values(version, flags, text)
+    return load_or_make(objects, key, lambda: _compiled(nvrtc, text, flags))
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:

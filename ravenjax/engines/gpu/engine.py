@@ -54,7 +54,8 @@ class CudaKernel(traced.PrintedKernel):
         first = next(_KERNELS) % len(devices)
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
-        self.branches = lanes_per_wave(devices)
+        # As many lanes as run at once on all devices.
+        self.branches = sum(one.multiprocessors * form_for(one).threads for one in devices)
 
     def size(self, rows: int) -> int:
         """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
@@ -133,11 +134,6 @@ class CudaKernel(traced.PrintedKernel):
             return CudaCode(loop, shared, grouped, device, form, self.objects, printed)
 
         return forms.code(("cuda", grouped, device), make)
-
-
-def lanes_per_wave(devices: tuple[Device, ...]) -> int:
-    """Return the number of lanes that run at once on all devices."""
-    return sum(device.multiprocessors * form_for(device).threads for device in devices)
 
 
 def _repeated(block: Block, ends: np.ndarray) -> Block:

@@ -26,9 +26,7 @@ import dataclasses
 from typing import Any
 
 from ravenjax.engines.gpu.cuda import CudaPrinter
-from ravenjax.engines.printing import render_template
-from ravenjax.ir.program import Program
-from ravenjax.ir.regions import arrange_regions
+from ravenjax.engines.printing import LoopPrinting, render_template
 from ravenjax.ir.time_loop import Split
 
 WARP = 32
@@ -78,14 +76,11 @@ def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
     return _CudaModule(split, form, given_by_group).source()
 
 
-class _CudaModule:
+class _CudaModule(LoopPrinting[str]):
     def __init__(self, split: Split, form: Form, given_by_group: bool) -> None:
-        loop = split.loop
-        self.split, self.form, self.given_by_group = split, form, given_by_group
-        self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
-        self.inputs, self.states = loop.lane_inputs, loop.states
-        self.tick_inputs = len(loop.tick_inputs) - 1
-        self.outputs = loop.step.outputs[loop.states :]
+        super().__init__(split)
+        self.form, self.given_by_group = form, given_by_group
+        self.inputs, self.tick_inputs = split.loop.lane_inputs, len(split.loop.tick_inputs) - 1
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
         self.row = -(-len(self.in_row) // VECTOR) * VECTOR
@@ -131,17 +126,13 @@ class _CudaModule:
 
     # --- words ---
 
-    def _words(self, program: Program, inputs: str, state: dict[int, str]) -> dict[int, str]:
-        places = {k: inputs.format(k) for k in range(self.inputs)}
-        places |= {self.inputs + k: word for k, word in state.items()}
-        return {i: places[k] for i, k in program.reads.items() if k in places}
+    def _inputs(self, template: str) -> list[str]:
+        return [template.format(k) for k in range(self.inputs)]
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Return the words of a tick's inputs, and the text of the tick's number."""
-        first = self.inputs + self.states
-        at = {i: k - first for i, k in self.step.reads.items()}
-        words = {i: template.format(k - 1) for i, k in at.items() if k > 0}
-        return words, {i: "now" for i, k in at.items() if k == 0}
+        words = {i: template.format(k - 1) for i, k in self.tick_reads.items() if k}
+        return words, {i: "now" for i, k in self.tick_reads.items() if not k}
 
     @staticmethod
     def _of_lane(name: str) -> str:
@@ -199,43 +190,31 @@ class _CudaModule:
 
     # --- statements of kernels ---
 
-    def _statements(
-        self, program: Program, sources: dict[int, str], results: list[tuple[int, str]]
-    ) -> str:
-        printer = CudaPrinter()
-        printer.run(program, program.needed(i for i, _ in results), sources, results)
-        return printer.text()
-
     def _shared_begin(self) -> str:
-        results = [
-            (self.begin.outputs[k], f"state[{position}]")
-            for position, k in enumerate(self.split.shared_state)
-        ]
-        return self._statements(self.begin, self._words(self.begin, "inputs[{}]", {}), results)
+        printer = CudaPrinter()
+        state = {k: f"state[{position}]" for position, k in enumerate(self.split.shared_state)}
+        self.print_begin(printer, self._inputs("inputs[{}]"), state)
+        return printer.text()
 
     def _shared_run(self) -> str:
         printer = CudaPrinter("    ")
-        step, split = self.step, self.split
-        state = {k: f"s{position}" for position, k in enumerate(split.shared_state)}
+        state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         words, tick_values = self._of_this_tick(f"given[(size_t)tick * {self.tick_inputs} + {{}}]")
-        sources = self._words(step, "inputs[{}]", state) | words
-        results = [(step.outputs[k], word) for k, word in state.items()]
-        results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
-        order = arrange_regions(step.operations, split.shared, [i for i, _ in results])
-        printer.run(step, order, sources, results, "tables", tick_values)
+        sources = self.sources(self.step, self._inputs("inputs[{}]"), state) | words
+        row = [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
+        self.print_step(printer, self.split.shared, sources, state, row, tick_values)
         return printer.text()
 
     def _lane_begin(self) -> str:
-        results = [
-            (self.begin.outputs[k], self._stored(place)) for place, k in enumerate(self.lane_state)
-        ]
-        sources = self._words(self.begin, self._of_lane("inputs"), {})
-        return self._statements(self.begin, sources, results)
+        printer = CudaPrinter()
+        state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
+        self.print_begin(printer, self._inputs(self._of_lane("inputs")), state)
+        return printer.text()
 
     def _lane_run(self) -> dict[str, Any]:
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
-        inputs = self._words(step, "in{}", state)
+        inputs = self.sources(step, self._inputs("in{}"), state)
         packed, prologue_words, prologue = self._held(inputs)
 
         printer = CudaPrinter("    ")
@@ -245,10 +224,9 @@ class _CudaModule:
         place = {i: position for position, i in enumerate(self.in_row)}
         rows = {i: f"row[{at // VECTOR}].{'xyzw'[at % VECTOR]}" for i, at in place.items()}
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
-        results = [(step.outputs[k], state[k]) for k in split.lane_state]
-        results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
-        order = arrange_regions(step.operations, split.lane, [i for i, _ in results])
-        printer.run(step, order, sources, results, "tables", tick_values)
+        changed = {k: state[k] for k in split.lane_state}
+        leaving = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
+        self.print_step(printer, split.lane, sources, changed, leaving, tick_values)
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
@@ -281,10 +259,9 @@ class _CudaModule:
         return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
+        printer, saved = CudaPrinter(), self._of_lane("saved")
         state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
-        saved = self._of_lane("saved")
         state |= {k: saved.format(position) for position, k in enumerate(self.saved)}
-        sources = self._words(self.finish, self._of_lane("inputs"), state)
-        template = self._of_lane("results")
-        results = [(i, template.format(place)) for place, i in enumerate(self.finish.outputs)]
-        return self._statements(self.finish, sources, results)
+        results = map(self._of_lane("results").format, range(len(self.finish.outputs)))
+        self.print_finish(printer, self._inputs(self._of_lane("inputs")), state, results)
+        return printer.text()

@@ -102,16 +102,11 @@ _OPTIMISATION = 2
 
 def emit_module(text: str, names: Sequence[str]) -> bytes:
     """Return the module of a text's functions `names`."""
-    defined = re.findall(r"^define [^@]*@(\w+)\(", text, re.MULTILINE)
-    return link_module(compile_module(text), defined, names)
-
-
-def compile_module(text: str) -> bytes:
-    """Compile a text of LLVM IR to a WebAssembly object file."""
     # LLVM's options hold for the whole process and must be set first.
     jit.host_target()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     host, target = jit.Host("generic", FEATURES), llvm.Target.from_triple(TRIPLE)
     machine = target.create_target_machine(host.cpu, host.text, _OPTIMISATION)
-    return jit.emit_for_machine(text, machine)
+    defined = re.findall(r"^define [^@]*@(\w+)\(", text, re.MULTILINE)
+    return link_module(jit.emit_for_machine(text, machine), defined, names)

@@ -13,11 +13,11 @@ import dataclasses
 import functools
 import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
+from ravenjax import threads
 from ravenjax.engines import traced
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.errors import UserError
@@ -81,8 +81,8 @@ def _place(array: Any, axis: int = 0) -> Any:
     return jax.device_put(array, jax.sharding.NamedSharding(mesh, spec))
 
 
-def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
-    """Return the segment function, and the shapes of the state that it passes on.
+def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> Any:
+    """Return the segment function.
 
     segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
@@ -112,10 +112,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         )
         return state, jax.vmap(program.finish)(varied, state), series, signals
 
-    def shapes(varied, lanes):
-        return jax.eval_shape(jax.vmap(program.begin, axis_size=lanes), varied)
-
-    return segment, shapes
+    return segment
 
 
 class ScanKernel:
@@ -129,7 +126,8 @@ class ScanKernel:
         self.dtype = np.dtype(program.setup.precision.real)
         longest = SERIES_BYTES // (lanes * self.series * self.dtype.itemsize)
         self.length = segment_ticks(program.ticks, min(MAX_SEGMENT, longest))
-        self.segment, self.shapes = _segment_function(program, self.length, keep_signals)
+        self.keep_signals = keep_signals
+        self.segment = _segment_function(program, self.length, keep_signals)
         self.compiled: dict[int, Any] = {}
         self._locks = collections.defaultdict(threading.Lock)
 
@@ -152,8 +150,8 @@ class ScanKernel:
                 self._compile(*self._arguments(block, motion))
 
         small = block.picked(np.arange(block.lanes)[: self.size(1)])
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(compile_for, [block] if small.lanes == block.lanes else [block, small]))
+        blocks = [block] if small.lanes == block.lanes else [block, small]
+        threads.map_in_threads(compile_for, blocks, 2)
 
     def _arguments(
         self, block: Block, motion: tuple[np.ndarray, ...]
@@ -161,7 +159,7 @@ class ScanKernel:
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)
-        shapes = self.shapes(varied, lanes)
+        shapes = jax.eval_shape(jax.vmap(self.program.begin, axis_size=lanes), varied)
         state = jax.tree.map(lambda s: _place(np.zeros(s.shape, s.dtype)), shapes)
         ends = tuple(map(_place, traced.own_ends(self.program, block)))
         columns = tuple(jnp.asarray(c) for c in motion)
@@ -187,17 +185,15 @@ class ScanKernel:
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
     ) -> BlockResult:
         """See `interface.Kernel`."""
-        outcomes, series, _ = self._run(block, motion, progress, keep=block.reference is None)
-        return BlockResult(outcomes, series)
+        return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """Run as `run`, and return also every signal of the first lane, each leaf [ticks]."""
-        outcomes, series, signals = self._run(block, motion, None, keep=True)
-        return BlockResult(outcomes, series), signals
+        return self._run(block, motion, None)
 
     def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None, keep: bool
-    ) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    ) -> tuple[BlockResult, Any]:
         ticks = self.program.ticks
         with traced.x64_context(self.program.setup):
             lanes, arguments = self._arguments(block, motion)
@@ -213,7 +209,7 @@ class ScanKernel:
                 state, outcomes, series, signals = compiled(
                     varied, faults, ends, state, jnp.int32(first), reference, columns
                 )
-                if keep:
+                if block.reference is None or self.keep_signals:
                     read = series[:, :, : block.rows or lanes]
                     chunks.append(jax.tree.map(np.asarray, (read, signals)))
                 jax.block_until_ready(outcomes)
@@ -221,9 +217,9 @@ class ScanKernel:
                     progress(min(self.length, ticks - first) * lanes)
         named = {name: np.asarray(value) for name, value in outcomes.items()}
         if not chunks:
-            return named, np.zeros((0, self.series, lanes), self.dtype), ()
+            return BlockResult(named, np.zeros((0, self.series, lanes), self.dtype)), ()
         series, signals = jax.tree.map(lambda *parts: np.concatenate(parts)[:ticks], *chunks)
-        return named, series, signals
+        return BlockResult(named, series), signals
 
 
 @dataclasses.dataclass(frozen=True)

@@ -123,7 +123,7 @@ class DistantRobot:
     def disarm(self) -> None:
         self.remote.order({"order": "disarm"})
 
-    def press(self, row: int, ticks: int = 100) -> None:
+    def press(self, row: int) -> None:
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:

@@ -13,7 +13,7 @@ import ipaddress
 import json
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
@@ -220,13 +220,13 @@ class JointServer:
 class RobotLink(abc.ABC):
     """The connection to one robot."""
 
-    def __init__(
-        self, host: str, itp_port: int, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
+    clock = staticmethod(time.monotonic_ns)
+
+    def __init__(self, host: str, itp_port: int) -> None:
         """Raises UserError if the host has no address."""
         self.report: JointReport | None = None  # the newest report
         self.lost = False  # whether the robot can no longer be heard
-        self._clock, self._arrived_ms = clock, float("-inf")
+        self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._console.connect((host, itp_port))
@@ -258,13 +258,13 @@ class RobotLink(abc.ABC):
     @property
     def stale(self) -> bool:
         """Whether no report has arrived for `STALE_MS`, so that the robot's shown state is old."""
-        return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
+        return self.lost or self.clock() * 1e-6 - self._arrived_ms > STALE_MS
 
     def close(self) -> None:
         self._console.close()
 
     def _arrived(self, report: JointReport) -> None:
-        self.report, self._arrived_ms = report, self._clock() * 1e-6
+        self.report, self._arrived_ms = report, self.clock() * 1e-6
 
 
 class RemoteRobot(RobotLink):
@@ -277,13 +277,12 @@ class RemoteRobot(RobotLink):
         joint_port: int = JOINT_PORT,
         arms: Sequence[ArmName] = (),
         token: str | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """arms: those that the session needs. token: for orders to a robot on another machine.
 
         Raises UserError if no robot answers, or the robot lacks an arm.
         """
-        super().__init__(host, itp_port, clock)
+        super().__init__(host, itp_port)
         self._token = token
         self._resets = 0  # resets that were not answered yet
         # The robot's greeting: its arms, scenario, seed and hazards.

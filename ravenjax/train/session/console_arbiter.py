@@ -11,18 +11,17 @@ with a foot on the pedal may not notice. The operator of a network console gets 
 reason why a pedal does not count is shown on the page and in the terminal.
 """
 
-import tomllib
 from collections import deque
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
+from ravenjax.bundled import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
 NETWORK = ("itp", "crtk")
 """The consoles of `CONSOLES` whose users get the reasons."""
 HOLDS_MS = 50
 """Only a reason that lasts longer than this is reported: a person cannot react to a shorter one."""
-_WORDS = tomllib.loads(Path(__file__).with_name("pedal.toml").read_text(encoding="utf-8"))
+_WORDS = resources.read_tables(__file__, "pedal.toml")
 REASONS: dict[str, str] = _WORDS["reasons"]
 RELEASED: dict[str, str] = _WORDS["released"]
 """Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -137,19 +139,14 @@ def _frame(
     signal: tick.Input,
 ) -> list[Scalar]:
     """Return the numbers of [simulated] in `channels.toml`, then [simulated_arm] of each arm."""
-    active_fault = jnp.bool_(False)
-    for active in out.fault_active:
-        active_fault = active_fault | active
+    active_fault = reduce(operator.or_, out.fault_active, jnp.bool_(False))
     software, observer = out.control, state.monitor
-    pulls = jnp.bool_(False)
-    for cue in out.haptics:
-        pulls = pulls | (cue.force[0] > 0.0)
+    pulls = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
     live = observers.is_live(software.runlevel, state.control.state_machine.soft_estopped)
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
-    trips = jnp.int32(0)
-    for history in run.check_histories(setup, state).values():
-        trips = trips + history.count
+    histories = run.check_histories(setup, state).values()
+    trips = sum((history.count for history in histories), jnp.int32(0))
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `simulation` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]
@@ -298,42 +295,35 @@ class SimulatedRobot:
             self._write(slot, values if slot in used else None)
         for k, values in enumerate(self.blueprint.plan.varied.values()):
             self._own.inputs[k][0] = values[row]
-        self._forget(slots)
         self._realign()
         self._part(True)
 
     def disarm(self) -> None:
         """Remove the faults that `arm` and `press` set."""
-        slots = range(self.blueprint.fault_slots + 1)
-        for slot in slots:
+        for slot in range(self.blueprint.fault_slots + 1):
             self._write(slot, None)
         for k, value in enumerate(self.blueprint.inputs[0]):
             self._own.inputs[k][0] = value
-        self._forget(slots)
         self._realign()
         self._part(False)
 
-    def press(self, row: int, ticks: int = 100) -> None:
-        """Hold the button of this row of the fault table for this number of ticks."""
+    def press(self, row: int) -> None:
+        """Hold the button of this row of the fault table for 100 ms."""
         if not self._apart:
             self._beside.restore(self._own.snapshot())
             self._part(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         slot = self.blueprint.fault_slots
         self._write(
-            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks}
+            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": 100}
         )
-        self._forget([slot])
 
     def _write(self, slot: int, values: Json | None) -> None:
+        """Set a slot's fault, or none, and forget what the slot has done so far."""
         first = self._fault_inputs + slot * len(_FIELDS)
         for k, name in enumerate(_FIELDS):
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
-
-    def _forget(self, slots: Sequence[int] | range) -> None:
-        self._own.restore_leaves(
-            self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
-        )
+        self._own.restore_leaves(self._fresh, self._slots[slot])
 
 
 class EstopHold:

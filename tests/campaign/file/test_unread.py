@@ -28,13 +28,12 @@ def without_influence(ready: plan.Plan) -> set[str]:
     names = tuple(path for path in leaves if not path.startswith("start."))
     varied = [np.full(LANES, leaves[name]) for name in names]
     program = dataclasses.replace(ready.program, varied=names)
-    segment, shapes = scan._segment_function(program, 1, False)
+    segment = scan._segment_function(program, 1, False)
     reference = np.zeros((1, run.series_length(program.setup), LANES), np.float32)
     motion = tuple(np.asarray(column) for column in ready.columns)
     faults = ready.lanes([0], LANES)[1]
-    traced = jax.make_jaxpr(segment)(
-        varied, faults, (), shapes(varied, LANES), np.int32(1), reference, motion
-    )
+    state = jax.eval_shape(jax.vmap(program.begin), varied)
+    traced = jax.make_jaxpr(segment)(varied, faults, (), state, np.int32(1), reference, motion)
     _, used = partial_eval.dce_jaxpr(traced.jaxpr, [True] * len(traced.jaxpr.outvars))
     return {path for path, read in zip(names, used, strict=False) if not read}
 

@@ -16,7 +16,7 @@ from ravenjax.engines.gpu import course as cuda_course
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import CudaCode, column_words
-from ravenjax.engines.gpu.course import place_lanes
+from ravenjax.engines.gpu.course import place_lanes, plan_course
 from ravenjax.engines.gpu.kernel import Form
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
@@ -44,7 +44,7 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)
     finished = []
-    course = code.whole(places, ticks)
+    course = plan_course(places, form.threads, np.full(lanes, ticks))
     moved = Lanes([gain, kick], entering, TABLE, out)
     found = code.follow(moved, places, course, finished.append)
 

@@ -76,8 +76,9 @@ def robot():
 
 
 @pytest.fixture
-def session(robot):
-    made = RemoteRobot("127.0.0.1", *robot.ports, arms=GOLD, clock=Clock())
+def session(robot, monkeypatch):
+    monkeypatch.setattr(RemoteRobot, "clock", Clock())
+    made = RemoteRobot("127.0.0.1", *robot.ports, arms=GOLD)
     yield made
     made.close()
 
@@ -87,7 +88,7 @@ def until(done, act=lambda: None):
 
 
 def test_packets_go_out_and_the_newest_report_comes_in_and_grows_old(robot, session):
-    sent, clock = datagram(1, gold=(1, 2, 3)), session._clock
+    sent, clock = datagram(1, gold=(1, 2, 3)), session.clock
     assert session.exchange(sent) is None and session.stale
     assert robot.udp.recv(200) == sent
     for _ in range(3):

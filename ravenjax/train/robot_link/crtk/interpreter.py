@@ -102,9 +102,15 @@ class Setpoint(NamedTuple):
 class SetpointFollower:
     """Computes the increments of one arm."""
 
-    def __init__(self, arm: ArmName, grasp_gain: int = 1) -> None:
+    def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
-        self._gain = grasp_gain
+        self.name: ArmName = arm
+        self.tool, self._gain = tool, grasp_gain
+        self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
+        self.jpos_d = np.zeros(7)  # joints that the software wants
+        # Last goal in joint space, the base of relative goals.
+        self.goal: np.ndarray | None = None
+        self.move: Trajectory | None = None
         self._axes = np.array(ITP_AXES[arm], float)
         self.sum: Setpoint | None = None  # None: the arm does not drive
         self.target: Setpoint | None = None
@@ -351,19 +357,6 @@ class RobotRow(NamedTuple):
     number: int = 0  # number of the row, from 0
 
 
-class _Arm(SetpointFollower):
-    def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
-        super().__init__(arm, grasp_gain)
-        self.name: ArmName = arm
-        self.tool = tool
-        limits = soft_limits(tool)
-        self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
-        self.jpos_d = np.zeros(7)  # joints that the software wants
-        # Last goal in joint space, the base of relative goals.
-        self.goal: np.ndarray | None = None
-        self.move: Trajectory | None = None
-
-
 class Interpreter:
     """The interpreter of one robot."""
 
@@ -382,7 +375,7 @@ class Interpreter:
         """Why messages were not followed. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
-            ARM_NAMES[arm]: _Arm(arm, tool, grasp_gain)
+            ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
         self._published: tuple[str, bool, bool] | None = None  # the state published last
@@ -429,7 +422,7 @@ class Interpreter:
         if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(REASONS["rival"])
 
-    def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
+    def _why_not(self, arm: SetpointFollower, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
         if not self.state.drives or arm.sum is None:
             return "the robot is not enabled"

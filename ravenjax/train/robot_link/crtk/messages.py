@@ -6,14 +6,13 @@ number.
 """
 
 import math
-import tomllib
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.store.logs.ros_types import MessageTypes, Ros
 from ravenjax.train.robot import ArmName
 
@@ -23,7 +22,7 @@ RAVEN_STATE = "raven_2/msg/raven_state"
 
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """Arm names of raven2's own CRTK interface."""
-_TOPICS = tomllib.loads(Path(__file__).with_name("topics.toml").read_text(encoding="utf-8"))
+_TOPICS = resources.read_tables(__file__, "topics.toml")
 _DEFINITIONS = _TOPICS.pop("definitions")
 _KINDS = {name: kind for topics in _TOPICS.values() for name, kind in topics.items()}
 SERVO = tuple(_TOPICS["servo"])
@@ -72,8 +71,8 @@ def message_types(ros: Ros) -> MessageTypes:
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
     """Return position and quaternion of a `PoseStamped`; None if they are not finite or no pose."""
     point, turn = message.pose.position, message.pose.orientation
-    numbers = np.array([point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w])
-    if not np.isfinite(numbers).all() or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
+    numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
+    if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
         return None
     return numbers[:3], numbers[3:]
 

@@ -137,9 +137,6 @@ def _environment() -> dict[str, str]:
     """Return an environment without this Python's own paths. Paths of a sourced ROS stay."""
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     ros = os.pathsep.join(path for path in paths if path.startswith("/opt/ros"))
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in ("PYTHONPATH", "PYTHONHOME")
-    }
-    return environment | {"PYTHONPATH": ros, "PYTHONUNBUFFERED": "1"}
+    environment = {**os.environ, "PYTHONPATH": ros, "PYTHONUNBUFFERED": "1"}
+    environment.pop("PYTHONHOME", None)
+    return environment

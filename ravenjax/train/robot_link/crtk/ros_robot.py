@@ -6,7 +6,6 @@ sent as `state_command`: an E-stop is `disable`, a restart is `home`. Hazards ca
 """
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,13 +41,12 @@ class RosRobot(RobotLink):
         arms: Arms,
         tools: tuple[str, ...],
         transport: Any,
-        clock: Callable[[], int] = time.monotonic_ns,
         say: Say = print,
     ) -> None:
         """tools: one for each arm. transport: has the topics of `topics`. say: receives a message
         if ROS is lost. Raises UserError if the host has no address.
         """
-        super().__init__(host, itp_port, clock)
+        super().__init__(host, itp_port)
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._channels = {

@@ -33,7 +33,7 @@ class Transport:
 
 
 @pytest.mark.parametrize("ros", ["ros1", "ros2"])
-def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
+def test_what_a_robot_tells_over_ros_is_its_joint_report(ros, monkeypatch):
     transport = Transport(ros)
     interpreter = Interpreter(BOTH, ("r_grasper",) * 2, transport.types)
     row = robot_row(2)
@@ -46,9 +46,8 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
         raven.bind(("127.0.0.1", 0))
         lines = []
         address = "127.0.0.1", raven.getsockname()[1]
-        robot = RosRobot(
-            *address, BOTH, ("r_grasper",) * 2, transport, lambda: now[0], lines.append
-        )
+        monkeypatch.setattr(RosRobot, "clock", lambda _: now[0])
+        robot = RosRobot(*address, BOTH, ("r_grasper",) * 2, transport, lines.append)
         assert robot.exchange(bytes(U_STRUCT.itemsize)) is None and robot.stale
         assert len(raven.recv(200)) == U_STRUCT.itemsize
         told = [*interpreter.states(row.stamp_ns), *interpreter.readings(row)]

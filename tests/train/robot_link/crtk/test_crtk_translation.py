@@ -66,7 +66,7 @@ def test_increments_add_up_to_the_target_within_the_limits(arm):
     start = Setpoint(np.array([-78000.4, -24000.0, 14000.0]), Rotation.identity(), 1570.0)
     goal = Rotation.from_rotvec([0.1, -0.2, 0.3])
     target = Setpoint(start.position_um + [4000, -3000, 2500], goal, 1200.0)
-    one = SetpointFollower(arm)
+    one = SetpointFollower(arm, TOOLS[0])
     assert not one.aim(target) and one.step(1.0) == STILL  # pedal up
     one.engage(start)
     assert one.aim(target)
