@@ -169,15 +169,10 @@ def _json(path: Path, record: dict[str, Any]) -> None:
     files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
 
 
-def _header(names: Sequence[str]) -> str:
-    row = " | ".join(name.replace("|", r"\|") for name in names)
-    return f"| {row} |\n|{'---|' * len(names)}"
-
-
 FILTERS = {
     "cell": lambda value: str(value).replace("|", r"\|"),
     "general": "{:g}".format,
-    "header": _header,
+    "header": lambda names: html.markdown_table(names, ()),
     "largest": lambda values, most: np.argsort(-values)[:most],
     "laws": describe_inputs,
     "number": format_number,
