@@ -158,21 +158,8 @@ def check(
     if as_json:
         console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
         return int(shifted)
-    rows = [
-        (
-            row["score"],
-            f"{row['place']:.2f}",
-            f"{row['p']:.2g}",
-            f"{row['adjusted']:.2g}",
-            f"{row['martingale']:.3g}",
-            "shifted" if row["shifted"] else "",
-        )
-        for row in result.to_dict("records")
-    ]
-    columns = ("score", "median place", "p", "p of all", "martingale", "")
-    console.print_tables(
-        [Listing("signals", "Fresh operations among the calibration's", columns, rows)], False
-    )
+    rows = result.to_dict("records")
+    console.print_tables(console.fill_listings("shift.j2", rows=rows), as_json)
     console.print_text(
         f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
         f" {about['alarms']} with an alarm"
@@ -283,7 +270,7 @@ def counterfactual(
             "checks": [row for row in output.candidate_table(found) if row["chosen"]],
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.print_table("", output.COLUMNS, output.set_rows(found))
+    console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
     console.print_text(
         "\n".join([*(f"  {line}" for line in output.check_lines(found)), *sentences])
     )

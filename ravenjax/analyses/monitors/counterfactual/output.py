@@ -121,10 +121,6 @@ def campaign_with_set(one: Counterfactual) -> str:
     )
 
 
-COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
-"""Columns of the table of the set, with each check at the margin of the set."""
-
-
 def finding_sentences(one: Counterfactual) -> list[str]:
     """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
@@ -140,20 +136,6 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
-
-
-def set_rows(one: Counterfactual) -> list[tuple[str, ...]]:
-    """Return the rows of the table of the set, in the order of selection."""
-    return [
-        (
-            one.parts[member.place].name,
-            wording.format_percent(member.sees),
-            wording.format_percent(member.adds),
-            wording.format_number(member.lead_ms),
-            wording.format_count(member.false_alarms),
-        )
-        for member in one.members
-    ]
 
 
 def check_lines(one: Counterfactual) -> list[str]:
