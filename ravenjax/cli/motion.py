@@ -238,7 +238,7 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         for title, part in zip(titles, logged.halves, strict=True)
     ]
     for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
-        console.print_table(rows.title, rows.columns, rows.cells)
+        console.print_table(*rows)
     integrated = [
         unknown.path
         for unknown in calibrated.unknowns

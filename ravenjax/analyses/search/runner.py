@@ -20,7 +20,6 @@ from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.wording import (
     describe_case,
     describe_inputs,
-    format_number,
     group_series,
     short_axis_name,
 )
@@ -175,7 +174,6 @@ FILTERS = {
     "header": lambda names: html.markdown_table(names, ()),
     "largest": lambda values, most: np.argsort(-values)[:most],
     "laws": describe_inputs,
-    "number": format_number,
     "short": short_axis_name,
     "values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
     "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
