@@ -240,7 +240,7 @@ def counterfactual(
         also run the chosen checks as detectors, with another seed of the faults
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
-    from ravenjax.analyses.monitors.counterfactual.candidates import Question
+    from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Question
     from ravenjax.campaign import loading
     from ravenjax.cli import terminal
     from ravenjax.store import files
@@ -271,9 +271,8 @@ def counterfactual(
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
     console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
-    console.print_text(
-        "\n".join([*(f"  {line}" for line in output.check_lines(found)), *sentences])
-    )
+    text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
+    console.print_text("\n".join([text, *sentences]))
     return console.print_written(paths)
 
 

@@ -115,21 +115,11 @@ def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
     one valid.
     """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
-    by_cue = [
-        sum(valid.get((response, verdict.HAZARDS[0], cue), 0) for response in verdict.UNTOLD)
+    motion = verdict.HAZARDS[0]
+    cues = [
+        sum(valid.get((response, motion, cue), 0) for response in verdict.UNTOLD)
         for cue in verdict.CUES
     ]
-    many, of = sum(by_cue), sum(valid.values())
-    harm = f"the instrument moves more than {limit_mm:g} mm off its course"
-    if not any(count for (_, hazard, _), count in valid.items() if hazard == verdict.HAZARDS[0]):
-        return (
-            f"None of {of} runs with a fault moves the instrument more than {limit_mm:g} mm off its"
-            " course, so these runs do not test the checks."
-        )
-    if not many:
-        return (
-            f"None of {of} runs with a fault evades the checks: wherever {harm}, a check raises"
-            " an alarm."
-        )
-    evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
-    return f"{evade}: no check raises an alarm, and {harm}. The cue comes in {by_cue[0]} of these."
+    harmful = sum(count for (_, hazard, _), count in valid.items() if hazard == motion)
+    content = {"valid": sum(valid.values()), "harmful": harmful, "cues": cues}
+    return render_template("evading.j2", limit_mm=limit_mm, **content)
