@@ -19,7 +19,6 @@ import numpy as np
 from scipy.stats import binom
 
 from ravenjax.analyses.monitors import score_folder
-from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.conformal import shift, threshold
 from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores
@@ -51,14 +50,14 @@ def naive_threshold(operations: threshold.OperationScores) -> float:
     return float(np.quantile(operations.score, 1.0 - TARGET.risk, method="higher"))
 
 
-def scores(peaks: Peaks) -> OperationScores:
+def scores(peaks: OperationScores) -> OperationScores:
     """Return the joint score of each operation. Every eighth operator provides the scales and is
     left out.
     """
     learns = peaks.unit % 8 == 0
-    some = peaks.peak[learns]
+    some = peaks.score[learns]
     scale = threshold.signal_scales(some[np.isfinite(some).all(axis=1)][:, :, None])
-    score = threshold.joint_scores(peaks.peak[~learns][:, :, None], scale)
+    score = threshold.joint_scores(peaks.score[~learns][:, :, None], scale)
     return OperationScores(
         peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns]
     )
@@ -116,12 +115,11 @@ def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
     return Coverage(*np.array(rows).T)
 
 
-def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
+def columns(peaks: OperationScores, scale: np.ndarray) -> np.ndarray:
     """Return joint score and each term of the first operation of each operator, [operators, 1 +
     terms].
     """
-    _, first = np.unique(peaks.unit, return_index=True)
-    peak = np.nan_to_num(peaks.peak[first], nan=np.inf)
+    peak = np.nan_to_num(peaks.one_each().score, nan=np.inf)
     return np.column_stack([threshold.joint_scores(peak[:, :, None], scale), peak])
 
 
@@ -177,12 +175,12 @@ def main() -> None:
             f" {high:.2f} | {naive_median:.2f}, {naive_high:.2f} |"
         )
     whole, moved = scores(pools["drawn"]), pools["shifted"]
-    learns = pools["drawn"].unit % 8 == 0
-    scale = threshold.signal_scales(pools["drawn"].peak[learns][:, :, None])
-    same, other = columns(pools["drawn"].taken_from(~learns), scale), columns(moved, scale)
+    unit = pools["drawn"].unit
+    learns = unit % 8 == 0
+    scale = threshold.signal_scales(pools["drawn"].score[learns][:, :, None])
+    same, other = columns(pools["drawn"].taken_from(unit[~learns]), scale), columns(moved, scale)
     limit = threshold.least_threshold(halves(whole)[0], TARGET).value
-    _, first = np.unique(moved.unit, return_index=True)
-    broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.hours[first].sum()))
+    broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.one_each().hours.sum()))
     false, true = shifts(same, None, 1), shifts(same, other, 2)
     print(
         f"\nshift at level {LEVEL:g}, {FRESH_UNITS} fresh operators against {UNITS}: called in"

@@ -14,9 +14,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
-from xml.etree import ElementTree
 
-from ravenjax.document.html import markdown_table
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.report import comparison, wording
 from ravenjax.report.comparison import FolderComparison
@@ -74,18 +72,6 @@ class Gate(NamedTuple):
         """1 if a margin is exceeded, else 2 if one is undecided, else 0."""
         verdicts = {judgement.verdict for judgement in self.judgements}
         return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
-
-    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-        """Return name, columns and rows of two tables: margins, and the runs that changed most."""
-        margins = [
-            (str(one.margin), one.first, one.second, one.measured, one.verdict)
-            for one in self.judgements
-        ]
-        changed = [(run.run_ids[1], run.fault, *run.verdicts) for run in self.compared.changed]
-        return [
-            ("margins", ("margin", "first", "second", "change", "verdict"), margins),
-            ("most changed runs", ("run", "fault", "first", "second"), changed),
-        ]
 
 
 def parse_margin(text: str) -> Margin:
@@ -151,29 +137,3 @@ def _false_cues(folder: Path) -> AlarmRate:
             f" counted. Compute some: ravenjax fault-free {folder} HOURS"
         )
     return rate
-
-
-def format_markdown(gate: Gate) -> str:
-    """Return a summary for a pull request."""
-    first, second = gate.compared.folders
-    parts = [f"### ravenjax gate: {second} beside {first}", " ".join(gate.compared.sentences())]
-    parts += [markdown_table(columns, rows) for _, columns, rows in gate.tables() if rows]
-    return "\n\n".join(parts) + "\n"
-
-
-def format_junit(gate: Gate) -> str:
-    """Return the judgements as JUnit XML: a failure for a margin that is exceeded, an error for one
-    that is undecided.
-    """
-    verdicts = [judgement.verdict for judgement in gate.judgements]
-    suite = ElementTree.Element("testsuite", {"name": "ravenjax gate", "tests": str(len(verdicts))})
-    for name, verdict in (("failures", "fail"), ("errors", "undecided")):
-        suite.set(name, str(verdicts.count(verdict)))
-    for one in gate.judgements:
-        names = {"classname": "ravenjax.gate", "name": str(one.margin)}
-        case = ElementTree.SubElement(suite, "testcase", names)
-        if one.verdict != "pass":
-            kind = "failure" if one.verdict == "fail" else "error"
-            message = f"{one.first} to {one.second}: {one.measured}"
-            ElementTree.SubElement(case, kind, {"message": message})
-    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

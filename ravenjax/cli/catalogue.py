@@ -25,44 +25,21 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario
 
-    files = {
-        path.name: loading.load_campaign(path)
-        for path in resources.list_resources("campaigns", "*.toml")
+    every = {
+        "campaigns": {
+            path.name: loading.load_campaign(path)
+            for path in resources.list_resources("campaigns", "*.toml")
+        },
+        "searches": {
+            path.name: searches.load_search(path)
+            for path in resources.list_resources("campaigns/searches", "*.toml")
+        },
+        "scenarios": {
+            path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()
+        },
     }
-    templates = {
-        path.name: searches.load_search(path)
-        for path in resources.list_resources("campaigns/searches", "*.toml")
-    }
-    trainings = {path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()}
-    console.print_tables(
-        [
-            Listing(
-                "campaigns",
-                "Campaigns: ravenjax run FILE",
-                ("file", "runs", "what it asks"),
-                [
-                    (name, str(design.count_rows(config)), config.campaign.description)
-                    for name, config in files.items()
-                ],
-            ),
-            Listing(
-                "searches",
-                "Searches: ravenjax search FILE",
-                ("file", "kind", "what it asks"),
-                [
-                    (name, config.search.kind, config.campaign.campaign.description)
-                    for name, config in templates.items()
-                ],
-            ),
-            Listing(
-                "training",
-                "Training: ravenjax train FILE",
-                ("file", "s", "what it trains"),
-                [(name, f"{t.duration_s:g}", t.title) for name, t in trainings.items()],
-            ),
-        ],
-        as_json,
-    )
+    listings = console.fill_listings("campaigns.j2", count_rows=design.count_rows, **every)
+    console.print_tables(listings, as_json)
 
 
 def faults(

@@ -123,6 +123,20 @@ def render_template(template: str, **content: Any) -> str:
     return text_templates("ravenjax.cli").get_template(template).render(content).rstrip("\n")
 
 
+def fill_listings(template: str, **content: Any) -> list[Listing]:
+    """Return the tables of a template of this package, with a blank line between two tables.
+
+    The lines of a table hold its name and title, its columns, and its rows. Cells are separated by
+    "|", which the last cell of a line may contain.
+    """
+    listings = []
+    for table in render_template(template, **content).split("\n\n"):
+        (name, title), columns, *rows = (line.split("|") for line in table.splitlines())
+        rows = [(*row[: len(columns) - 1], "|".join(row[len(columns) - 1 :])) for row in rows]
+        listings.append(Listing(name, title, tuple(columns), rows))
+    return listings
+
+
 def print_error(text: str) -> None:
     """Print an error message."""
     print_text(text, err, "red")

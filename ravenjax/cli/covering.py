@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +12,6 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
 
 if TYPE_CHECKING:
-    from ravenjax.analyses.coverage.checks import Coverage, CoverageTable
     from ravenjax.report.data.runs import Runs
 
 
@@ -47,6 +45,7 @@ def coverage(
     from ravenjax.analyses.deadline import read_deadlines
     from ravenjax.errors import UserError
     from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections import tables
     from ravenjax.store import files, manifest
 
     if pairs and of is not None:
@@ -63,12 +62,13 @@ def coverage(
             listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
             return console.print_tables([listing], as_json)
     files.require_writable(place)
-    table = found.harmful.drop(columns=["row", "distinct"]).to_csv(index=False)
-    files.write_text(place / "coverage.csv", table)
+    text = found.harmful.drop(columns=["row", "distinct"]).to_csv(index=False)
+    files.write_text(place / "coverage.csv", text)
     if as_json:
         content = {key: getattr(found, key) for key in ("rows", "smallest", "notices")}
         return console.emit_json({**content, "files": [place / "coverage.csv"]})
-    console.print_tables(list(_tables(found)), as_json)
+    names = {"everything": checks.EVERYTHING, "every_site": tables.EVERY_SITE}
+    console.print_tables(console.fill_listings("coverage.j2", found=found, **names), as_json)
     for notice in found.notices:
         console.print_note(notice)
     return console.print_written([place / "coverage.csv"])
@@ -86,60 +86,7 @@ def _pairs(runs: Runs, place: Path, most: int, as_json: bool) -> None:
         listed = {"cut_sets_of_order_1": singles, "pairs": [pair.cells() for pair in found.pairs]}
         content = {"counts": found.counts, **listed, "notices": found.notices, "files": paths}
         return console.emit_json(content)
-    counts = [(words, f"{count:,}") for words, count in found.counts.items()]
-    kinds = {
-        "Cut sets of order 2": [pair for pair in found.pairs if pair.kind == "cut set"],
-        "Masked": [pair for pair in found.pairs if pair.kind == "masked"],
-        "Defeat a check and harm": [pair for pair in found.pairs if pair.defeated and pair.harms],
-    }
-    columns = ("run", "first fault", "second fault", "response", "checks defeated")
-    listings = [Listing("counts", "Single and double faults", ("what", "count"), counts)]
-    for name, listed in kinds.items():
-        rows = [
-            (pair.run, pair.first.fault, pair.second.fault, pair.response, ", ".join(pair.defeated))
-            for pair in listed[:most]
-        ]
-        title = f"{name}: {len(rows)} of {len(listed)}"
-        listings.append(Listing(name, title, columns, rows))
-    console.print_tables(listings, as_json)
+    console.print_tables(console.fill_listings("pairs.j2", found=found, most=most), as_json)
     for notice in found.notices:
         console.print_note(notice)
     return console.print_written(paths)
-
-
-def _tables(found: CoverageTable) -> Iterator[Listing]:
-    from ravenjax.analyses.coverage.checks import EVERYTHING
-    from ravenjax.report import wording
-    from ravenjax.report.sections.tables import EVERY_SITE
-
-    criteria = {"detected": "detected", "before": "before the harm", "in_time": "in time to stop"}
-    criteria = {one.criterion: criteria[one.criterion] for one in found.smallest}
-    columns = (*criteria.values(), "by it alone")
-
-    def cells(row: Coverage) -> tuple[str, ...]:
-        rates = (wording.format_rate(getattr(row, key)) for key in criteria)
-        return (*rates, wording.format_count(row.alone))
-
-    whole = [row for row in found.rows if row.site == EVERY_SITE]
-    title = f"Diagnostic coverage of {wording.count_noun(len(found.harmful), 'harmful fault')}"
-    rows = [(row.name, row.does, *cells(row)) for row in whole if row.detected.k]
-    yield Listing("coverage", title, ("check", "does", *columns), rows)
-    rows = [
-        (
-            criteria[one.criterion],
-            wording.format_count(one.faults),
-            "; or ".join(map(" + ".join, one.sets)),
-        )
-        for one in found.smallest
-        if one.faults
-    ]
-    yield Listing(
-        "sets", "Smallest sets that detect as many as all", ("faults", "count", "sets"), rows
-    )
-    rows = [
-        (row.site, wording.format_count(row.detected.n), *cells(row)[:-1])
-        for row in found.rows
-        if row.name == EVERYTHING and row.site != EVERY_SITE
-    ]
-    columns = ("site", "harmful faults", *criteria.values())
-    yield Listing("sites", f"By site: {EVERYTHING}", columns, rows)

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, ResultFolder
+from ravenjax.cli.console import AsJson, ResultFolder
 
 
 def gate(
@@ -40,20 +40,17 @@ def gate(
         also write JUnit XML
     """
     from ravenjax.analyses import gate as gates
-    from ravenjax.store.files import write_aside
+    from ravenjax.document.html import markdown_table
+    from ravenjax.store.files import write_text
 
     found = gates.judge_folders(first, second, [gates.parse_margin(text) for text in margin], most)
-    for path, text in ((markdown, gates.format_markdown), (junit, gates.format_junit)):
+    listings = console.fill_listings("gate.j2", gate=found)
+    content = {"gate": found, "listings": listings, "markdown_table": markdown_table}
+    for path, template in ((markdown, "gate.md.j2"), (junit, "gate.xml.j2")):
         if path is not None:
-            content = text(found)
-            write_aside(path, lambda target, content=content: target.write_text(content, "utf-8"))
+            write_text(path, console.render_template(template, **content) + "\n")
     if not as_json:
         for sentence in found.compared.sentences():
             console.print_text(sentence)
-    listings = [
-        Listing(name, name.capitalize(), columns, rows)
-        for name, columns, rows in found.tables()
-        if rows or as_json
-    ]
     console.print_tables(listings, as_json)
     return found.exit_code

@@ -158,21 +158,8 @@ def check(
     if as_json:
         console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
         return int(shifted)
-    rows = [
-        (
-            row["score"],
-            f"{row['place']:.2f}",
-            f"{row['p']:.2g}",
-            f"{row['adjusted']:.2g}",
-            f"{row['martingale']:.3g}",
-            "shifted" if row["shifted"] else "",
-        )
-        for row in result.to_dict("records")
-    ]
-    columns = ("score", "median place", "p", "p of all", "martingale", "")
-    console.print_tables(
-        [Listing("signals", "Fresh operations among the calibration's", columns, rows)], False
-    )
+    rows = result.to_dict("records")
+    console.print_tables(console.fill_listings("shift.j2", rows=rows), as_json)
     console.print_text(
         f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
         f" {about['alarms']} with an alarm"
@@ -253,7 +240,7 @@ def counterfactual(
         also run the chosen checks as detectors, with another seed of the faults
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
-    from ravenjax.analyses.monitors.counterfactual.candidates import Question
+    from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Question
     from ravenjax.campaign import loading
     from ravenjax.cli import terminal
     from ravenjax.store import files
@@ -283,10 +270,9 @@ def counterfactual(
             "checks": [row for row in output.candidate_table(found) if row["chosen"]],
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.print_table("", output.COLUMNS, output.set_rows(found))
-    console.print_text(
-        "\n".join([*(f"  {line}" for line in output.check_lines(found)), *sentences])
-    )
+    console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
+    text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
+    console.print_text("\n".join([text, *sentences]))
     return console.print_written(paths)
 
 

@@ -238,23 +238,11 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
         for title, part in zip(titles, logged.halves, strict=True)
     ]
     for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
-        console.print_table(rows.title, rows.columns, rows.cells)
+        console.print_table(*rows)
     integrated = [
         unknown.path
         for unknown in calibrated.unknowns
         if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
     ]
-    if integrated:
-        console.print_text(
-            f"{', '.join(integrated)}: includes what the controller's integral held at the start of"
-            " the log"
-        )
-    for one, other, correlation in calibrated.confounded:
-        console.print_text(
-            f"not separable by this log: {one} and {other}, correlation {correlation:.2f}"
-        )
-    for one, steps in calibrated.unlikely:
-        console.print_text(
-            f"unlikely: {one} is {abs(steps):.1f} standard deviations from its value before the"
-            " log; check whether something else differs between robot and model"
-        )
+    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
+        console.print_text(text)

@@ -56,24 +56,10 @@ def verify(
     verified = verification.verify_folder(folder, sample, engine, seed)
     if as_json:
         again = verified.rerun
-        rerun = again and {
-            "engine": again.engine,
-            "otherwise_than_then": again.other,
-            "rows": again.rows.tolist(),
-            "equal_verdicts": again.verdicts,
-            "columns_that_differ": [
-                {
-                    "name": column.name,
-                    "rows": len(again.rows) - column.equal,
-                    "largest_difference": column.largest,
-                }
-                for column in again.differing
-            ],
-        }
+        rerun = again and again._replace(rows=again.rows.tolist(), columns=again.differing)  # pyright: ignore[reportArgumentType]
         checks = [check._asdict() | {"fine": check.fine} for check in verified.checks]
-        console.emit_json(
-            {"folder": folder, "fine": verified.fine, "checks": checks, "runs_made_again": rerun}
-        )
+        content = {"folder": folder, "fine": verified.fine, "checks": checks, "rerun": rerun}
+        console.emit_json(content)
         return 0 if verified.fine else 1
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
@@ -166,8 +152,6 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
 
 
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
-    from ravenjax.report import wording
-
     changes = [
         (change.path, change.first or "–", change.second or "–")
         for change in (*found.configuration, *found.environment)
@@ -178,42 +162,4 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
         ("key", "first", "second"),
         changes,
     )
-    rates = [
-        (
-            rate.name.replace("_", " "),
-            wording.format_percent(rate.first.value),
-            wording.format_percent(rate.second.value),
-            wording.format_points(rate.difference),
-            f"{rate.first_only}, {rate.second_only}",
-        )
-        for rate in found.rates
-    ]
-    columns = (
-        "runs in which",
-        "first",
-        "second",
-        "second - first, 95 % interval",
-        "only in first, second",
-    )
-    yield Listing(
-        "rates", f"Rates among {wording.format_count(found.pairs.compared)} pairs", columns, rates
-    )
-    for word, transitions in found.transitions.items():
-        rows = [
-            (transition.first, transition.second, wording.format_count(transition.runs))
-            for transition in transitions
-        ]
-        yield Listing(
-            word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows
-        )
-    changed = [
-        (
-            run.run_ids[0],
-            run.fault,
-            *run.verdicts,
-            *(wording.format_number(mm) for mm in run.unintended_mm),
-        )
-        for run in found.changed
-    ]
-    columns = ("run", "fault", "first", "second", "unintended motion, mm", "second")
-    yield Listing("changed", "Runs that changed most", columns, changed)
+    yield from console.fill_listings("comparison.j2", found=found)

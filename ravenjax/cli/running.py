@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Engine, Listing, Overrides, ResultFolder
+from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -146,30 +146,10 @@ def check(
     if as_json:
         console.emit_json(view)
         return
-    groups = view["groups"]
-    more = f", the first {MOST_ROWS} of {len(groups)}" if len(groups) > MOST_ROWS else ""
-    summary = console.render_template("check.j2", config=config, duration=format_estimate, **view)
-    tables = [
-        Listing(
-            "",
-            f"Campaign {config.campaign.name}, as it would run",
-            ("what", "is"),
-            [tuple(line.split("|", 1)) for line in summary.splitlines()],
-        ),
-        _listing(f"Groups{more}", groups[:MOST_ROWS], "name", "design", "runs", "sites", "effects"),
-        _listing("Faults by site and effect", view["faults"], "site", "layer", "effect", "runs"),
-        _listing("Some of the runs", view["sample"], "index", "group", "fault"),
-    ]
-    console.print_tables(tables, False)
+    content = view | {"config": config, "duration": format_estimate, "most": MOST_ROWS}
+    console.print_tables(console.fill_listings("check.j2", **content), as_json)
     for notice in view["notices"]:
         console.print_text(f"note: {notice}")
-
-
-def _listing(title: str, rows: list[dict[str, Any]], *keys: str) -> Listing:
-    columns = tuple({"name": "group", "index": "run"}.get(key, key) for key in keys)
-    cells = [[row[key] for key in keys] for row in rows]
-    texts = [tuple(", ".join(c) if isinstance(c, list) else str(c) for c in row) for row in cells]
-    return Listing("", title, columns, texts)
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:

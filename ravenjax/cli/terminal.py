@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from ravenjax.campaign.inspection.estimate import format_estimate
-from ravenjax.cli.console import print_text
+from ravenjax.cli.console import print_text, render_template
 from ravenjax.outcomes import verdict
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Watch:
         for note in status.notes[self._notes :]:
             print_text(f"note: {note}", self._console)
         self._notes = len(status.notes)
-        text = describe_progress(status)
+        text = render_template("progress.j2", status=status, estimate=format_estimate)
         if self._console.is_terminal:
             self._bar.update(
                 self._task, completed=status.progress, description=status.phase, text=text
@@ -67,27 +67,6 @@ class Watch:
         if status.phase != self._phase or now - self._last >= PLAIN_EVERY_S:
             self._last, self._phase = now, status.phase
             print_text(f"{status.phase}: {text}", self._console)
-
-
-def describe_progress(status: Status) -> str:
-    """Return the progress of a campaign as one line."""
-    parts = [f"{status.done} of {status.total} runs"]
-    if status.phase == "run":
-        parts.append(f"{status.progress:.0%} computed")
-    if status.runs_per_s is not None:
-        parts.append(f"{status.runs_per_s:.0f} runs/s")
-    if status.phase == "run" and status.left_s is not None:
-        parts.append(f"{format_estimate(status.left_s)} left")
-    if status.parts:
-        parts.append(f"{status.parts} parts" if status.parts > 1 else "1 part")
-    if status.workers > 1:
-        parts.append(f"{status.workers} workers")
-    if status.compile_s > 0.0:
-        parts.append(f"compiled in {status.compile_s:.1f} s")
-    if failed := sum(status.failures.values()):
-        parts.append(f"{failed} failed")
-    parts += [f"{cause} {count}" for cause, count in sorted(status.failures.items())]
-    return ", ".join(parts)
 
 
 def describe_machine() -> Iterator[tuple[str, str]]:
@@ -136,21 +115,11 @@ def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
     one valid.
     """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
-    by_cue = [
-        sum(valid.get((response, verdict.HAZARDS[0], cue), 0) for response in verdict.UNTOLD)
+    motion = verdict.HAZARDS[0]
+    cues = [
+        sum(valid.get((response, motion, cue), 0) for response in verdict.UNTOLD)
         for cue in verdict.CUES
     ]
-    many, of = sum(by_cue), sum(valid.values())
-    harm = f"the instrument moves more than {limit_mm:g} mm off its course"
-    if not any(count for (_, hazard, _), count in valid.items() if hazard == verdict.HAZARDS[0]):
-        return (
-            f"None of {of} runs with a fault moves the instrument more than {limit_mm:g} mm off its"
-            " course, so these runs do not test the checks."
-        )
-    if not many:
-        return (
-            f"None of {of} runs with a fault evades the checks: wherever {harm}, a check raises"
-            " an alarm."
-        )
-    evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
-    return f"{evade}: no check raises an alarm, and {harm}. The cue comes in {by_cue[0]} of these."
+    harmful = sum(count for (_, hazard, _), count in valid.items() if hazard == motion)
+    content = {"valid": sum(valid.values()), "harmful": harmful, "cues": cues}
+    return render_template("evading.j2", limit_mm=limit_mm, **content)

@@ -11,12 +11,12 @@ from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import Segments, split_scores
 from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
-from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, read_design
+from ravenjax.analyses.monitors.score_folder import FOLDER, read_design
 from ravenjax.analyses.monitors.scores import Score, list_candidates
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError, suggest_name
-from ravenjax.stats.conformal.threshold import FalseAlarmTarget
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores
 from ravenjax.store import manifest
 from ravenjax.vocabulary.robot import Robot
 
@@ -101,7 +101,7 @@ def operate_units(
     units: int,
     engine: str,
     on_operator: OnOperator,
-) -> Peaks:
+) -> OperationScores:
     """Return the operations of `units` operators. Computes those that are missing in `out`."""
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
@@ -186,7 +186,7 @@ def operate_afresh(
     robots: int | None,
     engine: str,
     on_operator: OnOperator,
-) -> Peaks:
+) -> OperationScores:
     """Compute operations in `out` of operators that the calibration in `folder` did not use,
     measured in the same way.
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.analyses.monitors.monitor import Monitor, Segments
-from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.errors import UserError
 from ravenjax.stats.alarms.false_alarms import AlarmRate, ending_rate
@@ -106,19 +105,21 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
 
 
 def calibrate_thresholds(
-    peaks: Peaks, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget
+    peaks: OperationScores, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget
 ) -> Calibrated:
-    """Return the monitor of `terms`. Raises UserError if operations do not support the promise."""
+    """Return the monitor of `terms`, whose scores are the columns of `peaks`.
+
+    Raises UserError if operations do not support the promise.
+    """
     by = assign_uses(peaks.unit)
-    valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
+    valid = by.scale & np.isfinite(peaks.score).all(axis=1)
     if not valid.any():
         raise UserError(
             "no operation learns scales: all that should had a number that is not finite"
         )
     shape = (-1, len(terms), segments.count)
-    scale = threshold.signal_scales(peaks.peak[valid].reshape(shape))
-    score = threshold.joint_scores(peaks.peak, scale)
-    whole = OperationScores(peaks.unit, score, peaks.hours)
+    scale = threshold.signal_scales(peaks.score[valid].reshape(shape))
+    whole = peaks._replace(score=threshold.joint_scores(peaks.score, scale))
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
     try:
         result = threshold.least_threshold(calibrating, target)
@@ -134,22 +135,12 @@ def calibrate_thresholds(
         ) from None
     monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
     tested = OperationScores(*(values[by.test] for values in whole))
-    return Calibrated(
-        monitor,
-        target,
-        result,
-        len(np.unique(peaks.unit[by.scale])),
-        count_test_alarms(tested, result.value),
-    )
-
-
-def count_test_alarms(operations: OperationScores, limit: float) -> Test:
-    """Count alarms in operations that had no part in the calibration."""
-    alarms, first = operations.score > limit, operations.one_each()
-    return Test(
-        units=operations.units,
+    alarms, first = tested.score > result.value, tested.one_each()
+    test = Test(
+        units=tested.units,
         operations=len(alarms),
-        hours=float(operations.hours[~alarms].sum()),
+        hours=float(tested.hours[~alarms].sum()),
         alarms=int(alarms.sum()),
-        one_each=ending_rate(first.score > limit, first.hours),
+        one_each=ending_rate(first.score > result.value, first.hours),
     )
+    return Calibrated(monitor, target, result, len(np.unique(peaks.unit[by.scale])), test)

@@ -145,7 +145,7 @@ def _of_operations(
         )
     peaks = score_folder.read_scores(place)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
-    return _table(monitor, peaks.unit, peaks.hours, peaks.peak, origin)
+    return _table(monitor, peaks.unit, peaks.hours, peaks.score, origin)
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from ravenjax.campaign.inspection.fault_free import fault_free_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram
-from ravenjax.errors import UserError, suggest_name
+from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.store.access import fault_free
 
 CALIBRATION, FRESH = 0, 1
@@ -99,8 +99,7 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         )
     names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
-        expected = f"{', '.join(names)}{suggest_name(unknown[0], names)}"
-        raise UserError(f"motion {unknown[0]!r} is unknown: expected one of {expected}")
+        raise UserError(describe_unknown_name("motion", unknown[0], names))
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
         raise UserError(
             f"motion {still[0]!r} is the same for every seed, so all operators would be equal"

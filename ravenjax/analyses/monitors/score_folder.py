@@ -8,28 +8,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.analyses.monitors.operations import OperatorScores
 from ravenjax.errors import StoreError, UserError
+from ravenjax.stats.conformal.threshold import OperationScores
 from ravenjax.store import files
 
 FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
-
-
-class Peaks(NamedTuple):
-    """Maxima of operations, arrays of one length."""
-
-    unit: np.ndarray  # int64, number of the operator
-    hours: np.ndarray  # in which detectors looked
-    peak: np.ndarray  # float32 [operations, detectors]; NaN: a number was not finite
-
-    def taken_from(self, mask: np.ndarray) -> Peaks:
-        """Return the operations that `mask` marks."""
-        return Peaks(*(values[mask] for values in self))
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
@@ -65,8 +54,11 @@ def add_scores(folder: Path, operator: OperatorScores) -> None:
     )
 
 
-def read_scores(folder: Path, units: int | None = None) -> Peaks:
-    """Return the operations in a folder, of operators below `units`. Raises StoreError."""
+def read_scores(folder: Path, units: int | None = None) -> OperationScores:
+    """Return the operations in a folder, of operators below `units`. Raises StoreError.
+
+    score: float32 [operations, detectors]; NaN if a number was not finite.
+    """
     paths = sorted((folder / PARTS).glob("operator-*.parquet"))
     if not paths:
         raise StoreError(f"{folder}: holds no operations yet")
@@ -74,9 +66,9 @@ def read_scores(folder: Path, units: int | None = None) -> Peaks:
         table = pd.concat([files.read_table(path) for path in paths], ignore_index=True)
     except UserError as error:
         raise StoreError(f"{error}; remove it, and the same command goes on") from None
-    peak = table.filter(regex=r"^score\d+$").to_numpy(np.float32)
-    peaks = Peaks(table["operator"].to_numpy(), table["hours"].to_numpy(), peak)
-    return peaks if units is None else peaks.taken_from(peaks.unit < units)
+    score = table.filter(regex=r"^score\d+$").to_numpy(np.float32)
+    peaks = OperationScores(table["operator"].to_numpy(), score, table["hours"].to_numpy())
+    return peaks if units is None else peaks.taken_from(np.arange(units))
 
 
 def read_design(folder: Path) -> dict[str, Any]:

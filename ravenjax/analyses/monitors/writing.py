@@ -24,6 +24,7 @@ from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError, UserError
 from ravenjax.report import wording
 from ravenjax.stats.conformal import threshold
+from ravenjax.stats.conformal.threshold import OperationScores
 from ravenjax.store import files, manifest
 
 SCORE = "score"
@@ -136,12 +137,11 @@ def _term(table: dict[str, Any]) -> Score:
     return Score(**fields)
 
 
-def _reference(peaks: score_folder.Peaks, monitor: Monitor) -> pd.DataFrame:
+def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
     """Return the first operation of each operator that provided no scale, for tests for a shift."""
-    _, first = np.unique(peaks.unit, return_index=True)
-    some = peaks.taken_from(first)
-    some = some.taken_from(~calibration.assign_uses(some.unit).scale)
-    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.peak)})
+    some = peaks.one_each()
+    rest = ~calibration.assign_uses(some.unit).scale
+    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.score)}).loc[rest]
 
 
 def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:

@@ -87,41 +87,29 @@ class Brackets:
         return np.array(single, bool)
 
 
-def find_brackets(
-    asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2
-) -> Brackets:
+def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
     """Return the smallest number at which `asked` says yes, for every cell.
 
     `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
-    are tried first, evenly over the range. `sections`: parts into which each step cuts a bracket;
-    if it holds several changes, the first is kept.
+    are tried first, evenly over the range.
     """
     cells = len(whole)
-    every = np.arange(cells)
     tried = within.spread(np.full(cells, within.low), np.full(cells, within.high), scan)
     tried = np.where(whole, np.rint(tried), tried)
-    answer = _ask(asked, every, tried)
+    answer = asked(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
     state, low, high = _first(answer, tried)
     changes = tuple(_changes(answer[:, cell], tried[:, cell]) for cell in range(cells))
     steps = 0
     while len(active := np.flatnonzero((state == CROSSING) & ~within.narrow(low, high, whole))):
         steps += 1
-        tried = within.spread(low[active], high[active], sections + 1)
-        tried = np.where(whole[active], np.clip(np.rint(tried), low[active], high[active]), tried)
+        tried = within.spread(low[active], high[active], 3)
         # A bracket of whole numbers more than one apart contains another one.
-        if sections == 2:
-            inner = np.clip(tried[1], low[active] + 1.0, high[active] - 1.0)
-            tried[1] = np.where(whole[active], inner, tried[1])
-        answer = np.zeros(tried.shape)
-        answer[-1] = 1.0
-        answer[1:-1] = _ask(asked, active, tried[1:-1])
-        states, low[active], high[active] = _first(answer, tried)
-        state[active] = states
+        inner = np.clip(np.rint(tried[1]), low[active] + 1.0, high[active] - 1.0)
+        tried[1] = np.where(whole[active], inner, tried[1])
+        answer = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
+        answer[1] = asked(active, tried[1])
+        state[active], low[active], high[active] = _first(answer, tried)
     return Brackets(state, low, high, changes, steps)
-
-
-def _ask(asked: Asked, cells: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    return asked(np.tile(cells, len(tried)), tried.reshape(-1)).reshape(tried.shape)
 
 
 def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -177,12 +165,8 @@ def due(template: Template, search: Boundary) -> int:
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
-    steps = math.log(max(1.0, span / (search.scan - 1)), search.sections)
-    return (
-        template.cases
-        * len(search.signs)
-        * (search.scan + math.ceil(steps) * (search.sections - 1))
-    )
+    steps = math.ceil(math.log2(max(1.0, span / (search.scan - 1))))
+    return template.cases * len(search.signs) * (search.scan + steps)
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
@@ -195,7 +179,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         return evaluator(*grid.points(cell, size))[:, 0]
 
     whole = template.whole[grid.case, 0]
-    bounds = find_brackets(harm, within, whole, search.scan, search.sections)
+    bounds = find_brackets(harm, within, whole, search.scan)
     sides = _verified(template, search, evaluator, grid, bounds, out)
     records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
     return {

@@ -20,7 +20,6 @@ from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.wording import (
     describe_case,
     describe_inputs,
-    format_number,
     group_series,
     short_axis_name,
 )
@@ -169,18 +168,12 @@ def _json(path: Path, record: dict[str, Any]) -> None:
     files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
 
 
-def _header(names: Sequence[str]) -> str:
-    row = " | ".join(name.replace("|", r"\|") for name in names)
-    return f"| {row} |\n|{'---|' * len(names)}"
-
-
 FILTERS = {
     "cell": lambda value: str(value).replace("|", r"\|"),
     "general": "{:g}".format,
-    "header": _header,
+    "header": lambda names: html.markdown_table(names, ()),
     "largest": lambda values, most: np.argsort(-values)[:most],
     "laws": describe_inputs,
-    "number": format_number,
     "short": short_axis_name,
     "values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
     "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),

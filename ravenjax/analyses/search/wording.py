@@ -1,20 +1,8 @@
 """Writes numbers, names and cases of a search for readers."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-
-def format_number(value: float, digits: int = 4) -> str:
-    """Write a number for readers; "" for NaN."""
-    return (
-        ""
-        if math.isnan(value)
-        else f"{value:.{digits}g}"
-        if abs(value) < 10**digits
-        else f"{value:.0f}"
-    )
 
 
 def short_axis_name(name: str) -> str:

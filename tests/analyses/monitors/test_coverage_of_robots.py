@@ -30,9 +30,7 @@ def operations(folder, name, changes, count, seed):
 
 
 def joint(peaks, scale):
-    return OperationScores(
-        peaks.unit, threshold.joint_scores(peaks.peak[:, :, None], scale), peaks.hours
-    )
+    return peaks._replace(score=threshold.joint_scores(peaks.score[:, :, None], scale))
 
 
 @pytest.mark.slow
@@ -40,8 +38,8 @@ def joint(peaks, scale):
 def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
     peaks = operations(tmp_path, name, VARIED[name], 150, 1)
     learns = peaks.unit < 20
-    scale = threshold.signal_scales(peaks.peak[learns][:, :, None])
-    population = joint(peaks.taken_from(~learns), scale)
+    scale = threshold.signal_scales(peaks.score[learns][:, :, None])
+    population = joint(peaks.taken_from(peaks.unit[~learns]), scale)
     target, rng, broken, naive = (
         FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600),
         np.random.default_rng(2),
@@ -71,8 +69,8 @@ def test_a_robot_with_other_friction_is_a_shift(tmp_path):
     first = slice(None, None, ROBOTS)  # of each operator
     same = operations(tmp_path, "same", [], 80, 1)
     worn = operations(tmp_path, "worn", ["parameters.plant.friction_scale=5"], 20, 2)
-    scale = threshold.signal_scales(same.peak[: 10 * ROBOTS][:, :, None])
+    scale = threshold.signal_scales(same.score[: 10 * ROBOTS][:, :, None])
     own = joint(same, scale).score[first][10:]
     assert shift.test_shift(own[:50], own[50:]).p > 0.001
     tip = -1  # the last term: the distance from the nominal model
-    assert shift.test_shift(same.peak[first, tip][10:], worn.peak[first, tip]).p < 0.01
+    assert shift.test_shift(same.score[first, tip][10:], worn.score[first, tip]).p < 0.01

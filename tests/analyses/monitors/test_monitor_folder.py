@@ -140,7 +140,7 @@ def test_the_record_says_what_the_promise_rests_on(folder):
     assert (
         not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
     )
-    score = threshold.joint_scores(peaks.peak, np.array(monitor.scales))
+    score = threshold.joint_scores(peaks.score, np.array(monitor.scales))
     assert (
         record["calibration"]["alarms"]
         == (score[uses.threshold] > np.float32(monitor.threshold)).sum()
@@ -277,7 +277,7 @@ BAD_OPTIONS = {
     "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
     "motion": (
         ["--motions", "stil"],
-        r"motion 'stil' is unknown: expected one of suture, .* Did you mean 'still'",
+        r"unknown motion 'stil', expected one of suture, .* Did you mean 'still'",
     ),
 }
 

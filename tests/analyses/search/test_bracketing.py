@@ -21,12 +21,11 @@ def thresholds(values):
     return asked
 
 
-@pytest.mark.parametrize("sections", [2, 3, 16])
 @pytest.mark.parametrize("within", [LOG, LINEAR])
-def test_known_thresholds_are_enclosed_to_the_tolerance(within, sections):
+def test_known_thresholds_are_enclosed_to_the_tolerance(within):
     rng = np.random.default_rng(1)
     at = np.exp(rng.uniform(0.1, 9.0, 50)) if within.log else rng.uniform(-4.9, 4.9, 50)
-    found = find_brackets(thresholds(at), within, np.zeros(50, bool), scan=9, sections=sections)
+    found = find_brackets(thresholds(at), within, np.zeros(50, bool), scan=9)
     assert (found.state == CROSSING).all() and found.monotone.all()
     assert (found.low < at).all() and (at <= found.high).all()
     widest = 0.01 * found.low if within.log else 0.001 * 10.0
@@ -41,16 +40,9 @@ def test_whole_numbers_are_found_exactly():
         tried.append(number)
         return (number >= at[cell]).astype(float)
 
-    for sections in (2, 5):
-        found = find_brackets(
-            asked,
-            SearchRange(1.0, 10_000.0, True, 1e-6),
-            np.ones(6, bool),
-            scan=5,
-            sections=sections,
-        )
-        np.testing.assert_array_equal(found.high, at)
-        np.testing.assert_array_equal(found.low, at - 1)
+    found = find_brackets(asked, SearchRange(1.0, 10_000.0, True, 1e-6), np.ones(6, bool), scan=5)
+    np.testing.assert_array_equal(found.high, at)
+    np.testing.assert_array_equal(found.low, at - 1)
     assert all((numbers == np.rint(numbers)).all() for numbers in tried)
 
 

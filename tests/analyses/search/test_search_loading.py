@@ -6,7 +6,6 @@ import pytest
 
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 
 FILE = """
@@ -97,11 +96,3 @@ def test_other_kinds_are_checked(search, told):
     raw = tomllib.loads(FILE) | {"search": search}
     with pytest.raises(UserError, match=told):
         loading.from_dict(raw)
-
-
-def test_bundled_files_are_valid():
-    found = resources.list_resources(loading.FOLDER, "*.toml")
-    assert len(found) >= 4
-    for path in found:
-        config = loading.load_search(path)
-        assert config.campaign.campaign.name == path.stem and config.campaign.campaign.description

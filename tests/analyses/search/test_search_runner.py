@@ -38,7 +38,7 @@ def files(path):
         == text.count("![")
         == page.count('<svg aria-hidden="true"')
     )
-    assert page.count("<caption ") == text.count("\n|---")
+    assert page.count("<caption ") == text.count("\n| ---")
     return (
         json.loads((path / runner.NUMBERS).read_text()),
         pd.read_parquet(path / journal.ROWS),

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from ravenjax import consent
 from ravenjax.analyses.monitors import scores
@@ -27,7 +26,7 @@ from ravenjax.analyses.monitors.counterfactual.promise import (
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.report import wording
 from ravenjax.report.data import draws
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson_interval
@@ -110,7 +109,10 @@ def find_checks(
 ) -> Counterfactual:
     """Search a campaign for a set of checks. Raises UserError if there is no answer."""
     question.require()
-    observation.require_groups(config, question.groups)
+    names = [group.name for group in config.group]
+    for group in question.groups:
+        if group not in names:
+            raise UserError(describe_unknown_name("--group", group, names))
     raw: dict[str, Any] = config.model_dump(mode="json")
     every = scores.list_candidates(config.robot)
     course = observation.plan_motions(raw, question.hours)
@@ -228,9 +230,16 @@ def confirm_checks(
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = observation.campaign_choices(config)
     rows, harm = observation.evading_faults(table, rules, one.question.groups)
-    in_time = detection_leads(table.loc[rows], harm, config, one) >= one.question.lead_ms
+    evading = table.loc[rows]
+    # The last detectors are the set.
+    numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
+    leads = [
+        observation.detector_leads(evading, f"detector{n}_", config.detectors[n][2], harm)
+        for n in numbers
+    ]
+    in_time = np.max(leads, axis=0)[:, 0] >= one.question.lead_ms
     sampled = list(draws.drawn_groups(config.model_dump(mode="json")) or ())
-    new = table.loc[rows, "group"].astype(str).isin(sampled).to_numpy()
+    new = evading["group"].astype(str).isin(sampled).to_numpy()
     drawn = one.grounds.statement_half & one.grounds.hazards.sampled
     promised = _rate(one.grounds.covered(one.promise.members)[drawn])
     anew = _rate(in_time[new])
@@ -238,20 +247,6 @@ def confirm_checks(
     if one.grounds.hazards.robots:
         gap = Estimate(gap.value)
     return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
-
-
-def detection_leads(
-    table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, one: Counterfactual
-) -> np.ndarray:
-    """Return harm minus the first alarm of the last detectors, which are the set; ms [runs]."""
-    numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
-    each = [
-        observation.detector_leads(table, f"detector{number}_", config.detectors[number][2], harm)[
-            :, 0
-        ]
-        for number in numbers
-    ]
-    return np.max(each, axis=0)
 
 
 def _rate(hit: np.ndarray) -> Rate:

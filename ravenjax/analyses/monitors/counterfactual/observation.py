@@ -20,7 +20,7 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.campaign.progress import OnProgress
-from ravenjax.errors import UserError, suggest_name
+from ravenjax.errors import UserError
 from ravenjax.report.data import draws, facts
 from ravenjax.report.sections import robots as drawn_robots
 from ravenjax.stats.bootstrap import units
@@ -235,13 +235,3 @@ def campaign_choices(config: CampaignConfig) -> facts.Choices:
     reaction = config.model_dump(mode="json").get("reaction") or {}
     action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
     return facts.Choices(config.rules, action, config.robot)
-
-
-def require_groups(config: CampaignConfig, groups: Sequence[str]) -> None:
-    """Raise UserError for a group that the campaign lacks."""
-    names = [group.name for group in config.group]
-    for name in groups:
-        if name not in names:
-            raise UserError(
-                f"--group {name!r}: unknown, expected {', '.join(names)}{suggest_name(name, names)}"
-            )

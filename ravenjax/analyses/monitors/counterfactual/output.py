@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ravenjax.analyses.monitors import code
-from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise
 from ravenjax.campaign import writing
@@ -121,10 +120,6 @@ def campaign_with_set(one: Counterfactual) -> str:
     )
 
 
-COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
-"""Columns of the table of the set, with each check at the margin of the set."""
-
-
 def finding_sentences(one: Counterfactual) -> list[str]:
     """Return the findings as sentences, and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
@@ -140,39 +135,6 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
     # Half of the motions state the rate, and a few of their seconds are not live.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
-
-
-def set_rows(one: Counterfactual) -> list[tuple[str, ...]]:
-    """Return the rows of the table of the set, in the order of selection."""
-    return [
-        (
-            one.parts[member.place].name,
-            wording.format_percent(member.sees),
-            wording.format_percent(member.adds),
-            wording.format_number(member.lead_ms),
-            wording.format_count(member.false_alarms),
-        )
-        for member in one.members
-    ]
-
-
-def check_lines(one: Counterfactual) -> list[str]:
-    """Return one line per check of the set: what it observes, and the size at which it alarms."""
-    parts, margin = [one.parts[place] for place in one.promise.members], one.promise.margin.value
-    return [f"{part.name}: {part.words}; above {alarm_levels(part, margin)}" for part in parts]
-
-
-def alarm_levels(part: Candidate, margin: float) -> str:
-    """Return the size at which each channel alarms: "shoulder 0.12 rad, grasp1 any"."""
-    score, out = part.score, []
-    for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
-        size = (
-            "any"
-            if scale <= SMALLEST_SCALE
-            else f"{wording.format_number(scale * margin)} {unit}".strip()
-        )
-        out.append(f"{label} {size}".strip())
-    return ", ".join(out)
 
 
 def candidate_table(one: Counterfactual) -> list[dict[str, object]]:

@@ -16,6 +16,7 @@ from ravenjax.vocabulary.robot import Robot
 
 Outcome = Annotated[str, AfterValidator(lambda text: str(outcome.parse_outcome(text)))]
 """A text that `outcome.parse_outcome` takes."""
+Outcomes = Annotated[tuple[Outcome, ...], Field(min_length=1, description="columns or events")]
 
 
 class Boundary(Section):
@@ -36,9 +37,6 @@ class Boundary(Section):
         gt=0.0,
         lt=1.0,
         description="width of the bracket, of its lower end (loguniform) or of the range",
-    )
-    sections: int = Field(
-        default=2, ge=2, le=1000, description="parts that a step cuts each bracket into"
     )
 
     @field_validator("harm")
@@ -62,7 +60,7 @@ class Sobol(Section):
     """[search] of kind "sobol": which share of an outcome's variance each input causes."""
 
     kind: Literal["sobol"] = Field(description="which search")
-    outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
+    outcomes: Outcomes
     n: int = Field(
         default=1024,
         ge=8,
@@ -83,7 +81,7 @@ class Morris(Section):
     """[search] of kind "morris": a cheap screening of many inputs by steps of one at a time."""
 
     kind: Literal["morris"] = Field(description="which search")
-    outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
+    outcomes: Outcomes
     trajectories: int = Field(
         default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs"
     )

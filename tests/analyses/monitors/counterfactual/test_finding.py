@@ -49,7 +49,7 @@ def tables(**changes):
             "--false-alarms-per-hour 200 is one in 18 s, and runs of 60 s count one",
         ),
         ({"lead_ms": -1}, "--lead-ms is -1, expected a whole number from 0 on"),
-        ({"groups": ("bords",)}, "--group 'bords': unknown, expected boards, pulse"),
+        ({"groups": ("bords",)}, "unknown --group 'bords', expected one of boards, pulse"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_before_anything_runs(changes, complaint):
