@@ -3,8 +3,8 @@
     python .ci/budget.py
 
 Counts Python tokens (names, operators, numbers, strings), lines and modules in `ravenjax/`, and
-lines in `tests/`. The limits may go down but never up: a change that exceeds one removes the same
-amount of code elsewhere.
+lines in `tests/`. The limits of the package may go down but never up: a change that exceeds one
+removes the same amount of code elsewhere. Tests may have at most 42 000 lines.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 449_800, "lines": 67_960, "modules": 391, "lines of tests": 41_340}
+LIMITS = {"tokens": 447_800, "lines": 67_200, "modules": 390, "lines of tests": 41_700}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 

@@ -445,7 +445,7 @@ class Windows:
 
     def obey(self, client: Client, message: Command) -> None:
         """Carry out a window's request: {"do": "camera", "name"}."""
-        handle, name = self._clients.get(client.window), message.get("name")
+        handle, name = self._clients.get(client.window), str(message.get("name"))
         if handle is not None and name in VIEWS:
             _look_from(handle, name)
 
