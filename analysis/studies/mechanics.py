@@ -191,7 +191,7 @@ def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadSh
 STATICS_SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
 COUNTS, LOAD_NM, TICKS = 10_000, 2.0, 1500
 CAPSTAN_M, PULLEY_M = 5.675e-3, 63.095e-3  # of the shoulder: two_arm_dyn.cpp
-KP = constants.KP[0]  # N m per rad of motor, after the gearbox
+KP = constants.GAINS["raven2"]["gold"]["kp"][0]  # N m per rad of motor, after the gearbox
 
 
 class Statics(NamedTuple):

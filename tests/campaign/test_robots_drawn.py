@@ -66,7 +66,7 @@ def test_what_the_campaign_says_goes_before_the_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("robots", "message"),
     [
-        ("[parameters", "is no TOML"),
+        ("[parameters", "not valid TOML"),
         ("[group]\nname = 1", r"has group, expected \[campaign\] and \[parameters\] alone"),
         (ROBOTS.replace(", 0.4]", "]"), "together takes lists of one length, got lengths"),
     ],

@@ -38,6 +38,10 @@ class Motion:
     def __len__(self) -> int:
         return len(self.surgeon_mode)
 
+    @property
+    def duration_s(self) -> float:
+        return len(self) * TICK_S
+
     def table(self) -> np.ndarray:
         """Return the table of the motion for the engine: float32 [T, len(columns(arms))]."""
         per_arm = np.concatenate([self.position_um, self.quat, self.grasp_mrad[..., None]], axis=2)
