@@ -27,7 +27,7 @@ def coverage(
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 
     Counts checks, detectors and the cue, each alone and together: faults that they detect at all,
-    before the harm, and, where `ravenjax deadline` has been there, in time for a stop.
+    before the harm, and, if `ravenjax deadline` has computed the deadlines, in time for a stop.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ def select_engine(
     machine.
 
     objects: cache of compiled code between processes; None: only this process. ticks: of all runs;
-    None: unknown, so many. Raises UserError.
+    None: unknown, treated as a large campaign. Raises UserError.
     """
     if name == "auto":
         name = fastest_engine(precision, ticks)[0]
@@ -51,7 +51,7 @@ def select_engine(
 def fastest_engine(precision: Precision, ticks: int | None = None) -> tuple[str, str]:
     """Return the engine that "auto" means here, and why it is not "cuda"; "" if it is."""
     if ticks is not None and ticks < SMALL_TICKS * len(os.sched_getaffinity(0)):
-        return "simd", "the campaign is so small that a GPU would start later than engine simd ends"
+        return "simd", "engine simd finishes this small campaign before a GPU has started"
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 

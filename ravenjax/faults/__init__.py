@@ -16,8 +16,8 @@ broadcasts against the signal: for a signal [environments, channels], a value [c
 between channels, and a value [environments, 1] between environments. `tick`, `clock` and `done`
 have the leading axes of the signal, such as [] or [environments].
 
-Effects and windows are those of campaigns, which are computed by the same code. Integers and truth
-values are struck as int32 and bool channels of a campaign are: by way of float32, except bit flips.
+The tick of campaigns computes effects and windows with the same code. Integers and truth values
+are converted to float32 and back, as in int32 and bool channels of a campaign. Bit flips are not.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ _ABSENT = {"value": 0, "every": 0, "period": 1, "key": 0}
 class Fault:
     """What a fault does to a signal, and when; with JAX a pytree whose effect is static.
 
-    effect: an effect of a campaign's `[[group.fault]]`, but of the network only "delay", the
-    number of `value` ticks ago. value: as the effect defines it, in the signal's unit.
+    effect: as in a campaign's `[[group.fault]]`. Of the effects on the network only "delay" exists:
+    the signal of `value` ticks ago. value: as the effect defines it, in the signal's unit.
 
     The window opens `start` ticks after the reset and lasts `duration` ticks; with `every` it opens
     again after each `every` ticks. With `probability` a window of `duration` ticks begins with that

@@ -213,7 +213,7 @@ def find_deadlines(
     each["deadline_ms"] = (last - lanes.effect).astype(float)
     tell(f"{len(each)} runs with an action and no fault")
     each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
-    # Who follows a cue lifts the pedal.
+    # An operator who follows the cue lifts the pedal.
     cue = each[each["action"] == "pedal"].assign(action="cue")
     cue["deadline_ms"] -= actor.delay_ms[cue["row"]]
     whole = pd.concat([each, cue], ignore_index=True)
