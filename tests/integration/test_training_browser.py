@@ -105,7 +105,7 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
             )
             page.on("pageerror", lambda error: told.append(str(error)))
             page.goto(f"{where}&scene=off")
-            until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
+            until(page, "window.ravenjax?.state && window.ravenjax.state().frames > 3")
             return page
 
         instructor = open_page(instructor_at)
