@@ -295,7 +295,7 @@ def compare(context: study.Context) -> study.Findings:
     folders = context.folders
     faulty, fast = runs.pooled(folders), runs.pooled(folders, [FAST])
     recordings = [name for name in folders if name.startswith(("free_", "noise_"))]
-    free = runs.joined([fault_free(folders[name]) for name in recordings])
+    hands, free = runs.split_hands(runs.joined([fault_free(folders[name]) for name in recordings]))
     modelled = of_robot(free, AS_MODELLED)
     points = {
         name: point(faulty, modelled, name, threshold)
@@ -310,7 +310,7 @@ def compare(context: study.Context) -> study.Findings:
     hours = float(modelled["hours"].sum())
     conditions = condition_rows(faulty, fast, runs.by_packets(folders), modelled, main)
     return study.Findings(
-        lines=tuple(_lines(faulty, modelled, quiet, others)),
+        lines=tuple(_lines(faulty, hands, modelled, quiet, others)),
         tables=(
             layer_table(faulty, [*quiet, *others]),
             study.read_table(NAME, "robots", robot_rows(faulty, free, main)),
@@ -329,7 +329,7 @@ def compare(context: study.Context) -> study.Findings:
 
 
 def _lines(
-    faulty: Runs, modelled: Runs, quiet: Sequence[Point], others: Sequence[Point]
+    faulty: Runs, hands: Runs, modelled: Runs, quiet: Sequence[Point], others: Sequence[Point]
 ) -> Iterator[study.Line]:
     yield from runs.design_lines(faulty, modelled)
     auc = area_estimates(faulty, faulty["unintended"], MOVED)
@@ -340,6 +340,9 @@ def _lines(
         yield study.percent_line(f"{words}: unintended motion caught", at.caught)
         if early and at.before is not BY_DEFINITION:
             yield study.percent_line(f"{words}: caught before it began", at.before)
+        if false and len(hands.frame):
+            quantity = f"{words}: false alarms, recorded hands, scale {runs.DEFAULT_SCALE:g}"
+            yield study.own_line(quantity, "1/h", false_alarms(hands, at.name, at.threshold))
         if false:
             yield study.own_line(f"{words}: false alarms", "1/h", at.false)
 

@@ -17,14 +17,13 @@ from ravenjax.stats.bootstrap.units import FEWEST, group_units, ratio_band
 from studies import study
 from studies.cells import plain
 from studies.dsn16 import recording
-from studies.runs import SCALE
+from studies.runs import DEFAULT_SCALE, SCALE
 from studies.series import Recorder, Row, Series
 from studies.study import StudyEstimate
 
 NAME = "false_cues"
 THRESHOLDS_MM = (2.0, 3.0)
 AWAY_MS = 250
-DEFAULT_SCALE = 0.1
 REST_MS = 500
 """Time for which hands rest at the beginning of every motion."""
 KINDS = ("suture", "reach", "peg_transfer", "palpate")

@@ -271,13 +271,16 @@ def gain_rows(faulty: Runs, modelled: Runs, numbers: Sequence[int]) -> Rows:
             )
 
 
-def motion_rows(modelled: Runs, sets: Sequence[int]) -> Rows:
-    """Yield false cues per hour by motion and scale."""
+def motion_rows(parts: Sequence[Runs], sets: Sequence[int]) -> Rows:
+    """Yield false cues per hour by motion and scale, of each part of the motion without a fault."""
+    modelled = runs.joined(parts)
     shown = [k for k in sets if modelled.made.cues[k].threshold_mm in SHOWN_MM]
     motion = np.array([name.rpartition(" ")[0] for name in modelled["recording"]], object)
     for name in dict.fromkeys(motion.tolist()):
         for scale in np.unique(modelled[SCALE]):
             mine = modelled.where((motion == name) & np.isclose(modelled[SCALE], scale))
+            if not len(mine.frame):
+                continue
             recordings = len(np.unique(mine["recording"]))
             rates = (counted(false_cues(mine, k)) for k in shown)
             yield name, float(scale), recordings, round(float(mine["hours"].sum()), 3), *rates
@@ -288,7 +291,9 @@ def compare(context: study.Context) -> study.Findings:
     folders = context.folders
     faulty = runs.pooled(folders)
     recordings = [name for name in folders if name.startswith("free_")]
-    free = runs.joined([runs.fault_free(folders[name]) for name in recordings])
+    hands, free = runs.split_hands(
+        runs.joined([runs.fault_free(folders[name]) for name in recordings])
+    )
     modelled, published = of_robot(free, AS_MODELLED), faulty.made.verdict_cue
     sets = default_sets(faulty)
     thresholds = [faulty.made.cues[k].threshold_mm for k in sets]
@@ -298,7 +303,7 @@ def compare(context: study.Context) -> study.Findings:
     compared, mm = list(dict.fromkeys([published, *early, *winners])), thresholds[place]
     lines = (
         *runs.design_lines(faulty, modelled),
-        *(line for k in compared for line in _cue_lines(faulty, modelled, k)),
+        *(line for k in compared for line in _cue_lines(faulty, hands, modelled, k)),
         *(_choice_line(thresholds, at) for at in chosen),
         *_packet_lines(runs.by_packets(folders), compared),
     )
@@ -310,7 +315,7 @@ def compare(context: study.Context) -> study.Findings:
             read_table(NAME, "choice", choice, mm=mm, sure=100 * SURE),
             read_table(NAME, "rules", rules, mm=mm, limit_mm=LIMIT_MM),
             read_table(NAME, "gains", gain_rows(faulty, modelled, compared[:2])),
-            read_table(NAME, "motions", motion_rows(modelled, sets)),
+            read_table(NAME, "motions", motion_rows((hands, modelled), sets)),
         ),
         notes=study.read_notes(
             NAME,
@@ -321,13 +326,16 @@ def compare(context: study.Context) -> study.Findings:
     )
 
 
-def _cue_lines(faulty: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
+def _cue_lines(faulty: Runs, hands: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
     published = " (published)" if k == faulty.made.verdict_cue else ""
     words, found = f"{faulty.made.cues[k].threshold_mm:g} mm{published}", felt(faulty, k)
     yield study.percent_line(f"{words}: unintended motion missed", found.missed)
     if not by_definition(faulty, k):
         yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
         yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
+    if len(hands.frame):
+        quantity = f"{words}: false cues, recorded hands, scale {runs.DEFAULT_SCALE:g}"
+        yield study.own_line(quantity, "1/h", false_cues(hands, k))
     yield study.own_line(f"{words}: false cues", "1/h", false_cues(modelled, k))
 
 

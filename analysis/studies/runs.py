@@ -23,10 +23,13 @@ from studies.hazards import severity
 from studies.study import Line, StudyEstimate, own_line
 
 SCALE = "param:operator.scale"
+DEFAULT_SCALE = 0.1
 FREE = "free/"
 """Prefix of the names of groups without faults."""
 AS_MODELLED, UNCERTAIN = "as modelled", "uncertain robot"
 """Groups without faults, after the prefix."""
+RECORDED = "recorded"
+"""Prefix of the recordings of people's hands. The others are generated motion."""
 CLUTCHED = "clutched"
 """Prefix of the recordings in which the pedal goes up and down."""
 MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
@@ -152,6 +155,17 @@ def unclutched(free: Runs) -> Runs:
     return free.where(~np.char.startswith(free["recording"].astype(str), CLUTCHED))
 
 
+def split_hands(free: Runs) -> tuple[Runs, Runs]:
+    """Return two parts of motion without a fault. The first is that of recorded hands, with the
+    robot as modelled, at the default scale, and without a command that the overdrive check limits.
+    The second is all generated motion.
+    """
+    recorded = np.char.startswith(free["recording"].astype(str), RECORDED)
+    clean = (free["check_overdrive_clip_count"] == 0) & (free["check_estop_first_ms"] < 0)
+    default = (free["robot"] == AS_MODELLED) & np.isclose(free[SCALE], DEFAULT_SCALE)
+    return free.where(recorded & default & clean), free.where(~recorded)
+
+
 def median_times(runs: Runs, first_ms: np.ndarray) -> tuple[StudyEstimate, StudyEstimate]:
     """Return the medians of an alarm's delay after the fault's first effect, and of its lead over
     the unintended motion, with intervals over kinds of faults. `first_ms`: [runs], -1: never.
@@ -175,7 +189,8 @@ def per_hour(free: Runs, counts: np.ndarray, of: str = "alarms") -> StudyEstimat
     low, high = exact.low, exact.high
     if total:
         _, low, high = units.ratio_band(counts, free["hours"], units.group_units(free["recording"]))
-    return StudyEstimate(exact.per_hour, float(low), float(high), total, f"{of} in {hours:.1f} h")
+    words = f"{of} in {hours:.{1 if hours >= 0.1 else 2}f} h"
+    return StudyEstimate(exact.per_hour, float(low), float(high), total, words)
 
 
 def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:

@@ -156,23 +156,32 @@ def read_variants(study: str) -> tuple[Variant, ...]:
     """Return the variants of `variants/STUDY.toml`. The first is the baseline.
 
     A row may name another campaign than the file. With `each`, a row stands for one variant for
-    each combination of these values, which replace `$NAME` in its texts. With `needs`, it is left
-    out without the recording of that name, whose path replaces `$file`.
+    each combination of these values, and with `rows` for one for each of these tables. The values
+    replace `$NAME` in its texts. With `needs`, it is left out without the recording of that name,
+    whose path replaces `$file`. With a table `recorded_hands`, the variants of that file follow.
     """
     from studies.dsn16 import recording
 
     content, variants = read_toml(f"variants/{study}.toml"), []
-    for row in content["variants"]:
+    hands = content.get("recorded_hands")
+    recorded = [] if hands is None else read_toml("variants/recorded_hands.toml")["variants"]
+    hands = {"prefix": "", "overrides": [], "leave_out": []} | (hands or {})
+    for row in (*content["variants"], *recorded):
         file = recording.locate(row["needs"]) if "needs" in row else ""
         each = row.get("each", {})
-        for values in itertools.product(*each.values()) if file is not None else ():
-            words = {"file": file, **dict(zip(each, values, strict=True))}
+        combinations = (
+            dict(zip(each, values, strict=True)) for values in itertools.product(*each.values())
+        )
+        more = hands["overrides"] if row in recorded else []
+        for values in row.get("rows", combinations) if file is not None else ():
+            words = {"file": file, "prefix": hands["prefix"], **values}
             name, question, *overrides = (
                 Template(text).substitute(words)
-                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
+                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()), *more)
             )
             campaign = row.get("campaign", content["campaign"])
-            variants.append(Variant(name, campaign, tuple(overrides), question))
+            if name not in hands["leave_out"]:
+                variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)
 
 
