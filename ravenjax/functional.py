@@ -150,6 +150,7 @@ class Model:
 
         # Each `vmap` adds a leading axis to every array, of length 1 where it does not vary.
         def compute(inputs: Any, golden: Any) -> Any:
+            # Computes a batch of any shape on the kernel, whose lanes are one-dimensional.
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
             shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(inputs)))
             if golden is not None:

@@ -118,9 +118,7 @@ class Objects(MutableMapping[str, bytes]):
     """
 
     def __init__(self, place: Path, most: int) -> None:
-        """most: bytes of all files together; beyond it, the files that were used longest ago are
-        deleted.
-        """
+        """most: bytes of all files; beyond it, the least recently used files are deleted."""
         self._place, self._most = place, most
 
     def _path(self, key: str) -> Path:

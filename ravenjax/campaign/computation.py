@@ -144,6 +144,7 @@ class Computation:
         return concatenate(rows), concatenate(golden_runs)
 
     def _note_fault_free(self) -> None:
+        # Notes what misleads: golden runs that stand still, or raise alarms themselves.
         if not self._fault_free_outcomes:
             return
         runs = concatenate(self._fault_free_outcomes)
@@ -241,6 +242,7 @@ class Computation:
         return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
+        # Computes the golden runs of these rows: their signals, and their outcomes.
         self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
@@ -301,6 +303,7 @@ class Computation:
     # --- blocks ---
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
+        # Computes runs with faults. Each starts from its golden run's snapshot, if one is near.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in computed.numbers.tolist()]
@@ -317,6 +320,7 @@ class Computation:
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
+        # Assembles the inputs of a kernel. The last row is repeated to fill its lanes.
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),

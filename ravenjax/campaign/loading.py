@@ -127,9 +127,7 @@ def from_record(
 
 
 def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
-    """Return whether a key is missing because it was misspelt, which another error already
-    reports.
-    """
+    """Return whether a missing key was misspelt, which another error already reports."""
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
         suggest_name(other["loc"][-1], (key,))
@@ -187,6 +185,7 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(model: type[CampaignConfig], error: Any) -> str:
+    # Returns what is wrong and what is expected, with the section to which a misplaced key belongs.
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
         if isinstance(error["input"], dict) and path in dict(tables_of(model)):

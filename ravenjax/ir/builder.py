@@ -76,6 +76,7 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    # Returns a simpler operation with the same bits, or None.
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -174,6 +175,7 @@ def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
 
 
 def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    # Simplifies a `select`.
     if yes == no:
         return yes
     if condition in b.constants:

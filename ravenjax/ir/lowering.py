@@ -138,6 +138,7 @@ class _Walk:
     def body(
         self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]
     ) -> list[_Value]:
+        # Translates the equations in order. Returns the results.
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 

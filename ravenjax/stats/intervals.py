@@ -29,9 +29,7 @@ class Rate(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval, in the unit of the estimate. For a curve, arrays of one
-    shape.
-    """
+    """A value with its confidence interval, in one unit. A curve has arrays of one shape."""
 
     value: Any = math.nan
     low: Any = math.nan

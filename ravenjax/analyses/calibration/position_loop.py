@@ -90,9 +90,7 @@ def params(plant: robot.PlantParams) -> LoopParams:
 
 
 def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
-    """Return the null model of a robot: motors with only viscous friction. Replay it with all
-    `cables` cut.
-    """
+    """Return the null model: motors with only viscous friction, to be replayed with cut cables."""
     free = Vec.full(JOINTS, 0.0)
     return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
 
@@ -187,9 +185,7 @@ def _low_passed(new: Vec, state: LoopState) -> Vec:
 
 
 def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
-    """Return the counts that drive the motors in this cycle. A fractional delay weights two
-    cycles.
-    """
+    """Return the counts that drive motors in this cycle. A fractional delay weights two cycles."""
     if not before:
         return now
     delay = jnp.clip(delay, 0.0, float(len(before)))

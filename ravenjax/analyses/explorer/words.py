@@ -80,6 +80,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
+    # What the page shows of a channel: unit, whole numbers or not, limits and normal range.
     usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {

@@ -131,6 +131,7 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
 def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
+    # Requires that the operations were scored as in the calibration, by operators that it lacks.
     place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
     before, design = score_folder.read_design(own), score_folder.read_design(place)
     for key in ("signals", "segments", "code"):

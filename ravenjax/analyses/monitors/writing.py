@@ -68,6 +68,7 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
+    # The monitor's file: what it checks, what it promises, and how it was calibrated and tested.
     tested, monitor = result.test, result.monitor
     return {
         "monitor": {
@@ -228,6 +229,7 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
+    # A short campaign of one run, whose signals are the test vector of the written check.
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:

@@ -247,6 +247,7 @@ def _verified(
 
 
 def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dict[str, Any]:
+    # The result of one cell as a record: both ends of the bracket, and their runs.
     record: dict[str, Any] = {
         "cell": grid.labels[cell],
         "state": str(found.state[cell]),

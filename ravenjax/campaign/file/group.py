@@ -236,6 +236,7 @@ class Group(Section):
 
     @model_validator(mode="after")
     def _design(self) -> Group:
+        # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
             raise ValueError(f"design = {self.design!r} needs runs, the number of runs to draw")
         if self.design not in SAMPLED and self.runs is not None:
@@ -263,9 +264,7 @@ class Group(Section):
         return self
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
-        """Return the group's faults with the keys replaced that one run of design "list"
-        replaces.
-        """
+        """Return the group's faults, with the keys that one run of design "list" replaces."""
         return tuple(
             Fault(**{**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
             for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={})

@@ -187,9 +187,7 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
 
 @dataclasses.dataclass
 class Where:
-    """Turns (key, message) into a line of an error that names the file and line, or the
-    override.
-    """
+    """Turns (key, message) into an error's line, which names the file and line, or the override."""
 
     source: Path | None
     lines: dict[str, int]

@@ -89,6 +89,7 @@ class SimdKernel(traced.PrintedKernel):
     def _run(
         self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
+        # Lanes that share inputs form a group. Groups are computed one after the other.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)

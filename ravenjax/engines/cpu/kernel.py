@@ -228,6 +228,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("lane_begin", printer)
 
     def _lane_run(self) -> None:
+        # Prints the loop over ticks of one vector of lanes.
         printer = LlvmPrinter(self.width, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._lane_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)

@@ -52,6 +52,7 @@ class StepCode:
         self.tables = tuple(tables)
 
         def make() -> tuple[str, RecordKind, RecordKind, int]:
+            # Traces the three functions and prints them as one module.
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(

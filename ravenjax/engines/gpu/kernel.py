@@ -212,6 +212,7 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _lane_run(self) -> dict[str, Any]:
+        # Prints the loop over ticks of one lane, and the code before and after it.
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self.sources(step, self._inputs("in{}"), state)

@@ -67,9 +67,7 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
 
 
 def drawn_whole(runs: Runs) -> list[str]:
-    """Return the columns of the parameters that make up a robot of a file; none if robots were not
-    drawn whole.
-    """
+    """Return the columns of a robot's parameters; none if robots were not drawn whole."""
     return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
 
 

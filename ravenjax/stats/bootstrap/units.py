@@ -50,9 +50,7 @@ class Units(NamedTuple):
         return Units(unit, self.stratum[present])
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
-        """Return the weight of each unit in each resample, float [resamples, units]. Their mean is
-        1 in every stratum.
-        """
+        """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _collapsed(self.stratum):
@@ -65,9 +63,7 @@ class Units(NamedTuple):
     def resampled(
         self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """Return `value` of each resample [resamples, ...]. `value` takes weights of rows
-        [b, n].
-        """
+        """Return `value` of each resample [resamples, ...]. It takes weights of rows [b, n]."""
         weight = self.weights(resamples, seed)
         batch = max(1, _ELEMENTS // max(1, len(self.unit)))
         parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
@@ -207,9 +203,7 @@ def bootstrap(
 
 
 def band_ends(samples: np.ndarray) -> np.ndarray:
-    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
-    NaN.
-    """
+    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all are NaN."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanquantile(samples, [ALPHA / 2, 1 - ALPHA / 2], axis=0)

@@ -46,9 +46,7 @@ class OperationScores(NamedTuple):
         return OperationScores(*(values[mask] for values in self))
 
     def one_each(self) -> OperationScores:
-        """Return the first operation of each unit. These are independent, whatever a unit's
-        operations share.
-        """
+        """Return the first operation of each unit: these are independent of each other."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
 
@@ -154,9 +152,7 @@ class TooFewUnits(ValueError):
 
 
 def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
-    """Return the least score that keeps the target as a threshold. Raises TooFewUnits without
-    one.
-    """
+    """Return the least score that keeps the target as threshold. Raises TooFewUnits."""
     if not len(operations.unit):
         raise TooFewUnits(0, target.fewest_units)
     score = np.where(np.isnan(operations.score), np.inf, operations.score)

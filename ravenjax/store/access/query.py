@@ -83,6 +83,7 @@ class ResultTable:
         self._connection.register(name, table)
 
     def _told(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+        # Executes one statement of SQL, and turns DuckDB's errors into StoreError.
         import duckdb
 
         # A name in somebody else's file must not add a statement that writes.

@@ -213,6 +213,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
 
 
 def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
+    # Copies all messages. ROS 1 needs its own header type, and times after 0.
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 

@@ -115,6 +115,7 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: Json) -> None:
+        # Refuses a message whose numbers or names do not belong to this session.
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
@@ -348,6 +349,7 @@ class Hub:
         return not (self._scripted or self._has("operator"))
 
     def _greet(self, client: Client) -> None:
+        # Sends a new page all that it needs to draw the session.
         places = {
             name: [place.start, place.stop - place.start]
             for name, place in self._layout.places.items()

@@ -118,9 +118,7 @@ def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return the campaign of a session. Raises ValueError for what `find_scenario_errors`
-    reports.
-    """
+    """Return a session's campaign. Raises ValueError for what `find_scenario_errors` reports."""
     groups, numbers = _groups(scenario, seed)
     rows: list[_Row] = []
     if groups:
@@ -244,6 +242,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
 def _config(
     scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
 ) -> CampaignConfig:
+    # A session's hazards as a campaign in which nobody moves; the person's motion replaces that.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
     parameters = {

@@ -406,6 +406,7 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
+        # Writes this tick's motion: tried on the virtual robot, repeated, or direct.
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
         if self.view == VIRTUAL:
@@ -493,6 +494,7 @@ class Session:
         )
 
     def _follow(self) -> None:
+        # Follows the robot's state after a tick: phase, task, and judge.
         frame = self.frame
         # The robot's state is unknown while its reports do not arrive.
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):

@@ -287,6 +287,7 @@ class Operator(Section):
     @field_validator("rotation")
     @classmethod
     def _proper(cls, value: Any) -> Any:
+        # Requires a proper rotation, as a matrix or a quaternion.
         import numpy as np
 
         for turn in value.values() if isinstance(value, dict) else [value] if value else []:
@@ -301,6 +302,7 @@ class Operator(Section):
 
     @model_validator(mode="after")
     def _window(self) -> Operator:
+        # Keys of recorded motions are refused for generated ones, and the reverse.
         if self.file is not None and self.start.si():
             raise ValueError(
                 "start belongs to a generated motion; a recorded one begins where it was recorded:"
@@ -351,9 +353,7 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; omitted limits keep the original's
-    values.
-    """
+    """[limits]: soft joint limits of the control software; omitted limits are the original's."""
 
     shoulder_deg: tuple[_Shoulder, _Shoulder] | None = None
     """[min, max] of the shoulder"""

@@ -178,6 +178,7 @@ class _Reach:
 
 
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
+    # Returns both wrist positions from which the instrument reaches the pose, and the pose's axes.
     columns = pose.position, *zip(*pose.rotation, strict=True)
     if GEOMETRY[arm].flip > 0:
         position, x6, y6, z6 = map(Vec, columns)
@@ -295,6 +296,7 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
 
 
 def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
+    # Of both bends of the wrist, chooses the one that is nearer to the measured joints.
     def turned(theta4: Scalar) -> Scalar:
         gap = measured.theta4 - theta4
         return jnp.where(

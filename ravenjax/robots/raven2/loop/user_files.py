@@ -309,6 +309,7 @@ class UserFiles:
         )
 
     def _step_stage(self, stage: str, **gives: Sequence[Vec]) -> list[Vec]:
+        # Runs the user's file in place of a stage of the control software, for each arm.
         ((name, like),) = gives.items()
         place = list(dict(self._setup.controller)).index(stage)
         code, width = part.load_part(self._setup.controller[place][1]), self._setup.precision.narrow
