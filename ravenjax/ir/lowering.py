@@ -88,9 +88,7 @@ _Value = int | _Table
 
 def _single(value: _Value) -> int:
     if isinstance(value, _Table):
-        raise UnknownPrimitive(
-            "a whole table is used as if it were one number; look one number of it up"
-        )
+        raise UnknownPrimitive("a whole table is used as one number; look up a single number in it")
     return value
 
 

@@ -99,7 +99,7 @@ def rate_bounds(
 def alpha_of(confidence: float) -> float:
     """Return 1 - confidence, the chance to miss. Raises ValueError unless 0 < confidence < 1."""
     if not 0 < confidence < 1:
-        raise ValueError(f"a confidence lies between 0 and 1, as 0.95 does, got {confidence}")
+        raise ValueError(f"a confidence must be between 0 and 1, such as 0.95, got {confidence}")
     return 1 - confidence
 
 

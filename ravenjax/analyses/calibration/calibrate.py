@@ -133,7 +133,7 @@ class LoggedRobot:
         if len(self.log.desired) < SHORTEST:
             raise UserError(
                 f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least"
-                f" {SHORTEST * 1e-3:g} s, half of it to fit to and half to judge by"
+                f" {SHORTEST * 1e-3:g} s, one half for the fit and one for the comparison"
             )
         first, _ = self.halves
         base = parameters.prior_robot(plant, unknowns)

@@ -60,13 +60,12 @@ def question_plan(config: CampaignConfig) -> Plan:
     """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
     if config.campaign.noise:
-        raise UserError("noise is drawn again in each run, which a page does not do: turn it off")
+        raise UserError("a page cannot draw noise for each run: turn campaign.noise off")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
-            f"campaign {config.campaign.name!r} has no fault that a page could ask about: give one"
-            " of its groups a [[group.fault]]; a page offers the places and effects of the"
-            " campaign's own faults"
+            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: give"
+            " one of its groups a [[group.fault]]; a page offers its site and effects"
         )
     # A page draws the lengths of packets once, for all its runs.
     values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}

@@ -142,7 +142,7 @@ def _of_operations(
     _require_length(source, float(design["design"]["length_s"]), record)
     if all(design["design"].get(key) == before["design"].get(key) for key in ("seed", "stream")):
         raise UserError(
-            f"{source}: its operators are those of the calibration, so none of them is fresh"
+            f"{source}: its operators are those of the calibration, so they test nothing"
         )
     peaks = score_folder.read_scores(place)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
@@ -198,8 +198,8 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
             rows = csv.DictReader(file)
             if lost := [name for name in names if name not in (rows.fieldnames or ())]:
                 raise UserError(
-                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows what is"
-                    " read"
+                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows the"
+                    " expected columns"
                 )
             table = np.array([[float(row[name]) for name in names] for row in rows], np.float64)
     except (OSError, UnicodeDecodeError) as error:
@@ -237,7 +237,7 @@ def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) ->
         if origin in first:
             raise UserError(
                 f"{source}: has the same operators as {first[origin]} ({origin}), and only one"
-                " operation of each operator counts: check each source by itself"
+                " operation of each operator counts: check each source separately"
             )
         first[origin] = source
 

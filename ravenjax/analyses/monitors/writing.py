@@ -126,7 +126,7 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
         if not file.is_file() or files.hash_file(file) != digest:
             raise StoreError(
                 f"{file}: is not what the calibration wrote (sha256 expected"
-                f" {digest[:16]}); calibrate again, its operations are there already"
+                f" {digest[:16]}); calibrate again, which reuses its operations"
             )
     return monitor, content
 

@@ -66,7 +66,7 @@ class CampaignConfig(Section):
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")
+            raise ValueError(f"got name {twice[0]!r} twice, expected a different name for each")
         return tables
 
     @property

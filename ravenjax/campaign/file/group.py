@@ -79,7 +79,7 @@ def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
     for path, axis in axes.items():
         if axis.drawn:
             raise ValueError(
-                f"{path}: got {axis.kind}, expected a list: every run is done once with each of its"
+                f"{path}: got {axis.kind}, expected a list: every run is repeated with each of its"
                 " values"
             )
     return axes

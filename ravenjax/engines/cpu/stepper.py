@@ -63,7 +63,7 @@ class StepCode:
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
             if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
-                raise TypeError("what goes out of a tick is float32")
+                raise TypeError("every output of a tick must be float32")
             kind, fixed = RecordKind.of(state), self.inputs.layout
             transitions = {
                 "begin": StateTransition(first, fixed, NOTHING, NOTHING),

@@ -97,7 +97,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():
-        raise ValueError("units: a unit lies in one stratum, and one of these lies in several")
+        raise ValueError("units: each must be in one stratum, and one of these is in several")
     return Units(unit, of_unit)
 
 

@@ -88,7 +88,9 @@ class ResultTable:
 
         # A name in somebody else's file must not add a statement that writes.
         if self._connection.extract_statements(sql)[1:]:
-            raise StoreError("a name in the result holds SQL; nothing was computed: it is forged")
+            raise StoreError(
+                "a name in the result contains SQL, so it is forged; nothing was computed"
+            )
         try:
             return self._connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:

@@ -142,7 +142,7 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
-        raise ValueError("the record has another length than it says")
+        raise ValueError("the record does not have the length that it states")
     return record, end
 
 

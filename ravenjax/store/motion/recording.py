@@ -111,8 +111,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
         given = getattr(options, name) or arms
         if lacking := [arm for arm in arms if isinstance(given, dict) and arm not in given]:
             raise UserError(
-                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; write"
-                " one without arms if it is that of all"
+                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; give"
+                " a value without names of arms if it is the same for all"
             )
     if packets:
         return packet_file.read_track(

@@ -216,10 +216,9 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
             continue
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
-            f" {scale / base:.3g} times as far as recorded: at {(begin + row) * TICK_S:.3f} s of"
-            f" the recording it leaves the joint limits. The scale of [operator], {base:g}, moves"
-            f" it as recorded; vary it less, or write scale = {scale:g} in [operator] and do not"
-            " vary it"
+            f" {scale / base:.3g} times as far as recorded. At {(begin + row) * TICK_S:.3f} s of"
+            f" the recording the arm leaves its joint limits. The scale of [operator], {base:g},"
+            f" moves it as recorded. Vary the scale less, or write scale = {scale:g} in [operator]"
         )
 
 

@@ -122,7 +122,7 @@ class Inbox:
         if len(json.dumps(content.get("text", ""))) > NOTE:
             raise RefusedMessage(f"a note of more than {NOTE} bytes")
         if name == "instructor cue" and self._blinded:
-            raise RefusedMessage("the session is blinded: its cue is not the instructor's")
+            raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self._hazards:
             raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
         if "scenario" in content:

@@ -287,7 +287,7 @@ def _with_panel(client: str, late: str, panel: str) -> str:
     for part in (_EARLY, late, panel):
         if part not in text:
             raise RuntimeError(
-                f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
+                f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
             )
     return text
 
