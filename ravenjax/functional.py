@@ -75,9 +75,7 @@ class Model:
 
     @property
     def targets(self) -> dict[injection.ChannelKey, int]:
-        """The code in `FaultSlot.code` of each (site, arm, channel) on which the campaign has
-        faults; code 0 means no fault.
-        """
+        """The code in `FaultSlot.code` of each faulty (site, arm, channel); 0: no fault."""
         return {key: i + 1 for i, key in enumerate(injection.channel_keys(self.setup))}
 
     def record(self, params: Mapping[str, Any]) -> Any:

@@ -257,6 +257,7 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
+        # Computes a golden run again with snapshots, from which runs with late faults can start.
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)

@@ -79,7 +79,7 @@ def from_dict(
 def from_record(
     raw: dict[str, Any], overrides: Sequence[str], source: Path | None = None, text: str = ""
 ) -> CampaignConfig:
-    """Return the same for tables that a file of somebody else may hold: no code may run anew."""
+    """Return the campaign of tables that others may have written: it gives no consent to code."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
@@ -172,6 +172,7 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+    # Shortens the place of an error to keys that the file has.
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):

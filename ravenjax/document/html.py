@@ -125,9 +125,7 @@ def _plain(html: str) -> str:
 
 
 def with_scopes(html: str) -> str:
-    """Return HTML with `scope` in every <th> that has none: a column in thead and tfoot, else a
-    row; a group if the heading spans several.
-    """
+    """Return HTML with `scope` in every <th>: column, row, or a group if it spans several."""
     part = ""
 
     def heading(tag_match: re.Match[str]) -> str:

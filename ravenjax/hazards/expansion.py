@@ -133,6 +133,7 @@ def hazard_words() -> list[str]:
 
 
 def _named(word: str) -> list[Hazard]:
+    # Hazards by id or layer, or all. One that cannot be run is refused only if named alone.
     named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable

@@ -30,6 +30,7 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+    # Repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)

@@ -137,6 +137,7 @@ def _kinematics(
 
 
 def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
+    # Sums the wrenches from the tips to the base. Returns the part along each joint's axis.
     wrenches = [body.wrench for body in bodies]
     bias: list[Number] = [0.0] * len(links)
     for index in reversed(range(len(links))):

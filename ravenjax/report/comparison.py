@@ -246,6 +246,7 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
+    # The share of an event in both results, and its difference.
     first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,

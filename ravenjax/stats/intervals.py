@@ -42,9 +42,7 @@ def wilson_interval(k: int, n: int) -> Rate:
 
 
 def clopper_pearson(k: int, n: int) -> Rate:
-    """Return a rate with its exact 95 % interval (Clopper-Pearson). Raises ValueError unless 0 <= k
-    <= n.
-    """
+    """Return a rate with its exact 95 % interval. Raises ValueError unless 0 <= k <= n."""
     return rates_with_intervals([k], [n], method="beta")[0]
 
 

@@ -162,9 +162,7 @@ def _curve(delays: Delays, start: float) -> Incidence:
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return the Kaplan-Meier share still without event after each run of `order`, for weighted
-    runs [b, n]: [b, n].
-    """
+    """Return the Kaplan-Meier share without event after each run of `order`, [b, n]."""
     mine = weight[:, order]
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
     lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)

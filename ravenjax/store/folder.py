@@ -40,10 +40,7 @@ Each is hashed, which a core does at half a gigabyte per second or more.
 
 
 class ResultFolder:
-    """An open result folder, made by `open`.
-
-    Parts may be added from several threads.
-    """
+    """An open result folder, made by `open`. Parts may be added from several threads."""
 
     def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
         self.path, self.notes = path, notes

@@ -86,9 +86,7 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return unknowns that the fit moved by UNLIKELY or more, with the distance in standard
-        deviations of the belief.
-        """
+        """Return (unknown, shift) where the fit moved it by UNLIKELY prior deviations or more."""
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
@@ -113,9 +111,7 @@ class Calibration:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRobot:
-    """A log and its robot: the arm, the software's assumption about the tool's cables, and the
-    controller.
-    """
+    """A log and its robot: arm, controller, and the software's assumption about tool cables."""
 
     log: JointLog
     setup: RavenSetup
@@ -146,9 +142,7 @@ class LoggedRobot:
         return Calibration(tuple(unknowns), base, best)
 
     def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
-        """Return following errors on `part`: of the log itself, of `robots` by name, and of the
-        bare rotors of the first robot.
-        """
+        """Return following errors on `part`: of the log, of `robots` by name, of bare rotors."""
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
         joints = self.replayed(part, [*robots.values(), rotors])

@@ -185,9 +185,7 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired [n, 7] and measured joints [n, 7]. A joint that lacks one of them is measured
-    as NaN and desired at home.
-    """
+    """Return desired and measured joints [n, 7]: home and NaN for a joint that lacks one."""
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
         motors, targets = _quantity(samples, "mpos"), _quantity(samples, "mpos_d")

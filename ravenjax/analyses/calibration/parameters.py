@@ -91,9 +91,7 @@ def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> Loop
 def values_by_path(
     base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`:
-    `plant.actuators.coulomb.shoulder`.
-    """
+    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`."""
     return {
         field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
             moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float

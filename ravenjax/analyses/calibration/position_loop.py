@@ -111,9 +111,7 @@ def start_state(
 
 
 def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool) -> Vec:
-    """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
-    that they have a derivative.
-    """
+    """Return motor angles (rad) as encoders read them; unrounded if not `whole`."""
     dtype = setup.precision.real
     turned = Vec(robot.drives.angle_in_radians(motor, dtype) for motor in plant.motors)
     counts = Vec(

@@ -2,8 +2,8 @@
 processor.
 
 This module is a `ravenjax.engines.interface.Loop`, which every engine runs. The motion's seven
-columns are the desired joints, one row per cycle. The output series of a cycle has the joints that
-the motors then show.
+columns are the desired joints, one row per cycle. The output series has the joint positions that
+the motors' encoders give.
 """
 
 import dataclasses
@@ -179,6 +179,7 @@ class _Replays:
     def _block(
         self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int
     ) -> np.ndarray:
+        # Replays one block of parameter sets. Returns joints [rows, n, 7] at the log's samples.
         rows = min(kernel.lanes, count - start)
         lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
         result = kernel.run(

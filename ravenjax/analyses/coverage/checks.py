@@ -185,6 +185,7 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
 
 
 def _together(sources: Sequence[Source]) -> dict[str, list[Source]]:
+    # Sets of sources that are judged together; a set that equals the set of all is left out.
     teams = {
         name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
         for name, kinds in TOGETHER.items()

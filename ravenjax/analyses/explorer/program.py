@@ -213,6 +213,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _effects() -> dict[str, dict[str, Any]]:
+    # Codes of effects. An effect of the network acts as a plain effect on one channel.
     out: dict[str, dict[str, Any]] = {}
     for name, effect in EFFECTS.items():
         out[name] = {"code": EFFECT_CODES[name]}

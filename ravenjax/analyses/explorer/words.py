@@ -95,6 +95,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
+    # The range of values that the campaign gives each site and effect: the page's slider.
     values: dict[str, list[float]] = {}
     for group in config.group:
         for run in group.run or [None]:
@@ -181,6 +182,7 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
+    # True for runs whose fault a page can set: one fault, one window from a time on.
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

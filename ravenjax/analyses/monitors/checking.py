@@ -1,6 +1,6 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Of each operator, result folder or log, only the first operation is tested. Its other operations
+Only the first operation of each operator, result folder or log is tested. Its other operations
 share the operator's motion or the robot, so they are not independent of the first. Each term's
 score has a test of its own, and so has the joint score. Holm's adjustment keeps the level of
 all tests together.

@@ -146,9 +146,7 @@ def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
 
 
 def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
-    """Return SCORE, the joint score of each operation, and the columns of `peak` by the name of
-    their term and segment.
-    """
+    """Return SCORE, each operation's joint score, and the columns of `peak` by name."""
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms

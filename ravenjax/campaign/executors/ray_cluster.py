@@ -235,10 +235,9 @@ class Ray:
 
 
 def _require_answer(address: str) -> None:
-    """Raise UserError if the first machine of the cluster does not answer. Ray itself would end
-    this process a minute later.
-    """
+    """Raise UserError if the cluster's first machine does not answer."""
     host, _, port = address.rpartition(":")
+    # Without this, Ray itself would end this process a minute later.
     try:
         socket.create_connection((host, int(port)), ANSWER_S).close()
     except OSError as error:
@@ -249,6 +248,7 @@ def _require_answer(address: str) -> None:
 
 
 def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
+    # One error for all chunks that failed on the cluster.
     lines = [
         f"rows {rows.start} to {rows.stop - 1}: {why}"
         for rows, why in sorted(lost.items(), key=lambda item: item[0].start)

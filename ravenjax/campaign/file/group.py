@@ -60,6 +60,7 @@ def flatten_parameters(raw: Any) -> Any:
         return raw
 
     def flat(table: dict[str, Any], path: str) -> dict[str, Any]:
+        # Joins nested keys into dotted paths.
         out: dict[str, Any] = {}
         for key, value in table.items():
             if isinstance(value, dict) and not _is_distribution(value):

@@ -82,6 +82,7 @@ def tidy_schema(node: Any) -> None:
 
 
 def _name(node: Any, words: Any) -> None:
+    # Restricts every text of a schema to these words.
     if isinstance(node, dict):
         if node.get("type") == "string":
             node["enum"] = list(words)

@@ -183,6 +183,7 @@ def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
 
 
 def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgreement:
+    # Counts equal rows of a column. NaN equals NaN, but 0 does not equal -0.
     if pa.types.is_dictionary(kept.type) or pa.types.is_string(kept.type):
         same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
         return ColumnAgreement(name, int(same.sum()), np.nan)

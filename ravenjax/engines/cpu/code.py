@@ -258,6 +258,7 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
+        # Starts the lanes of a group from the snapshots of their golden run.
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -68,6 +68,7 @@ class LlvmPrinter(Printing[Place]):
         return outer, after, types
 
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
+        # Closes the branch. Lanes that skipped it get 0, which their `select` ignores.
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
         values = []

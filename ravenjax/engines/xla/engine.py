@@ -93,7 +93,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         return moved if keep_signals else (*moved[:2], ())
 
     def segment(varied, faults, ends, state, first, reference, motion):
-        # Advances all lanes by `length` ticks. Lanes of tick 0 begin anew.
+        # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
         fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
@@ -153,6 +153,7 @@ class ScanKernel:
     def _arguments(
         self, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[int, tuple[Any, ...]]:
+        # Places the block's numbers on the devices, with a zero state for tick 0.
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)

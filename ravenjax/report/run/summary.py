@@ -88,6 +88,7 @@ def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
 
 
 def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: Robot) -> list[str]:
+    # The largest distances, depth and force of the run, as phrases.
     if series is None:
         far = format_number(float(row["peak_model_deviation_mm"]))
         peaks = [f"true tip {far} mm from the nominal model"]
@@ -110,6 +111,7 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
 
 
 def _distances(arm: str, series: Series) -> list[str]:
+    # The largest distance of the true tip from the model and from the golden run, and when.
     lines = []
     for other, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
         if f"{arm}/tip" not in series or f"{arm}/{other}" not in series:

@@ -1,8 +1,8 @@
 """Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
 `ravenjax calibrate`.
 
-The sampled unit is the robot: the interval is for the rate of one more robot, whatever the number
-of faults on each.
+Robots are the sampled units. The interval is for the rate of one further robot, and does not
+narrow with more faults per robot.
 """
 
 from collections.abc import Mapping

@@ -25,9 +25,7 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float) -> AlarmRate:
-    """Return alarms per hour with the exact 95 % interval of a Poisson rate (Garwood 1936), for
-    `count` independent alarms.
-    """
+    """Return alarms per hour with the exact 95 % Poisson interval (Garwood 1936)."""
     if not hours:
         return AlarmRate(int(count), 0.0, math.nan, math.nan, math.nan)
     low, high = rate_bounds(count, hours)

@@ -71,9 +71,7 @@ class Units(NamedTuple):
 
 
 def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
-    """Return the number of each row's label [n], and the count of different labels. Raises
-    ValueError if a label is missing.
-    """
+    """Return each row's label as a number [n], and how many there are. Refuses missing labels."""
     import pandas as pd
 
     labels: Any = label if isinstance(label, pd.Series | pd.Categorical) else np.asarray(label)
@@ -160,9 +158,7 @@ def statistic_band(
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum. Strata of one unit are merged into one, or into the
-    smallest other one.
-    """
+    """Return the units of each stratum; strata of one unit are merged with another one."""
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     several = sorted((one for one in strata if len(one) > 1), key=len)
     alone = [one for one in strata if len(one) == 1]

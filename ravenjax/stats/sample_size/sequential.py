@@ -308,9 +308,7 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
 
 
 def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the factor at which the clipped multiples of `spread` sum to `total`. Their sum is
-    piecewise linear in the factor.
-    """
+    """Return the factor at which the clipped multiples of `spread` sum to `total`."""
     used = spread > 0
     corners = np.unique(
         np.concatenate([[0.0], low[used] / spread[used], high[used] / spread[used]])

@@ -7,8 +7,8 @@ UDP datagrams of at least 124 bytes to port 36000, or else to the only port that
 of that size. If there are several senders, the console is the one that sent most.
 
 Complete packets are read with the console's profile, in order. Packets that the robot would drop
-move nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
-`_restarts`.
+move nothing: repeated and older numbers, and the packet after a gap. A stream may restart
+(`_restarts`).
 """
 
 from __future__ import annotations

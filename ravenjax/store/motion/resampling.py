@@ -43,9 +43,7 @@ def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
-    """Filter each stretch (first row, row after the last) of `values` [T, k] with a low-pass
-    without phase shift.
-    """
+    """Filter each stretch (begin, end) of `values` [T, k] with a low-pass, without phase shift."""
     # Slow to import.
     from scipy.signal import butter, sosfiltfilt
 

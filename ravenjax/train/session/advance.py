@@ -4,9 +4,9 @@ A session depends only on its scenario, its seed and a list of (tick, command): 
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
 the frame and the force are sent, `conclude` afterwards.
 
-Three robots run side by side, all with the campaigns' tick: the robot that is driven, its golden
-run, and the virtual robot, on which the operator can try a motion while the driven robot rests. The
-driven robot can then repeat that motion for as long as the pedal is held.
+Three robots run side by side, all with the campaigns' tick: the driven robot, its golden run, and
+the virtual robot. On the virtual robot the operator can try a motion while the driven robot rests.
+The driven robot can then repeat that motion for as long as the pedal is held.
 """
 
 from collections.abc import Callable, Sequence

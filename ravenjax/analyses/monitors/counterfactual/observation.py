@@ -100,6 +100,7 @@ def run_motions(
     tables = candidates.detector_tables(parts, (1.0,), folder)
 
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
+        # Returns scores and hours of one fault-free motion; a failed run has no hours.
         config, prefixes = candidates.with_detectors(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
         results = runner.run_campaign(config, None, engine)

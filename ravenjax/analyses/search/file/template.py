@@ -228,6 +228,7 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
+        # Returns the channel and the effect of a fault in one case.
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

@@ -101,9 +101,7 @@ def solve_by_mjx(
 
 @functools.cache
 def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return module `mjx`, the arm's model with a tendon for each pair of joints, and its data, for
-    reals of type `dtype`.
-    """
+    """Return `mjx`, the arm's model with a tendon per pair of joints, and its data, of `dtype`."""
     # The import takes half a second and prints a line for each optional backend that is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx

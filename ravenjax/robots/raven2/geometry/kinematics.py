@@ -337,7 +337,7 @@ def _likely(
 ) -> tuple[_Choice, Scalar]:
     """Return the likely nearest solution, and a lower bound (or NaN) of the cost of the others.
 
-    Of each side it takes the depth nearer to the measured d3; then the side with nearer angles.
+    For each side it takes the depth nearer to the measured d3, then the side with nearer angles.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
