@@ -30,7 +30,7 @@ CONFOUNDED = 0.7
 """Correlation from which two unknowns count as confounded: half of the variance of each is shared.
 """
 UNLIKELY = 3.0
-"""Standard deviations of the prior belief. A value farther off suggests that the robot also differs
+"""Standard deviations of the prior. A value farther off suggests that the robot also differs
 in something that is not estimated.
 """
 LOG, ROTOR = "the recording", "null: bare rotors"

@@ -53,7 +53,7 @@ def fit_parameters(
     of a count. A small difference of counted joints would then be mostly chance, and an
     uninformative parameter would seem informative.
 
-    The fit starts at the best of some draws from the beliefs. At its end it checks larger steps
+    The fit starts at the best of some draws from the prior. At its end it checks larger steps
     along each unknown, because a joint that sticks has no slope.
     """
     there = ~np.isnan(measured)

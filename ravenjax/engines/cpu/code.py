@@ -96,7 +96,7 @@ class LaneGroup:
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks. after: address to copy the group's state to then."""
+        """Compute the shared rows of these ticks. after: address for a copy of the final state."""
         state = row_address(self.group_state)
         self._call(
             "shared_run",

@@ -89,7 +89,7 @@ class _CudaModule(LoopPrinting[str]):
         for program in (self.step, self.begin, self.finish):
             if "float64" in {operation.dtype for operation in program.operations}:
                 raise NotImplementedError(
-                    "a program with float64 numbers; CUDA kernels keep every number in 32 bits"
+                    "the program has float64 numbers, but CUDA kernels have numbers of 32 bits"
                 )
 
     def source(self) -> KernelSource:

@@ -53,11 +53,11 @@ class ResultTable:
 
     def run(self, sql: str) -> None:
         """Run a statement without a result, such as the definition of a view."""
-        self._told(sql)
+        self._execute(sql)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """Return the rows of a query; `given` replaces its question marks."""
-        return self._told(sql, given).fetchall()
+        return self._execute(sql, given).fetchall()
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
         """Return the only row of a query."""
@@ -66,7 +66,7 @@ class ResultTable:
 
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
         """Return the result of a query as a DataFrame. The result must be small."""
-        return self._told(sql, given).df()
+        return self._execute(sql, given).df()
 
     def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
         """Return the result of a query as Arrow batches of `rows` rows."""
@@ -82,7 +82,7 @@ class ResultTable:
         """Make an Arrow table readable under a name."""
         self._connection.register(name, table)
 
-    def _told(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+    def _execute(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
         # Executes one statement of SQL, and turns DuckDB's errors into StoreError.
         import duckdb
 

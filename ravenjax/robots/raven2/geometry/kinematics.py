@@ -358,8 +358,8 @@ def _likely(
 def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
     """Return what the original selects if a wrist is within Lw of the remote centre.
 
-    The original stops after the insertions of the sides before, with all angles still zero, and
-    takes the other side as valid. On side 0 d3 is known by then; on side 1 it is also zero.
+    The original then stops while all angles are still zero, but counts the other side as valid.
+    It has computed d3 of side 0 by then, unless side 0 is too near: then d3 is zero, too.
     insertion: of side 0, m.
     """
     shallow, deep = -D4 - insertion, -D4 + insertion

@@ -261,7 +261,7 @@ class ControlSoftware:
         return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
-        # Accepts raw bytes or a Packet.
+        # Raw bytes pass unchanged; a Packet is checked.
         if given is None:
             return None
         if isinstance(given, Packet):
