@@ -56,7 +56,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
     """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
-            f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, a comma between"
+            f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, separated by commas"
             f"{suggest_name(invalid[0], ASKS)}"
         )
     return tuple(

@@ -425,6 +425,7 @@ class OwnStages(Section):
 
     @model_validator(mode="after")
     def _some(self) -> OwnStages:
+        # Requires at least one replaced stage, and no hash of a stage that is not replaced.
         if not list(self.files()):
             raise ValueError(
                 'replaces nothing: write motor_control or dac = "file.py", or remove the section'

@@ -261,7 +261,6 @@ class ControlSoftware:
         return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
-        # Raw bytes pass unchanged; a Packet is checked.
         if given is None:
             return None
         if isinstance(given, Packet):
