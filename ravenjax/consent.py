@@ -2,12 +2,11 @@
 
 The user agrees to code in one of these ways:
 
-- A command computes a campaign file that it names by its path, and the code lies in the folder of
-  that file and belongs to the user. A robot's module may lie wherever Python finds it.
+- A command names a campaign file by its path, and the code belongs to the user and lies in the
+  file's folder. A robot's module may lie wherever Python finds it.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
-- The same content has run before for this user, who agreed then. Its hash is remembered. The
-  content of a robot is all Python files of its package, or its module and what that imports
-  from its folder.
+- The user agreed to the same content before. Its hash is remembered. The content of a robot is all
+  Python files of its package, or its module and what that imports from its folder.
 
 A result folder and `ravenjax check` therefore run only code that the user has run before.
 """

@@ -75,9 +75,7 @@ class Model:
 
     @property
     def targets(self) -> dict[injection.ChannelKey, int]:
-        """The code in `FaultSlot.code` of each (site, arm, channel) on which the campaign has
-        faults; code 0 means no fault.
-        """
+        """The code in `FaultSlot.code` of each faulty (site, arm, channel); 0: no fault."""
         return {key: i + 1 for i, key in enumerate(injection.channel_keys(self.setup))}
 
     def record(self, params: Mapping[str, Any]) -> Any:
@@ -150,6 +148,7 @@ class Model:
 
         # Each `vmap` adds a leading axis to every array, of length 1 where it does not vary.
         def compute(inputs: Any, golden: Any) -> Any:
+            # Computes a batch of any shape on the kernel, whose lanes are one-dimensional.
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
             shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(inputs)))
             if golden is not None:

@@ -149,6 +149,7 @@ def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
 
 
 def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
+    # Runs in a thread: ends the process if the main thread does not react to a signal in time.
     with ours:
         while came := ours.recv(1):
             if came[0] in SIGNALS and not _left(ours, grace_s):

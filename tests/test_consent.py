@@ -154,7 +154,7 @@ def test_a_cache_that_others_may_change_is_refused(monkeypatch, tmp_path):
     assert not consent.is_private(tmp_path)
     (tmp_path / "foreign").unlink()
     tmp_path.chmod(0o770)
-    with pytest.raises(UserError, match=r"others may write into this cache.*chmod go-w"):
+    with pytest.raises(UserError, match=r"other users can write into this cache.*chmod go-w"):
         compile_cache.object_cache()
 
 

@@ -103,6 +103,7 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
     rates = {rate.name: rate for rate in compared.rates}
 
     def judge(margin: Margin) -> Judgement:
+        # Judges the change of one event, or of false cues per hour, against its margin.
         if margin.unit == "/h":
             before, after = _false_cues(first), _false_cues(second)
             sides = [f"{x.per_hour:.3g}/h ({x.count} in {x.hours:.2g} h)" for x in (before, after)]

@@ -35,9 +35,7 @@ def find_model(name: str | Path) -> Path:
 
 
 def list_resources(kind: str, pattern: str) -> list[Path]:
-    """Return every file of the bundled folder `kind` that matches the glob `pattern`, sorted by
-    name.
-    """
+    """Return the files of the bundled folder `kind` that match the glob `pattern`, by name."""
     for folder in (_CHECKOUT / kind, _BUNDLED / kind):
         if folder.is_dir():
             return sorted(folder.glob(pattern))

@@ -57,8 +57,8 @@ def cache_folder(kind: str) -> Path | None:
             # A run is possible without a cache.
             return None
         raise UserError(
-            f"{place}: others may write into this cache, or have done so, and what is in it is"
-            f" executed. Delete it, take their right away (chmod go-w), name another folder in"
+            f"{place}: other users can write into this cache, or have done so, and its content is"
+            f" executed. Delete it, remove their permission (chmod go-w), name another folder in"
             f" {VARIABLE}, or set {VARIABLE}=off"
         )
     return base / kind
@@ -118,9 +118,7 @@ class Objects(MutableMapping[str, bytes]):
     """
 
     def __init__(self, place: Path, most: int) -> None:
-        """most: bytes of all files together; beyond it, the files that were used longest ago are
-        deleted.
-        """
+        """most: bytes of all files; beyond it, the least recently used files are deleted."""
         self._place, self._most = place, most
 
     def _path(self, key: str) -> Path:

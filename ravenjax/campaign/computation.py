@@ -144,6 +144,7 @@ class Computation:
         return concatenate(rows), concatenate(golden_runs)
 
     def _note_fault_free(self) -> None:
+        # Notes what misleads: golden runs that stand still, or raise alarms themselves.
         if not self._fault_free_outcomes:
             return
         runs = concatenate(self._fault_free_outcomes)
@@ -241,6 +242,7 @@ class Computation:
         return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
+        # Computes the golden runs of these rows: their signals, and their outcomes.
         self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
@@ -255,6 +257,7 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
+        # Computes a golden run again with snapshots, from which runs with late faults can start.
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
@@ -301,6 +304,7 @@ class Computation:
     # --- blocks ---
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
+        # Computes runs with faults. Each starts from its golden run's snapshot, if one is near.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in computed.numbers.tolist()]
@@ -317,6 +321,7 @@ class Computation:
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
+        # Assembles the inputs of a kernel. The last row is repeated to fill its lanes.
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),

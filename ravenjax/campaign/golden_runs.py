@@ -139,6 +139,7 @@ class FastForwardPlan:
         return self._plan.golden[order], self._plan.ends[order].astype(np.int64)
 
     def _largest(self, values: np.ndarray) -> np.ndarray:
+        # Returns for each golden run the largest value of its runs.
         if self._size == 1:
             # Short cut for campaigns of millions of runs.
             return values.max(keepdims=True).astype(np.int64)

@@ -79,7 +79,7 @@ def from_dict(
 def from_record(
     raw: dict[str, Any], overrides: Sequence[str], source: Path | None = None, text: str = ""
 ) -> CampaignConfig:
-    """Return the same for tables that a file of somebody else may hold: no code may run anew."""
+    """Return the campaign of tables that others may have written: it gives no consent to code."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
@@ -127,9 +127,7 @@ def from_record(
 
 
 def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
-    """Return whether a key is missing because it was misspelt, which another error already
-    reports.
-    """
+    """Return whether a missing key was misspelt, which another error already reports."""
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
         suggest_name(other["loc"][-1], (key,))
@@ -174,6 +172,7 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+    # Shortens the place of an error to keys that the file has.
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):
@@ -187,6 +186,7 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(model: type[CampaignConfig], error: Any) -> str:
+    # Returns what is wrong and what is expected, with the section to which a misplaced key belongs.
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
         if isinstance(error["input"], dict) and path in dict(tables_of(model)):

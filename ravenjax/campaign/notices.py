@@ -102,6 +102,7 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _of_parameters(plan: Plan) -> Iterator[str]:
+    # Yields notices of varied parameters that have no effect.
     program = plan.program
     fault_free = ~(plan.faults["code"] > 0).any(axis=1)
     for path, values in table.varied_parameters(plan.rows).items():
@@ -178,9 +179,7 @@ def _of_faults(plan: Plan) -> Iterator[str]:
 
 
 def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
-    """Yield (key, which faults [runs, slots], notice) where faults take a parameter out of its
-    range.
-    """
+    """Yield (key, faults [runs, slots], notice) where faults take a parameter out of its range."""
     faults, robot, program = plan.faults, plan.config.robot, plan.program
     value, length = _values_and_lengths(plan)
     targets = table.injection_targets(program.setup.injection)
@@ -212,6 +211,7 @@ def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
 
 
 def _idle(plan: Plan) -> np.ndarray:
+    # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
     faults, robot = plan.faults, plan.config.robot
     channels = [
         robot.sites[site].channel(name)

@@ -115,9 +115,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarra
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
-    """Return the names that column `cable_overload` has for the cables by index from 1; "" for
-    none.
-    """
+    """Return the names that column `cable_overload` gives cables 1, 2, ...; "" for none."""
     return (
         "",
         *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),

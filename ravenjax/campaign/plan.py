@@ -146,9 +146,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
-    """Return every path that a campaign may vary: full paths, those without the arm, and those of
-    whole vectors.
-    """
+    """Return every path that a campaign may vary: full ones, without the arm, whole vectors."""
     names: dict[str, None] = {}
     for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):

@@ -118,9 +118,7 @@ def run_campaign(
 
 
 def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
-    """Return the results that `compute` writes to a new temporary folder, which is deleted with
-    them.
-    """
+    """Return results that `compute` writes to a temporary folder, which is deleted with them."""
     folder = tempfile.mkdtemp(prefix="ravenjax-")
     try:
         results = compute(Path(folder))

@@ -31,6 +31,7 @@ def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any
 
 
 def _item(key: str, value: Any, headed: bool = False) -> Any:
+    # Nested tables are written inline, except parameters, whose paths would be hard to read.
     import tomlkit
 
     if isinstance(value, Mapping):

@@ -65,9 +65,7 @@ class Listing(NamedTuple):
 
 
 def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
-    """Print tables one below the other, without empty ones, or as one JSON object {name: [{column:
-    cell}]}.
-    """
+    """Print tables without empty ones, or as one JSON object {name: [{column: cell}]}."""
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
@@ -97,9 +95,7 @@ def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, .
 
 
 def emit_json(value: Any) -> None:
-    """Print a value as JSON on standard output. NaN and infinite numbers become null, paths
-    text.
-    """
+    """Print a value as JSON. NaN and infinite numbers become null, and paths become text."""
     import json
 
     print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)

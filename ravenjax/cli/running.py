@@ -243,9 +243,7 @@ def _summary(folder: Path, results: Results) -> None:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """End the work on SIGTERM and SIGHUP as on Ctrl-C, promptly and with exit code 128 + the
-    signal's number.
-    """
+    """End on SIGTERM and SIGHUP as on Ctrl-C, promptly; exit code 128 + the signal's number."""
     with interruption.exit_on_signals(signal.SIGTERM, signal.SIGHUP):
         try:
             with interruption.ended_in_time(ENDED), interruption.held_back():

@@ -111,9 +111,7 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
 
 
 def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
-    """Return how many runs evade, and in how many of them the cue came. runs: by verdict, at least
-    one valid.
-    """
+    """Return how many runs evade, and how many of these have a cue. runs: counts by verdict."""
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     motion = verdict.HAZARDS[0]
     cues = [

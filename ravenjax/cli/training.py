@@ -333,8 +333,7 @@ def recover(file: Path, *, out: Path | None = None) -> None:
 
     if out is not None and out.exists() and file.exists() and out.samefile(file):
         raise UserError(
-            f"--out {out}: is the recording itself, expected another file: what is damaged may be"
-            " needed again"
+            f"--out {out}: is the recording itself, expected another file: the damaged one is kept"
         )
     console.print_text(store.recover_records(file, out))
 

@@ -224,6 +224,7 @@ class Chart:
         return [table for table in tables if table.rows]
 
     def _curve_numbers(self, curves: Sequence[Curve]) -> Numbers:
+        # The table beside the chart: each curve at up to seven round places of the x axis.
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
         ends = (axis.low, axis.high)
         places = [

@@ -67,6 +67,7 @@ def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Mark
 
 
 def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
+    # An SVG whose colours are CSS variables, so that it follows a light or dark page.
     width, height = WIDTHS[kind], chart.height + ABOUT
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
@@ -153,6 +154,7 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
 
 
 def _scale(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
+    # Sets scale, limits and labels of one axis.
     own = getattr(axes, f"{name}axis")
     if axis.log:
         getattr(axes, f"set_{name}scale")("log")

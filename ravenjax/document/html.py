@@ -125,12 +125,11 @@ def _plain(html: str) -> str:
 
 
 def with_scopes(html: str) -> str:
-    """Return HTML with `scope` in every <th> that has none: a column in thead and tfoot, else a
-    row; a group if the heading spans several.
-    """
+    """Return HTML with `scope` in every <th>: column, row, or a group if it spans several."""
     part = ""
 
     def heading(tag_match: re.Match[str]) -> str:
+        # Adds `scope`, by which screen readers find the head of a cell.
         nonlocal part
         closing, tag, attributes = tag_match.groups()
         if tag != "th":

@@ -65,6 +65,7 @@ class Printing(ABC, Generic[Where]):
         due: dict[int, list[tuple[int, Where]]] = {}
 
         def value(i: int) -> str:
+            # Loads or prints a value at its first use. Stores that waited for it follow.
             if i not in values:
                 operation = program.operations[i]
                 if operation.name == "constant":
@@ -77,6 +78,7 @@ class Printing(ABC, Generic[Where]):
             return values[i]
 
         def write(pending: Iterable[tuple[int, Where]]) -> None:
+            # A store waits until the old value at its place has been read.
             for i, place in pending:
                 before = holder.get(place)
                 if before is not None and before not in values:
@@ -103,6 +105,7 @@ class Printing(ABC, Generic[Where]):
             write(goals.get(i, []))
 
         def enter(region: Region) -> None:
+            # Prints a region. Values computed in it are unknown after it.
             for o in region.reads(program.operations):
                 value(o)
             condition, before = value(region.condition), dict(values)

@@ -37,6 +37,7 @@ def hash_values(*values: Any) -> str:
 
 
 def _pieces(value: Any) -> Iterator[bytes]:
+    # Yields bytes that are equal only for values of equal type and content.
     kind = f"{type(value).__module__}.{type(value).__qualname__}".encode()
     if isinstance(value, np.ndarray | np.generic):
         yield from (kind, value.dtype.str.encode(), repr(value.shape).encode(), value.tobytes())

@@ -130,8 +130,8 @@ def leaks_refused() -> Iterator[None]:
         created = re.search(r"created on line (\S+?:\d+)", str(error))
         place = created[1] if created else "a detector, check, controller or operator"
         raise UserError(
-            f"{place}: uses a number of jnp that it kept from another call, in a global or a"
-            " cache; keep plain numbers, or what init gives"
+            f"{place}: uses a jnp number from an earlier call, which it kept in a global or a"
+            " cache; keep plain numbers, or what init returns"
         ) from error
 
 

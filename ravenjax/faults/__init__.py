@@ -49,8 +49,8 @@ _ABSENT = {"value": 0, "every": 0, "period": 1, "key": 0}
 class Fault:
     """What a fault does to a signal, and when; with JAX a pytree whose effect is static.
 
-    effect: as in a campaign's `[[group.fault]]`. Of the effects on the network only "delay" exists:
-    the signal of `value` ticks ago. value: as the effect defines it, in the signal's unit.
+    effect: as in a campaign's `[[group.fault]]`. The only network effect is "delay": the signal
+    of `value` ticks ago. value: as the effect defines it, in the signal's unit.
 
     The window opens `start` ticks after the reset and lasts `duration` ticks; with `every` it opens
     again after each `every` ticks. With `probability` a window of `duration` ticks begins with that
@@ -149,9 +149,9 @@ def apply(
 ) -> tuple[Any, State, Any]:
     """Return the signal after the fault, the new state, and where the fault changed a bit (bool).
 
-    Call it once in each tick. tick: int, counts all ticks and is not reset. clock: int, on which
-    windows open: ticks since a trigger, or negative while they are shut; None: ticks since the
-    reset.
+    Call it once in each tick. tick: int, counts all ticks and is not reset. clock: int, the time
+    of fault windows, such as ticks since a trigger; negative keeps windows closed. None: ticks
+    since the reset.
     """
     with np.errstate(all="ignore"), at_once(signal) as signal:
         shape, (kind, real) = signal.shape, _kind_and_real(signal)
@@ -204,6 +204,7 @@ def _kind_and_real(signal: Any) -> tuple[str, Any]:
 
 
 def _start(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
+    # State before the first tick: windows are closed, and no value was seen.
     def filled(x: float, dtype: Any = jnp.int32) -> Any:
         return _spread("", x, shape, dtype)
 

@@ -86,6 +86,7 @@ class TriggerClocks:
 
 
 def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
+    # Opens the slot's window by the clock of its trigger: time, packets or pedal.
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]

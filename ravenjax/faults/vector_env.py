@@ -15,7 +15,7 @@ class FaultyVectorEnv(VectorWrapper):
 
     The faults of each list act one after the other on an array [environments, ...]. They may leave
     the action or observation space. `info["faults"]` has the keys actions and observations, each a
-    list of bool arrays: where each fault changed a bit. Windows begin anew with each episode, and
+    list of bool arrays: where each fault changed a bit. Windows restart with each episode, and
     random numbers with each `reset(seed=...)`. `info["final_obs"]` has no faults.
 
     Needs gymnasium (`pip install 'ravenjax[gym]'`).
@@ -43,7 +43,7 @@ class FaultyVectorEnv(VectorWrapper):
         return observations, {**info, "faults": {"actions": [], "observations": masks}}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Compute one step with faulty actions, and strike its observations."""
+        """Compute one step with faulty actions, and inject faults into its observations."""
         self._tick += 1
         actions, acted = self._strike("actions", actions)
         observations, reward, terminated, truncated, info = self.env.step(actions)
@@ -59,6 +59,7 @@ class FaultyVectorEnv(VectorWrapper):
         self._states = {key: faults.reset(one, done) for key, one in self._states.items()}
 
     def _strike(self, side: str, signal: Any) -> tuple[Any, list[Any]]:
+        # Applies the faults of one side in order. Returns the signal, and where each changed it.
         masks = []
         for key, fault in enumerate(self._faults[side]):
             state = self._states.get((side, key)) or faults.init(signal, fault)

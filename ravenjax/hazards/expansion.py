@@ -133,6 +133,7 @@ def hazard_words() -> list[str]:
 
 
 def _named(word: str) -> list[Hazard]:
+    # Hazards by id or layer, or all. One that cannot be run is refused only if named alone.
     named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable
@@ -145,6 +146,7 @@ def _named(word: str) -> list[Hazard]:
 def _groups(
     group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
+    # Yields the groups of a hazard's case, one for each choice of arms.
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(SITES[fault.site].per_arm for fault in case.fault)

@@ -30,9 +30,7 @@ class LibraryTable(BaseModel):
 
 
 class Struck(LibraryTable):
-    """One fault slot of a case: the keys of [[group.fault]], the value's unit, and `along` in place
-    of channel.
-    """
+    """One fault slot of a case: the keys of [[group.fault]], and `along` in place of channel."""
 
     site: str
     channel: str | tuple[str, ...] | None = None

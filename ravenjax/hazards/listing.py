@@ -99,6 +99,7 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
 
 
 def _struck(struck: Struck) -> str:
+    # Describes a fault slot: effect, value, site and window.
     channels = " + ".join(struck.along) if struck.along else ", ".join(struck.channels)
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""

@@ -76,6 +76,7 @@ FLOATS = ("float32", "float64")
 
 
 def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    # Returns a simpler operation with the same bits, or None.
     if name in ("convert", "bitcast"):
         return _converted(b, name, dtype, operands[0])
     if name == "select":
@@ -113,6 +114,7 @@ def _is(b: Builder, i: int, value: float) -> bool:
 
 
 def _sum(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    # Simplifies x + y: x + -0 is x, and x + (-y) is x - y. x + 0 is not x, if x is -0.
     for p, q in ((x, y), (y, x)):
         if _is(b, p, -0.0):
             return q
@@ -122,6 +124,7 @@ def _sum(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    # Simplifies x - y. x - 0 is x, but 0 - x is not -x, if x is 0.
     if _is(b, y, 0.0):
         return x
     if _is(b, x, -0.0):
@@ -131,6 +134,7 @@ def _difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _product(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    # Simplifies x y where a factor is 1, -1 or negated.
     for p, q in ((x, y), (y, x)):
         if _is(b, p, 1.0):
             return q
@@ -165,6 +169,7 @@ def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
 
 
 def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
+    # Simplifies and, or, xor where an operand is a constant.
     for p, q in ((x, y), (y, x)):
         if p in b.constants:
             if name == "xor":
@@ -174,6 +179,7 @@ def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
 
 
 def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    # Simplifies a `select`.
     if yes == no:
         return yes
     if condition in b.constants:
@@ -193,6 +199,7 @@ def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | 
 
 
 def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
+    # Simplifies conversions to the same type, and those of truth values.
     source = b.operations[x].dtype
     if source == dtype:
         return x

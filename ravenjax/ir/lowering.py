@@ -30,6 +30,7 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+    # Repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)
@@ -88,9 +89,7 @@ _Value = int | _Table
 
 def _single(value: _Value) -> int:
     if isinstance(value, _Table):
-        raise UnknownPrimitive(
-            "a whole table is used as if it were one number; look one number of it up"
-        )
+        raise UnknownPrimitive("a whole table is used as one number; look up a single number in it")
     return value
 
 
@@ -138,6 +137,7 @@ class _Walk:
     def body(
         self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]
     ) -> list[_Value]:
+        # Translates the equations in order. Returns the results.
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 

@@ -2,7 +2,7 @@
 
 A `rarely` operation is a `select` whose condition seldom holds. Operations that lead only to the
 second operands of `rarely` operations with the same condition form that condition's region. It is
-printed as a block that is entered if any lane needs it. The choice itself stays.
+printed as a block that is entered if any lane needs it. The `select` itself stays.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -106,6 +106,7 @@ def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], 
 def _shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
+    # Makes a shift that fills the result where the amount is the width or more.
     def shifted(x: Array, by: Array) -> Array:
         inside = by.astype(np.uint32) < x.dtype.itemsize * 8
         return np.where(inside, shift(x, np.where(inside, by, 0).astype(x.dtype)), fill(x))

@@ -122,6 +122,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
 
 
 def _require_known(model: mujoco.MjModel) -> None:
+    # A part of the model without equations here would be ignored silently, so it is refused.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
     solid = touching & (model.geom_contype | model.geom_conaffinity > 0)

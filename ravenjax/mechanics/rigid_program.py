@@ -108,6 +108,7 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 def _kinematics(
     links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
+    # Goes from the base to the tips. Velocities and accelerations (at qacc = 0) are in link frames.
     bodies: list[_Body] = []
     # angular acceleration, acceleration of the origin, at qacc = 0
     rates: list[tuple[Vec, Vec]] = []
@@ -136,6 +137,7 @@ def _kinematics(
 
 
 def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
+    # Sums the wrenches from the tips to the base. Returns the part along each joint's axis.
     wrenches = [body.wrench for body in bodies]
     bias: list[Number] = [0.0] * len(links)
     for index in reversed(range(len(links))):
@@ -149,6 +151,7 @@ def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
+    # Goes from the tips to the base. Each step joins a body to its parent (composite bodies).
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
@@ -171,6 +174,7 @@ def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
 
 
 def _join(parent: _Body, child: _Body) -> None:
+    # Adds the child's mass, first and second moments to the parent, in the parent's frame.
     p = child.position
     moments = child.moments
     for turn in reversed(child.turns):
@@ -211,6 +215,7 @@ def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
+    # Rotates second moments about one axis; quarter turns exactly.
     axis, c, s = turn
     x, y = (axis + 1) % 3, (axis + 2) % 3
     turned = [list(row) for row in J]

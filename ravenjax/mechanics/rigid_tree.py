@@ -80,6 +80,7 @@ class _HomeJoint:
 
 
 def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
+    # Finds the joints below the base with their pose in the home position, in the base's frame.
     joints: list[_HomeJoint] = []
     poses = {base: (np.zeros(3), np.eye(3))}
     carrier = {base: -1}  # body -> index of the link that it moves with
@@ -185,6 +186,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 
 def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
+    # Moves the inertia that a link's joint cannot feel to its parent. The dynamics stay the same.
     inertias = [
         _moved(joint.rotation.T, -_product(joint.rotation.T, joint.origin), joint.pseudo_inertia)
         for joint in joints

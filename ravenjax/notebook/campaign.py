@@ -176,6 +176,7 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
+    # Separates the keys of [campaign] from other tables, as Python gives both side by side.
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
@@ -195,6 +196,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
+    # Applies `changed` to every value that is the path of a file.
     model = config_class_of(robot_of(tables))
     places = {
         (*path, key)

@@ -71,6 +71,7 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
 
 
 def _column(runs: Runs, name: str) -> str:
+    # Returns SQL for a column by its name, or by the short name of a fault's key.
     if name in _WORDS and name in runs.facts:
         return f"f.{quote_name(name)}::VARCHAR"
     for prefix in _PREFIXES:

@@ -86,9 +86,7 @@ class CampaignResults:
         return self._manifest.done
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """Return the table, or some of its columns, as a DataFrame; its attrs hold units and
-        meanings.
-        """
+        """Return the table, or some columns, as a DataFrame; its attrs hold units and meanings."""
         frame = self._results.frame(columns)
         frame.attrs.update(column_meanings(self._manifest.shape))
         return frame

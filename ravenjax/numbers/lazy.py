@@ -85,7 +85,7 @@ class Uint32:
 class Arrays:
     """Functions of `jax.numpy` and `jax.lax` that a fault uses, by another library of arrays.
 
-    Of the library it needs what the array API standard asks for, and a method `view` to flip bits.
+    The library must follow the array API standard, and have a method `view` to flip bits.
     """
 
     uint32 = Uint32
@@ -145,6 +145,7 @@ def when_loaded(action: Callable[[Any], Any]) -> None:
 
 
 def _load(name: str) -> Any:
+    # Imports a module of JAX. Before the first one, runs the actions that wait for JAX.
     if _WAITING:
         real = importlib.import_module("jax")
         with _LOADING:  # a second thread waits until all actions are done

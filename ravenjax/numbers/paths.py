@@ -25,6 +25,7 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
+    # Returns a node's entries by name, and whether it is a vector; None for a leaf.
     entries = node._asdict() if hasattr(node, "_asdict") else {}
     if entries := vars(node) if dataclasses.is_dataclass(node) else entries:
         # A field that this setup does not have is None.

@@ -98,6 +98,7 @@ def list_reserved(params: type) -> Iterator[tuple[str, str]]:
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
+    # Yields dotted path and annotations of each field, also of nested records.
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
         inner, notes = _opened(hints[field.name])
@@ -108,6 +109,7 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
+    # Removes Annotated, tuple and Optional from a type. Returns the rest, and the annotations.
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)

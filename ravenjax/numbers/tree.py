@@ -57,6 +57,7 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
 
 
 def _branches(tree: Any) -> list[Any] | None:
+    # Children of a node, in JAX's order of pytrees; None for a leaf.
     if tree is None:
         return []
     if isinstance(tree, tuple | list):
@@ -69,6 +70,7 @@ def _branches(tree: Any) -> list[Any] | None:
 
 
 def _joined(tree: Any, branches: list[Any]) -> Any:
+    # Makes a node like `tree` with other children.
     if tree is None:
         return None
     if isinstance(tree, dict):

@@ -227,6 +227,7 @@ class Part:
     def _keyed(
         self, name: str, like: Mapping[str, InPlace], values: Any, width: str
     ) -> dict[str, Any]:
+        # Checks a dict of new numbers that the user's `step` gives for signals of `view`.
         keys = ", ".join(like)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
@@ -244,6 +245,7 @@ class Part:
         return numbers
 
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
+        # Checks that values have the structure and types of `like`. Returns them in that structure.
         expected, given = list(_named(like)), list(_named(values))
         if [place for place, _ in expected] != [place for place, _ in given]:
             several = f"{len(expected)} numbers, a Vec or a record as view has them"
@@ -271,6 +273,7 @@ class Part:
         return lax.convert_element_type(value, dtype)
 
     def _require_ranges(self) -> None:
+        # Parameters of a user's file may be varied, so each needs a range.
         record = self.params()
         if record is None:
             return

@@ -61,6 +61,7 @@ class Reader:
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:
+        # Executes a user's file as a module.
         module = types.ModuleType(name)
         module.__file__ = str(path)
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._imported}
@@ -86,6 +87,7 @@ class Reader:
         return beside or builtins.__import__(name, globals, locals, fromlist, level)
 
     def _beside(self, name: str) -> types.ModuleType | None:
+        # Imports a module beside the user's file; None if there is none.
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]

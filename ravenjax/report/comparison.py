@@ -161,6 +161,7 @@ def _describe_origin(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
+    # Pairs runs by run id, and the rest by equal faults and parameters.
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
@@ -189,6 +190,7 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
+    # Returns for both sides the SQL of a key that equal faults share.
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
@@ -244,6 +246,7 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
+    # The share of an event in both results, and its difference.
     first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,
@@ -259,6 +262,7 @@ def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
+    # Returns the runs whose outcome changed most.
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"

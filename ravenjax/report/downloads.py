@@ -31,6 +31,7 @@ def format_csv(rows: Iterable[Any]) -> str:
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    # Yields the numbers and words of nested records, with joined names. Lists are left out.
     if isinstance(value, BaseModel):
         value = dict(value)
     if hasattr(value, "_asdict"):

@@ -157,6 +157,7 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
+    # Returns the size of a fault in words: a bit, a factor, or a value with its unit.
     text = format_number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"

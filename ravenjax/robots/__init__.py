@@ -64,9 +64,7 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
 
 
 def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Path | None]:
-    """Return the top package of a module, and its file, without importing the packages that hold
-    it.
-    """
+    """Return a module's top package, and its file, without importing the packages above it."""
     first, *rest = module.split(".")
     try:
         top = spec = importlib.util.find_spec(first) or PathFinder.find_spec(first, places)

@@ -270,6 +270,7 @@ def _score(use: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
 def _watch(
     before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar
 ) -> DetectorState:
+    # An alarm begins when the score has exceeded the threshold in all recent ticks.
     lowest = reduce(jnp.minimum, [score, *before.recent])
     after = []
     for threshold, state in zip(thresholds, before.thresholds, strict=True):

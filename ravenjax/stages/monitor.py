@@ -127,6 +127,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     never = jnp.int32(-1)
 
     def arm_state(i: int, _: str) -> MonitorArmState:
+        # State before the first tick: all distances are 0, and no event has happened.
         tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
         begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
         begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)

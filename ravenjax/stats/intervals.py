@@ -29,9 +29,7 @@ class Rate(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval, in the unit of the estimate. For a curve, arrays of one
-    shape.
-    """
+    """A value with its confidence interval, in one unit. A curve has arrays of one shape."""
 
     value: Any = math.nan
     low: Any = math.nan
@@ -44,9 +42,7 @@ def wilson_interval(k: int, n: int) -> Rate:
 
 
 def clopper_pearson(k: int, n: int) -> Rate:
-    """Return a rate with its exact 95 % interval (Clopper-Pearson). Raises ValueError unless 0 <= k
-    <= n.
-    """
+    """Return a rate with its exact 95 % interval. Raises ValueError unless 0 <= k <= n."""
     return rates_with_intervals([k], [n], method="beta")[0]
 
 
@@ -101,7 +97,7 @@ def rate_bounds(
 def alpha_of(confidence: float) -> float:
     """Return 1 - confidence, the chance to miss. Raises ValueError unless 0 < confidence < 1."""
     if not 0 < confidence < 1:
-        raise ValueError(f"a confidence lies between 0 and 1, as 0.95 does, got {confidence}")
+        raise ValueError(f"a confidence must be between 0 and 1, such as 0.95, got {confidence}")
     return 1 - confidence
 
 

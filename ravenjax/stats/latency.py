@@ -39,9 +39,7 @@ NONE = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
 
 
 class Incidence(NamedTuple):
-    """Kaplan-Meier estimate of the fraction of runs in which the event came by `time`, with its
-    confidence band.
-    """
+    """Kaplan-Meier estimate of the fraction of runs with the event by `time`, with a band."""
 
     # In the given unit, increasing, from 0 (for a lead time: from the least).
     time: np.ndarray
@@ -52,9 +50,7 @@ class Incidence(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> float:
-        """Return the first time by which `fraction` of the runs had the event; NaN if that is never
-        reached.
-        """
+        """Return the first time by which `fraction` of the runs had the event; NaN if never."""
         return _first(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
@@ -94,9 +90,7 @@ class Lead(NamedTuple):
 
 
 def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence of an event over time. The 95 % band is pointwise, by Greenwood's
-    variance of log(-log).
-    """
+    """Return the incidence over time. Its 95 % band is pointwise (Greenwood, log(-log))."""
     return _curve(delays, 0.0)
 
 
@@ -168,9 +162,7 @@ def _curve(delays: Delays, start: float) -> Incidence:
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return the Kaplan-Meier share still without event after each run of `order`, for weighted
-    runs [b, n]: [b, n].
-    """
+    """Return the Kaplan-Meier share without event after each run of `order`, [b, n]."""
     mine = weight[:, order]
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
     lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)

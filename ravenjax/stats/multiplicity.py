@@ -11,9 +11,7 @@ from ravenjax.stats.intervals import alpha_of
 
 
 class Finding(NamedTuple):
-    """p-value of one hypothesis, the p-value adjusted for its family, and whether it is
-    rejected.
-    """
+    """One hypothesis: its p-value, the p-value adjusted for the family, whether it is rejected."""
 
     p: float
     adjusted: float

@@ -49,9 +49,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, root of the intra-class correlation and weight at the points of a grid,
-    [GRID**2] each.
-    """
+    """Return mean, root of the intra-class correlation and weight on a grid, [GRID**2] each."""
     total, among = hits.sum(), trials.sum()
     middle = np.log((total + 0.5) / (among - total + 0.5))
     expected = trials * (total + 0.5) / (among + 1.0)

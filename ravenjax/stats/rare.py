@@ -85,6 +85,7 @@ def subset_simulation(
     failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
+        # Counts the runs, and ends a search that has not reached the event in _MOST_LEVELS levels.
         nonlocal runs, failure
         try:
             if runs >= _MOST_LEVELS * per_level:

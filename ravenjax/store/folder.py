@@ -40,10 +40,7 @@ Each is hashed, which a core does at half a gigabyte per second or more.
 
 
 class ResultFolder:
-    """An open result folder, made by `open`.
-
-    Parts may be added from several threads.
-    """
+    """An open result folder, made by `open`. Parts may be added from several threads."""
 
     def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
         self.path, self.notes = path, notes
@@ -187,9 +184,7 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
 def read_parts(
     path: Path, columns: Sequence[str] | None, measure: Callable[[pa.Table], Measured]
 ) -> list[Measured]:
-    """Return `measure` of these columns of each part, in the order of rows. Raises as
-    `read_all`.
-    """
+    """Return `measure` of these columns of each part, by row. Raises as `read_all`."""
     record = read_complete_manifest(path)
     schema.require_columns(record.shape, columns or ())
     return threads.map_in_threads(
@@ -213,9 +208,7 @@ class Results:
         return read_all(self.path, columns)
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return the table, or some of its columns, as Arrow. Raises StoreError as
-        `read_all`.
-        """
+        """Return the table, or some of its columns, as Arrow. Raises as `read_all`."""
         tables = read_parts(self.path, columns, lambda table: table)
         return pa.concat_tables(tables).unify_dictionaries()
 

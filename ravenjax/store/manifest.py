@@ -316,9 +316,7 @@ def utc_now() -> str:
 
 
 def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
-    """Return `Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest
-    of its run ids.
-    """
+    """Return `Manifest.config_hash` of a campaign, its operator and the digest of its run ids."""
     return config_hash({"config": by_content(config, operator), "runs": runs})
 
 
@@ -339,9 +337,7 @@ def config_hash(config: dict[str, Any]) -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that decide a result; "absent" if not
-    installed.
-    """
+    """Return the versions of Python and the packages that decide a result; "absent" if missing."""
 
     def version(name: str) -> str:
         try:
@@ -386,9 +382,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
-    """Return the leaves of nested dicts and of lists of dicts by dotted path. Other lists are
-    leaves.
-    """
+    """Return the leaves of nested tables by dotted path. Lists of other things are leaves."""
     flat: dict[str, str] = {}
     if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
         for number, entry in enumerate(tree):

@@ -152,9 +152,7 @@ def _encoding(columns: pa.Schema) -> dict[str, Any]:
 
 
 def part_files(folder: Path) -> list[Path]:
-    """Return the paths of the parts in `folder`, by first row, without files that are being
-    written.
-    """
+    """Return the paths of the parts in `folder`, by first row, without unfinished files."""
     return sorted(path for path in folder.glob("part-*.parquet") if _NAME.fullmatch(path.name))
 
 
@@ -290,9 +288,7 @@ def without_overlaps(
 
 
 def row_range(path: Path) -> tuple[int, int]:
-    """Return first and last row of a part, by its name. Raises StoreError for another kind of
-    name.
-    """
+    """Return first and last row of a part, by its name. Raises StoreError for other names."""
     match = _NAME.fullmatch(path.name)
     if match is None:
         raise StoreError(
@@ -317,9 +313,7 @@ def _require_unchanged(path: Path, recorded: Part) -> None:
 
 
 def require_version(path: Path, version: int) -> None:
-    """Raise StoreError if `path` was written with a schema version that this reader does not
-    know.
-    """
+    """Raise StoreError if `path` has a schema version that this reader does not know."""
     if version != schema.VERSION:
         raise ForeignPart(
             f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"

@@ -193,6 +193,7 @@ def conform_table(columns: Columns, shape: Shape) -> pa.Table:
 
 
 def _array(values: Any, field: pa.Field) -> pa.Array:
+    # Converts values to the column's type, and refuses values that would change.
     try:
         if pa.types.is_dictionary(field.type):
             return words.arrow_words(values)

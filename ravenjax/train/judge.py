@@ -4,19 +4,19 @@ docs/outcomes.md defines the outcomes and the terms of checks and motion. Effect
 against the golden run, which starts at the robot's state when the hazard is armed. The columns
 `unintended_mm` to `false_report_first_ms` equal the result table's, from the activation on.
 
-A person at the console can first know of the hazard (`knowable_ms`) when the tip is `SEEN_MM` or
-more from where it would be without the fault, the robot left pedal-down on its own, or a check
-raised an alarm. The cue is felt from its onset. Reactions count from their *origin*, the earliest
-of the three. Effects until `ACTS_MS` after it are nobody's fault.
+A person at the console can first know of the hazard at `knowable_ms`. By then the tip is `SEEN_MM`
+off, the robot has left pedal-down on its own, or a check has raised an alarm. A reaction counts
+from its *origin*: `knowable_ms`, or the onset of the cue if that is earlier. Nobody could have
+prevented what happens until `ACTS_MS` after the origin.
 
-The response that counts is the first right one within the time, or else the first of another kind.
-A slow-down may only be an arrival, so it counts only where it is a right response. A hazard is
-decided once harm is done, a right response is given, or the time is up. One that others cut off
-before is interrupted.
+The first right response within the time allowed counts. Without one, the first other response
+counts. A slow-down counts only where it is a right response, because hands also slow down on
+arrival. A hazard is decided when harm is done, a right response is given, or the time is up. If
+somebody else ends it before, it is interrupted.
 
-The score has 50 points for the response: all up to `FASTEST_MS`, half of them at the end of the
-time allowed, none without a right response. It has 50 for the patient: the share that remains, at
-the end, of the distance to harm at the time when a person could first have acted.
+The score gives up to 50 points for the response: all of them up to `FASTEST_MS`, half at the end of
+the time allowed, and none without a right response. Up to 50 points are for the patient: the share
+of the distance to harm that remains at the end, from when a person could first have acted.
 """
 
 from __future__ import annotations
@@ -708,6 +708,7 @@ class Judge:
     def _watch(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
+        # Measures what the hazard does in this tick, and recognises responses of the operator.
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0

@@ -269,6 +269,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _header(options: SessionOptions, session: Session) -> Json:
+    # The session's settings as session.json has them.
     setting = options.scenario
     network = {"itp": options.itp_port, "crtk": options.crtk}
     consoles = ["page", *(name for name, given in network.items() if given is not None)]
@@ -301,6 +302,7 @@ def _header(options: SessionOptions, session: Session) -> Json:
 def _robot(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say
 ) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
+    # Returns what makes the driven robot: the simulation, or a connection to a distant robot.
     if options.robot is None:
         return SimulatedRobot
     host, itp_port, stream = parse_address(options.robot)

@@ -156,6 +156,7 @@ class PathTask(Task):
         return self._arms[(self._at // POINTS) % len(self._arms)]
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        # Follows the line. Progress counts only while the tip is within the tolerance.
         tip = tips[self._arm]
         near, ahead = min(
             (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
@@ -238,6 +239,7 @@ class PegTask(Task):
         return self._arms[self.placed % len(self._arms)]
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        # Jaws that close near the object take it; jaws that open let it go.
         for arm, closed in self._closed.items():
             opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
             closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
@@ -257,6 +259,7 @@ class PegTask(Task):
                 self._record_object(tick)
 
     def _let_go(self, tick: int) -> None:
+        # An object within the tolerance of its peg is placed. Another one falls to the tissue.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
         self.target = len(self.pegs)
@@ -324,6 +327,7 @@ class ReachTask(Task):
         self._inside_ms = 0
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+        # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
         arm, point = self.targets[self.target]
         if math.dist(tips[arm], point) > self.settings.tolerance_mm / 1e3:
             self._inside_ms = 0
@@ -392,6 +396,7 @@ class LevelsTask(Task):
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
     def _judge(self, tick: int) -> None:
+        # Ends a round. Enough rounds in a row within the time lead to the next level.
         level, levels = self._level, len(self.settings.level)
         took = tick - (self._begun or 0)
         within = took <= 1000.0 * self.settings.level[level].within_s

@@ -97,6 +97,7 @@ class Robot:
 def _extended(
     robot: Robot, added: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
 ) -> Robot:
+    # A check that the robot already has is kept. `channels` replace those of `site`.
     sites = dict(robot.sites)
     if site:
         sites[site] = dataclasses.replace(sites[site], channels=channels)

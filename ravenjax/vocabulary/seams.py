@@ -1,4 +1,4 @@
-"""What crosses from one part of a robot's tick to the next: seams and their numbers; for any robot.
+"""Seams of any robot: the signals from one part of the tick to the next, and their numbers.
 
 At a fault site (`ravenjax.vocabulary.sites`) a fault can act. At a seam its effect can be observed.
 Most seams are both. A robot declares its seams in the order of its tick.

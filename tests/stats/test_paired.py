@@ -50,5 +50,5 @@ def test_no_pairs_have_no_difference():
 
 
 def test_pairs_of_other_lengths_are_refused():
-    with pytest.raises(ValueError, match="shapes"):
+    with pytest.raises(ValueError, match="one shape"):
         mcnemar_test([1, 0], [1])

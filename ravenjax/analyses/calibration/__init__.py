@@ -6,7 +6,7 @@ The question is which parameter values make the virtual robot move as the logged
 
 `joint_log` reads a log. `position_loop` is one cycle of the closed loop, with the same controller
 and encoders of 4000 counts. `replays` turns it into a loop for the engines, and runs many replays
-of one log. `parameters` defines the unknowns and the beliefs about them before the log. `fit` finds
+of one log. `parameters` defines the unknowns and their priors. `fit` finds
 the most probable values. `calibrate` measures how well the robot then predicts the second half of
 the log, to which nothing was fitted, and compares it with models that know nothing of the arm.
 

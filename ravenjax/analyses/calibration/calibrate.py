@@ -30,16 +30,14 @@ CONFOUNDED = 0.7
 """Correlation from which two unknowns count as confounded: half of the variance of each is shared.
 """
 UNLIKELY = 3.0
-"""Standard deviations of the prior belief. A value farther off suggests that the robot also differs
+"""Standard deviations of the prior. A value farther off suggests that the robot also differs
 in something that is not estimated.
 """
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
 class FollowingError(NamedTuple):
-    """Root mean squares over one part of a log, [7]; rad and m, NaN for joints that the log
-    lacks.
-    """
+    """Root mean squares over one part of a log, [7]; rad and m, NaN for joints the log lacks."""
 
     model: str
     following: np.ndarray  # measured or replayed minus desired joints
@@ -77,9 +75,7 @@ class Calibration:
 
     @property
     def confounded(self) -> list[tuple[str, str, float]]:
-        """Return pairs of unknowns that the log determines only jointly, with the correlation that
-        the fit leaves.
-        """
+        """Return pairs of unknowns that the log determines only jointly, with their correlation."""
         correlation = self.fit.covariance / np.outer(self.told, self.told)
         pairs = zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
         return [
@@ -90,25 +86,19 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return unknowns that the fit moved by UNLIKELY or more, with the distance in standard
-        deviations of the belief.
-        """
+        """Return (unknown, shift) where the fit moved it by UNLIKELY prior deviations or more."""
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
     def draws(self, number: int) -> np.ndarray:
-        """Return [number, k] robots that the log leaves likely, in spreads from the values
-        before.
-        """
+        """Return [number, k] robots that the log leaves likely, in spreads from their prior."""
         return np.random.default_rng(0).multivariate_normal(
             self.fit.steps, self.fit.covariance, number
         )
 
     @property
     def told(self) -> np.ndarray:
-        """Return the ratio of the standard deviations after and before the log, [k]: 1 if the log
-        contains no information.
-        """
+        """Return the ratio of standard deviations after and before the log; 1: nothing learnt."""
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:
@@ -121,9 +111,7 @@ class Calibration:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRobot:
-    """A log and its robot: the arm, the software's assumption about the tool's cables, and the
-    controller.
-    """
+    """A log and its robot: arm, controller, and the software's assumption about tool cables."""
 
     log: JointLog
     setup: RavenSetup
@@ -132,20 +120,16 @@ class LoggedRobot:
 
     @property
     def halves(self) -> tuple[JointLog, JointLog]:
-        """Return the part that is fitted to and the part that is held back. Both are replayed from
-        the log's beginning.
-        """
+        """Return the fitted and the held-back part. Both are replayed from the log's beginning."""
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
     def calibrated(self, plant: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
-        """Fit `unknowns` of a robot to the log's first half. Raises UserError if the log is too
-        short.
-        """
+        """Fit `unknowns` to the log's first half. Raises UserError if the log is too short."""
         if len(self.log.desired) < SHORTEST:
             raise UserError(
                 f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least"
-                f" {SHORTEST * 1e-3:g} s, half of it to fit to and half to judge by"
+                f" {SHORTEST * 1e-3:g} s, one half for the fit and one for the comparison"
             )
         first, _ = self.halves
         base = parameters.prior_robot(plant, unknowns)
@@ -158,9 +142,7 @@ class LoggedRobot:
         return Calibration(tuple(unknowns), base, best)
 
     def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
-        """Return following errors on `part`: of the log itself, of `robots` by name, and of the
-        bare rotors of the first robot.
-        """
+        """Return following errors on `part`: of the log, of `robots` by name, of bare rotors."""
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
         joints = self.replayed(part, [*robots.values(), rotors])
@@ -177,9 +159,7 @@ class LoggedRobot:
         ]
 
     def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
-        """Return joints [K, n, 7] of replayed robots at the times at which the log was measured,
-        rad and m.
-        """
+        """Return joints [K, n, 7] of replayed robots at the times of the log's samples, rad, m."""
         return replays.replay_robots(
             self._setup(parameters.select_unknowns((), ("delays",))), robots, part
         )

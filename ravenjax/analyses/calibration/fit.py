@@ -36,9 +36,7 @@ Predictor = Callable[[np.ndarray], np.ndarray]
 
 
 class Fit(NamedTuple):
-    """The most probable parameters, in spreads from their values before, and the covariance around
-    them.
-    """
+    """The most probable parameters, in spreads from their prior, and their covariance."""
 
     steps: np.ndarray  # [k]
     covariance: np.ndarray  # [k, k]
@@ -55,7 +53,7 @@ def fit_parameters(
     of a count. A small difference of counted joints would then be mostly chance, and an
     uninformative parameter would seem informative.
 
-    The fit starts at the best of some draws from the beliefs. At its end it checks larger steps
+    The fit starts at the best of some draws from the prior. At its end it checks larger steps
     along each unknown, because a joint that sticks has no slope.
     """
     there = ~np.isnan(measured)
@@ -107,9 +105,7 @@ def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -
 
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Return predictions for any number of parameters, computed in batches of `rows`, so that
-    nothing is compiled again.
-    """
+    """Return predictions for any number of parameters, in batches of `rows`: one compilation."""
     parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
@@ -142,9 +138,7 @@ def _weight(residual: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:
-    """Return the integrated autocorrelation time of [n], in samples, summed up to the first sign
-    change.
-    """
+    """Return the integrated autocorrelation time, in samples, up to the first sign change."""
     if not series.any():
         return 1.0
     correlation = signal.correlate(series, series, method="fft")[len(series) - 1 :]

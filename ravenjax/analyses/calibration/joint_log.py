@@ -79,9 +79,7 @@ class JointLog(NamedTuple):
         return np.flatnonzero(~np.isnan(self.measured).all(axis=0)).tolist()
 
     def compared(self, begin: int, end: int) -> JointLog:
-        """Return the log's cycles up to `end`. Those before `begin` are replayed but not
-        compared.
-        """
+        """Return the log's cycles up to `end`. Those before `begin` are replayed, not compared."""
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
         return JointLog(
@@ -141,9 +139,7 @@ def read_joint_log(
 
 
 def _pedal_down(samples: Samples) -> Samples:
-    """Return the longest stretch of rows in which the robot could move; all rows if no column shows
-    it.
-    """
+    """Return the longest stretch of rows in which the robot could move; all if unknown."""
     table, where = samples.table, ""
     if "runlevel" in table:
         live = samples.numbers("runlevel") == PEDAL_DOWN
@@ -189,9 +185,7 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired [n, 7] and measured joints [n, 7]. A joint that lacks one of them is measured
-    as NaN and desired at home.
-    """
+    """Return desired and measured joints [n, 7]: home and NaN for a joint that lacks one."""
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
         motors, targets = _quantity(samples, "mpos"), _quantity(samples, "mpos_d")

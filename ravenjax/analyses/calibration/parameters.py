@@ -56,7 +56,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
     """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
-            f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, a comma between"
+            f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, separated by commas"
             f"{suggest_name(invalid[0], ASKS)}"
         )
     return tuple(
@@ -69,9 +69,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot before the log. It has the usual delay if the delay is to be estimated, else
-    none.
-    """
+    """Return a robot before the log; its delay is the usual one if it is estimated, else none."""
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
@@ -93,9 +91,7 @@ def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> Loop
 def values_by_path(
     base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`:
-    `plant.actuators.coulomb.shoulder`.
-    """
+    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`."""
     return {
         field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
             moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float

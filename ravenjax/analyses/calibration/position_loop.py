@@ -90,9 +90,7 @@ def params(plant: robot.PlantParams) -> LoopParams:
 
 
 def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
-    """Return the null model of a robot: motors with only viscous friction. Replay it with all
-    `cables` cut.
-    """
+    """Return the null model: motors with only viscous friction, to be replayed with cut cables."""
     free = Vec.full(JOINTS, 0.0)
     return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
 
@@ -113,9 +111,7 @@ def start_state(
 
 
 def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool) -> Vec:
-    """Return motor angles (rad) as encoders read them. If not `whole`, return them unrounded, so
-    that they have a derivative.
-    """
+    """Return motor angles (rad) as encoders read them; unrounded if not `whole`."""
     dtype = setup.precision.real
     turned = Vec(robot.drives.angle_in_radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
@@ -187,9 +183,7 @@ def _low_passed(new: Vec, state: LoopState) -> Vec:
 
 
 def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
-    """Return the counts that drive the motors in this cycle. A fractional delay weights two
-    cycles.
-    """
+    """Return the counts that drive motors in this cycle. A fractional delay weights two cycles."""
     if not before:
         return now
     delay = jnp.clip(delay, 0.0, float(len(before)))

@@ -2,8 +2,8 @@
 processor.
 
 This module is a `ravenjax.engines.interface.Loop`, which every engine runs. The motion's seven
-columns are the desired joints, one row per cycle. The output series of a cycle has the joints that
-the motors then show.
+columns are the desired joints, one row per cycle. The output series has the joint positions that
+the motors' encoders give.
 """
 
 import dataclasses
@@ -76,9 +76,7 @@ def advance(
     motion: tuple[Any, ...],
     golden: Any,
 ) -> tuple[LoopState, tuple[Scalar, ...], tuple[()]]:
-    """Compute one cycle; see `ravenjax.engines.interface.Loop`. There are no faults and no golden
-    run.
-    """
+    """Compute one cycle (`ravenjax.engines.interface.Loop`); no faults, no golden run."""
     (arm,), (tool,) = setup.arms, setup.tools
     row = Vec(column[now] for column in motion)
     if setup.shifted:
@@ -129,9 +127,7 @@ def setup_of(
 def make_predictor(
     setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
 ) -> Predictor:
-    """Return a predictor that replays a log from its beginning. The robot starts at the joints
-    first measured.
-    """
+    """Return a predictor that replays a log from its beginning and its first measured joints."""
     varied = parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))
     replays = _Replays(setup, base, tuple(varied), log)
     return lambda steps: replays.run(parameters.values_by_path(base, wanted, steps), len(steps))
@@ -183,6 +179,7 @@ class _Replays:
     def _block(
         self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int
     ) -> np.ndarray:
+        # Replays one block of parameter sets. Returns joints [rows, n, 7] at the log's samples.
         rows = min(kernel.lanes, count - start)
         lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
         result = kernel.run(

@@ -119,7 +119,7 @@ def draw_intervals(path: Path, calibrated: Calibration) -> None:
         Dots("after it", ROBOT, steps, places, steps - half, steps + half),
     )
     across = ChartAxis(
-        "standard deviations of the belief before, from its middle; 90 % intervals", -end, end
+        "distance from the prior mean, in prior standard deviations; 90 % intervals", -end, end
     )
     up = ChartAxis("", 0.0, len(names), names=names)
     save_panels(path, [Chart("", across, up, dots, height=60 + 22 * len(names))])

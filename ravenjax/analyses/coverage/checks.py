@@ -185,6 +185,7 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
 
 
 def _together(sources: Sequence[Source]) -> dict[str, list[Source]]:
+    # Sets of sources that are judged together; a set that equals the set of all is left out.
     teams = {
         name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
         for name, kinds in TOGETHER.items()
@@ -206,6 +207,7 @@ def _first_ms(harmful: pd.DataFrame, team: Sequence[Source]) -> np.ndarray:
 def _rows(
     runs: Runs, harmful: pd.DataFrame, sources: Sequence[Source], latest: Mapping[str, np.ndarray]
 ) -> Iterator[Coverage]:
+    # For every site, and for each site alone: what each source, and each set of sources, detects.
     sites = {EVERY_SITE: np.full(len(harmful), True)}
     sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
     reporting = [one for one in sources if one.reports]
@@ -234,6 +236,7 @@ def _rows(
 def _smallest(
     harmful: pd.DataFrame, sources: Sequence[Source], criterion: str, limit: np.ndarray
 ) -> SmallestSets:
+    # Finds all sets of fewest sources that together detect every fault that any source detects.
     hits = {}
     for one in sources:
         ms = harmful[one.name].to_numpy()

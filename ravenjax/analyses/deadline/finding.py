@@ -144,6 +144,7 @@ class Actor(PlannedCampaign):
         low, high = ends[place, from_place], ends[place, from_place + 1]
 
         def halve(horizon: int | None) -> None:
+            # Halves each interval until the last tick that prevents the harm is known.
             while (some := high - low > 1).any():
                 tell(f"{int(some.sum())} runs with an action")
                 at = ((low + high) // 2)[some]

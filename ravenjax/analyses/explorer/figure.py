@@ -73,6 +73,7 @@ def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]
 
 
 def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
+    # Corners become whole numbers of STEPS within the mesh's box, which keeps pages small.
     mesh = body_shapes.merged_mesh(model, geoms)
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     corners = np.asarray(mesh.vertices, float)

@@ -41,14 +41,14 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(
-            f"two campaigns are named {', '.join(twice)}: a gallery has one page of a name; leave"
-            " one out"
+            f"two campaigns are named {', '.join(twice)}: each page of a gallery needs its"
+            " own name; leave one out"
         )
     folder.mkdir(parents=True, exist_ok=True)
     cards = [_card(config, folder) for config in configs]
     if not any(card.file for card in cards):
         raise UserError(
-            "not one of these campaigns can become a page: "
+            "none of these campaigns can become a page: "
             + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
         )
     files.write_text(folder / INDEX, page.fill("index.html.j2", cards=cards))

@@ -60,13 +60,12 @@ def question_plan(config: CampaignConfig) -> Plan:
     """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
     ready = plan.make_plan(config)
     if config.campaign.noise:
-        raise UserError("noise is drawn again in each run, which a page does not do: turn it off")
+        raise UserError("a page cannot draw noise for each run: turn campaign.noise off")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
-            f"campaign {config.campaign.name!r} has no fault that a page could ask about: give one"
-            " of its groups a [[group.fault]]; a page offers the places and effects of the"
-            " campaign's own faults"
+            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: give"
+            " one of its groups a [[group.fault]]; a page offers its site and effects"
         )
     # A page draws the lengths of packets once, for all its runs.
     values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
@@ -164,6 +163,7 @@ def list_motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
+    # The columns of another generated motion; None if the robot would have to start elsewhere.
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
@@ -181,6 +181,7 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
+    # What the page needs to offer a parameter: its value, its type and its range.
     program, robot = ready.program, ready.config.robot
     own = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
     limits = next(iter(bounds.allowed_values(robot, path)), None)
@@ -196,6 +197,7 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
 
 
 def _channels(ready: Plan) -> list[dict[str, Any]]:
+    # The channels of the campaign's faults, each with the effects that the page may offer.
     injection = ready.program.setup.injection
     effects = {use.site: use.effects for use in injection.sites}
     rows = []
@@ -211,6 +213,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _effects() -> dict[str, dict[str, Any]]:
+    # Codes of effects. An effect of the network acts as a plain effect on one channel.
     out: dict[str, dict[str, Any]] = {}
     for name, effect in EFFECTS.items():
         out[name] = {"code": EFFECT_CODES[name]}
@@ -227,6 +230,7 @@ def _examples(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
+    # Words, checks and rules from which the page derives the verdict of a run.
     robot = config.robot
     rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
     return {
@@ -259,6 +263,7 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
+    # The program that recomputes one run with its time series, for the animation.
     rows = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]
@@ -314,6 +319,7 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
+    # A program as WebAssembly, and the layout of the memory that it reads and writes.
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),

@@ -80,6 +80,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
+    # What the page shows of a channel: unit, whole numbers or not, limits and normal range.
     usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {
@@ -94,6 +95,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
+    # The range of values that the campaign gives each site and effect: the page's slider.
     values: dict[str, list[float]] = {}
     for group in config.group:
         for run in group.run or [None]:
@@ -180,6 +182,7 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
+    # True for runs whose fault a page can set: one fault, one window from a time on.
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

@@ -115,7 +115,7 @@ def calibrate_thresholds(
     valid = by.scale & np.isfinite(peaks.score).all(axis=1)
     if not valid.any():
         raise UserError(
-            "no operation learns scales: all that should had a number that is not finite"
+            "scales cannot be learned: every operation for them had a number that is not finite"
         )
     shape = (-1, len(terms), segments.count)
     scale = threshold.signal_scales(peaks.score[valid].reshape(shape))
@@ -127,7 +127,7 @@ def calibrate_thresholds(
         lost = 1.0 - float(calibrating.hours.mean()) / target.length_h
         failed = float((~np.isfinite(calibrating.score)).mean())
         raise UserError(
-            f"{error.units} operators do not carry {target.per_hour:g} false alarms an hour with"
+            f"{error.units} operators are too few for {target.per_hour:g} false alarms an hour with"
             f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which is"
             f" an alarm at every threshold, and in {lost:.0%} of the time the robot does not follow"
             " the operator. Give more --hours (what is computed stays), allow more alarms, or let"

@@ -1,6 +1,6 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Of each operator, result folder or log, only the first operation is tested. Its other operations
+Only the first operation of each operator, result folder or log is tested. Its other operations
 share the operator's motion or the robot, so they are not independent of the first. Each term's
 score has a test of its own, and so has the joint score. Holm's adjustment keeps the level of
 all tests together.
@@ -131,6 +131,7 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
 def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
+    # Requires that the operations were scored as in the calibration, by operators that it lacks.
     place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
     before, design = score_folder.read_design(own), score_folder.read_design(place)
     for key in ("signals", "segments", "code"):
@@ -141,7 +142,7 @@ def _of_operations(
     _require_length(source, float(design["design"]["length_s"]), record)
     if all(design["design"].get(key) == before["design"].get(key) for key in ("seed", "stream")):
         raise UserError(
-            f"{source}: its operators are those of the calibration, so none of them is fresh"
+            f"{source}: its operators are those of the calibration, so they test nothing"
         )
     peaks = score_folder.read_scores(place)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
@@ -197,8 +198,8 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
             rows = csv.DictReader(file)
             if lost := [name for name in names if name not in (rows.fieldnames or ())]:
                 raise UserError(
-                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows what is"
-                    " read"
+                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows the"
+                    " expected columns"
                 )
             table = np.array([[float(row[name]) for name in names] for row in rows], np.float64)
     except (OSError, UnicodeDecodeError) as error:
@@ -236,7 +237,7 @@ def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) ->
         if origin in first:
             raise UserError(
                 f"{source}: has the same operators as {first[origin]} ({origin}), and only one"
-                " operation of each operator counts: check each source by itself"
+                " operation of each operator counts: check each source separately"
             )
         first[origin] = source
 

@@ -61,6 +61,7 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
+    # Values for the template of the check's file.
     rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
     return {
         "terms": [

@@ -78,7 +78,7 @@ class Monitor:
         names = [term.name for term in self.terms]
         if not names or len(set(names)) < len(names):
             raise ValueError(
-                "a monitor needs a term or more of different names, got"
+                "a monitor needs one or more terms with different names, got"
                 f" {', '.join(names) or 'none'}"
             )
         if np.shape(self.scales) != (len(self.terms), self.segments.count):

@@ -166,6 +166,7 @@ class OperationRunner:
                 raise
 
     def _operator(self, number: int) -> OperatorScores:
+        # Computes all operations of one operator, in blocks that fill the kernel's lanes.
         ready = plan.make_plan(of_operator(self.config, self.design, number))
         assert ready.runs == self.design.robots, (
             f"{ready.runs} operations of {self.design.robots} robots"
@@ -181,6 +182,7 @@ class OperationRunner:
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
+        # Returns scores [rows, detectors], NaN for failed runs, and the hours that were watched.
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         own = kernel.run(block, ready.columns).outcomes

@@ -101,6 +101,7 @@ def list_candidates(robot: Robot) -> tuple[Score, ...]:
 
 
 def _of(signal: Signal) -> Iterator[Score]:
+    # Yields every score of a signal: distance to its bounds, rate of change, and residuals.
     ways: list[tuple[Kind, str]] = [("residual", field) for field in signal.against]
     if signal.steps:
         ways.insert(0, ("rate", ""))

@@ -68,6 +68,7 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
+    # The monitor's file: what it checks, what it promises, and how it was calibrated and tested.
     tested, monitor = result.test, result.monitor
     return {
         "monitor": {
@@ -125,7 +126,7 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
         if not file.is_file() or files.hash_file(file) != digest:
             raise StoreError(
                 f"{file}: is not what the calibration wrote (sha256 expected"
-                f" {digest[:16]}); calibrate again, its operations are there already"
+                f" {digest[:16]}); calibrate again, which reuses its operations"
             )
     return monitor, content
 
@@ -145,9 +146,7 @@ def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
 
 
 def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
-    """Return SCORE, the joint score of each operation, and the columns of `peak` by the name of
-    their term and segment.
-    """
+    """Return SCORE, each operation's joint score, and the columns of `peak` by name."""
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms
@@ -228,6 +227,7 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
+    # A short campaign of one run, whose signals are the test vector of the written check.
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:

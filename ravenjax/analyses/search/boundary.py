@@ -129,6 +129,7 @@ def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float], ...]:
+    # Pairs of neighbouring values between which the answer changes.
     at = np.flatnonzero(answer[1:] != answer[:-1])
     return (
         tuple((float(tried[i]), float(tried[i + 1])) for i in at)
@@ -205,6 +206,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
+    # The key for the chart's x axis: a duration, or else the number with most values.
     numeric = {
         name: len({cell[name] for cell in told})
         for name in told[0]
@@ -247,6 +249,7 @@ def _verified(
 
 
 def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dict[str, Any]:
+    # The result of one cell as a record: both ends of the bracket, and their runs.
     record: dict[str, Any] = {
         "cell": grid.labels[cell],
         "state": str(found.state[cell]),

@@ -118,6 +118,7 @@ class Evaluator:
         )
 
     def _run(self, rows: pd.DataFrame) -> None:
+        # Computes the rows as a campaign does, and notes each finished part in the journal.
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [

@@ -82,6 +82,7 @@ def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
+    # Returns points of the unit cube to compute, and the function that analyses their outcomes.
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:

@@ -108,9 +108,7 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 
 def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
-    """Return what subset simulation reached, level by level, and its probability, with the event
-    last.
-    """
+    """Return each level that subset simulation reached, with its probability; the event is last."""
     levels = [level for level in found.levels if level > 0.0]
     likely = [search.steps ** -(i + 1.0) for i in range(len(levels))]
     return [

@@ -77,6 +77,7 @@ def run_search(
 def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
+    # Runs the search in a folder. A search that was interrupted there goes on from its journal.
     search, identity = config.search, _identity(config, evaluator)
     earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
@@ -150,6 +151,7 @@ def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
+    # Writes figure, text, page and numbers. Returns the text's list of findings for the terminal.
     (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))
     templates = wording.text_templates(__package__)

@@ -91,9 +91,7 @@ def _computed_by(plan: Plan, device: str) -> dict[str, str]:
 
 
 class Worker:
-    """Computes the chunks of one campaign in a Ray worker process. It compiles once, for its first
-    chunk.
-    """
+    """Computes chunks of one campaign in a Ray worker process; compiles once, for the first."""
 
     def __init__(self, head: Head) -> None:
         """Raises UserError if this process would not compute what the coordinator would."""
@@ -117,6 +115,7 @@ class Worker:
 
 
 def _require_same(here: Mapping[str, str], there: Mapping[str, str]) -> None:
+    # Results must not depend on the machine, so other versions or devices are refused.
     different = [
         f"{name}: {here.get(name)} here, {there.get(name)} at the coordinator"
         for name in sorted(here.keys() | there.keys())
@@ -236,10 +235,9 @@ class Ray:
 
 
 def _require_answer(address: str) -> None:
-    """Raise UserError if the first machine of the cluster does not answer. Ray itself would end
-    this process a minute later.
-    """
+    """Raise UserError if the cluster's first machine does not answer."""
     host, _, port = address.rpartition(":")
+    # Without this, Ray itself would end this process a minute later.
     try:
         socket.create_connection((host, int(port)), ANSWER_S).close()
     except OSError as error:
@@ -250,6 +248,7 @@ def _require_answer(address: str) -> None:
 
 
 def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
+    # One error for all chunks that failed on the cluster.
     lines = [
         f"rows {rows.start} to {rows.stop - 1}: {why}"
         for rows, why in sorted(lost.items(), key=lambda item: item[0].start)
@@ -285,9 +284,7 @@ def _join(ray: Any, address: str | None) -> None:
 
 
 def task_environment(engine: str) -> dict[str, str]:
-    """Return a task's environment: the coordinator's, without a GPU for JAX where it would only
-    waste memory.
-    """
+    """Return a task's environment; without a GPU for JAX where it would only waste memory."""
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     # The user has already agreed here.
     variables[consent.VARIABLE] = "1"
@@ -297,6 +294,7 @@ def task_environment(engine: str) -> dict[str, str]:
 def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
+    # Returns the cores of each task, and the number of tasks that run at the same time.
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))

@@ -151,6 +151,7 @@ def _words(
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
+    # Yields the runs of a group in pieces that share a combination of crossed parameters.
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, written in faults_and_axes(config, group):
         axes = moments.placed(written, group.name)

@@ -34,6 +34,7 @@ class Moments:
         }
 
     def _axis(self, axis: Axis, where: str) -> Axis:
+        # Replaces phases and moments of an axis by milliseconds of this operation.
         if axis.kind == PHASE:
             return self._phase(axis.values[0], where)
         if not axis.phases:

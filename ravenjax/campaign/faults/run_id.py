@@ -76,9 +76,7 @@ def _salt(text: str) -> np.uint64:
 
 
 def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
-    """Return the hash of each value, uint64 [rows]; that of NaN is 0. If all values are equal,
-    return their one hash, [1].
-    """
+    """Return the hash of each value, uint64 [rows], 0 for NaN; [1] if all are equal."""
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
     hashes = mix_bits(canonical.view(np.uint64) ^ salt)

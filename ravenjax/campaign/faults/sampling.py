@@ -70,6 +70,7 @@ def _draws(
 
 
 def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
+    # Draws points of the unit cube, float [rows, dimensions].
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     # The import takes a second, so it is done only for these designs.

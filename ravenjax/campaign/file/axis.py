@@ -209,6 +209,7 @@ class OneValue:
         return Axis(kind, tuple(map(self.value, values)), kind == LIST and values is not raw)
 
     def _distribution(self, kind: Any, raw: Any) -> Axis:
+        # Parses a distribution, such as {uniform = [low, high]}, and checks its ends.
         if not isinstance(raw, list | tuple) or len(raw) != 2:
             raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
         first, second = map(_number, raw)

@@ -112,6 +112,7 @@ def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
 
 
 def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> str:
+    # Returns why a parameter cannot take these values; "" if it can.
     robot = config.robot
     if path not in known:
         part = path.partition(".")[0]
@@ -155,9 +156,7 @@ def paths_overlap(robot: Robot, path: str, other: str) -> bool:
     components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
-        """Return arm, numbers and component of a path. A part that the path leaves out stands for
-        all.
-        """
+        """Return arm, numbers and component of a path; a part that it leaves out stands for all."""
         parts = path.split(".")
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]

@@ -36,9 +36,7 @@ from ravenjax.vocabulary.robot import Robot
 
 
 class CampaignConfig(Section):
-    """A validated campaign with every key and its default, as `load_campaign` and `Campaign.config`
-    return it.
-    """
+    """A validated campaign with every key, as `load_campaign` and `Campaign.config` return it."""
 
     campaign: CampaignSection
     parameters: dict[str, Number] = Field(default_factory=dict)
@@ -68,7 +66,7 @@ class CampaignConfig(Section):
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")
+            raise ValueError(f"got name {twice[0]!r} twice, expected a different name for each")
         return tables
 
     @property
@@ -213,9 +211,7 @@ class CampaignConfig(Section):
                 yield ("group", g, "run", r, "parameters"), run.parameters
 
     def unread(self, path: str) -> str:
-        """Return why nothing reads the parameter at `path` in this campaign; "" if something
-        does.
-        """
+        """Return why nothing reads the parameter at `path` in this campaign, or ""."""
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
@@ -270,9 +266,7 @@ class CampaignConfig(Section):
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (beginning of its parameters' paths, code) of each of the user's files. Raises
-        UserError.
-        """
+        """Yield (prefix of its parameters, code) of each of the user's files. Raises UserError."""
         for detector in self.detector:
             if (source := detector.part) is not None:
                 yield f"detectors.own.{detector.name}", source
@@ -281,18 +275,14 @@ class CampaignConfig(Section):
 
 
 def robot_of(raw: Any, folder: Path | None = None) -> Robot:
-    """Return the robot that a campaign's tables name. folder: that of its file. Raises
-    UserError.
-    """
+    """Return the robot that a campaign's tables name. folder: of its file. Raises UserError."""
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
     return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT, folder)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
-    """Return the model of a campaign's tables for a robot: the robot's own model, or the general
-    one.
-    """
+    """Return the model of a campaign's tables: the robot's own model, or the general one."""
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
 
 

@@ -60,6 +60,7 @@ def flatten_parameters(raw: Any) -> Any:
         return raw
 
     def flat(table: dict[str, Any], path: str) -> dict[str, Any]:
+        # Joins nested keys into dotted paths.
         out: dict[str, Any] = {}
         for key, value in table.items():
             if isinstance(value, dict) and not _is_distribution(value):
@@ -79,7 +80,7 @@ def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
     for path, axis in axes.items():
         if axis.drawn:
             raise ValueError(
-                f"{path}: got {axis.kind}, expected a list: every run is done once with each of its"
+                f"{path}: got {axis.kind}, expected a list: every run is repeated with each of its"
                 " values"
             )
     return axes
@@ -236,6 +237,7 @@ class Group(Section):
 
     @model_validator(mode="after")
     def _design(self) -> Group:
+        # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
             raise ValueError(f"design = {self.design!r} needs runs, the number of runs to draw")
         if self.design not in SAMPLED and self.runs is not None:
@@ -263,9 +265,7 @@ class Group(Section):
         return self
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
-        """Return the group's faults with the keys replaced that one run of design "list"
-        replaces.
-        """
+        """Return the group's faults, with the keys that one run of design "list" replaces."""
         return tuple(
             Fault(**{**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
             for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={})

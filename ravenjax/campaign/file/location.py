@@ -187,9 +187,7 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
 
 @dataclasses.dataclass
 class Where:
-    """Turns (key, message) into a line of an error that names the file and line, or the
-    override.
-    """
+    """Turns (key, message) into an error's line, which names the file and line, or the override."""
 
     source: Path | None
     lines: dict[str, int]
@@ -230,6 +228,7 @@ class Where:
         return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
 
     def _place(self, key: Key) -> str:
+        # Where a key was written: `--set`, or file and line; "" for tables from Python.
         text, replaced = format_key(key), [format_key(key) for key in self.replaced]
         # Where the file does not have a table, an override has opened it.
         inner = () if text in self.lines else (f"{text}.", f"{text}[")

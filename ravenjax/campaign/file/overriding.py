@@ -49,6 +49,7 @@ def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
 
 
 def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[Any, Key]:
+    # Returns the table with the value at the path, and the path with list indices as numbers.
     if not parts:
         return value, ()
     head, rest = parts[0], parts[1:]
@@ -67,6 +68,7 @@ def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[A
 
 
 def _index(table: list[Any], part: str, override: str) -> int:
+    # Finds an entry of a list by its name or number.
     names = [entry.get("name") for entry in table if isinstance(entry, dict)]
     if part in names:
         return names.index(part)

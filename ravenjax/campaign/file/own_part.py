@@ -16,8 +16,8 @@ def require_identifier(name: str) -> str:
     """Return the name. Raises ValueError if it cannot be part of a parameter's path."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or keyword.iskeyword(name):
         raise ValueError(
-            f"name = {name!r}, expected letters, digits and _, a letter first: paths of parameters"
-            " have it"
+            f"name = {name!r}, expected letters, digits and _, a letter first, because it is part"
+            " of parameter paths"
         )
     return name
 

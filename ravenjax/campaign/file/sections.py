@@ -64,7 +64,7 @@ class CampaignSection(Section):
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
-                f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as"
+                f"got {duration:.10g} s, expected whole milliseconds, at least 0.001 s, such as"
                 f" {max(1, ticks) / 1000:g}"
             )
         return duration

@@ -62,6 +62,7 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
+    # Yields complaints about a group that need the robot: sites, channels, and lengths of lists.
     runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
@@ -81,6 +82,7 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
 
 
 def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
+    # Yields complaints about one fault, as (key, message).
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
@@ -147,6 +149,7 @@ def _place(
 
 
 def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
+    # A fault that starts after the run's end would never act.
     start, last, phases = fault.start_ms, last_start(config, fault), config.robot.phases
     for phase in start.phases:
         if phase not in phases:
@@ -200,9 +203,7 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, .
 def _misfit(
     site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return why a channel cannot take `value`, which an axis lists or which ends its range; None
-    if it can.
-    """
+    """Return why a channel cannot take `value`, a value or an end of an axis; None if it can."""
     if not abs(value) <= LARGEST:
         return (
             f"got {format_value(value)}, expected a number of single precision, at most"

@@ -104,9 +104,7 @@ class CostEstimate(NamedTuple):
 
 
 def measure_speed() -> float:
-    """Return how many cores of the machine that was measured this process gets now, all threads
-    together.
-    """
+    """Return how many cores of the measured machine this process gets now, all threads together."""
 
     def passes(_: int) -> int:
         numbers, count = np.arange(2**14, dtype=np.float32), 0

@@ -78,7 +78,7 @@ def extend_fault_free(
         if not there > before:
             raise UserError(
                 f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in"
-                " pedal-down, so there is nothing in which a cue could be false"
+                " pedal-down, so no false cue can be counted"
             )
         motions += 1
         added_s = (there - begun) * 3600
@@ -86,8 +86,8 @@ def extend_fault_free(
             raise UserError(
                 f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had"
                 f" {added_s:.3g} s of pedal-down: something stops the robot without a fault, as a"
-                " check or detector of your own may. What is there says how often (ravenjax report"
-                f" {folder}); for more hours raise its threshold, and run the campaign again"
+                " check or detector of your own may. The report shows how often (ravenjax report"
+                f" {folder}). Raise its threshold, and run the campaign again"
             )
     return there
 
@@ -97,8 +97,8 @@ def _require(record: Manifest, hours: float) -> None:
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
         raise UserError(
-            "the result was computed by another version of the code, whose false cues may be"
-            " others; run the campaign again, into another folder first"
+            "the result was computed by another version of the code, whose false cues may"
+            " differ; first run the campaign again, into another folder"
         )
     require_others(record.config)
 

@@ -35,9 +35,7 @@ def campaign_schema(robot: Robot) -> Schema:
 
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
-    """Return the JSON Schema of a file that `model` checks, with the words that campaigns of a
-    robot share.
-    """
+    """Return the JSON Schema of a file that `model` checks, with the robot's words."""
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
@@ -84,6 +82,7 @@ def tidy_schema(node: Any) -> None:
 
 
 def _name(node: Any, words: Any) -> None:
+    # Restricts every text of a schema to these words.
     if isinstance(node, dict):
         if node.get("type") == "string":
             node["enum"] = list(words)
@@ -131,9 +130,7 @@ _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z]
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
-    """Return the schema of one word of a path: a number where the path ends, else the possible next
-    words.
-    """
+    """Return the schema of one word of a path: a number at its end, else the next words."""
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     inner = {word: _node(below, any_path) for word, below in tree.items()}

@@ -125,6 +125,7 @@ def preview_campaign(
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
+    # Describes the user's checks with the numbers that they have in this campaign.
     if not config.check:
         return
     leaves = paths.path_leaves(plan.program.params, plan.program.setup)

@@ -58,9 +58,7 @@ class PlannedCampaign:
         return cls(validate_tables(record.config), original_engine(record, engine))
 
     def index(self, run: Any) -> int:
-        """Return the index of a run by its id, the beginning of its id, or its index. Raises
-        UserError.
-        """
+        """Return a run's index by its id, the id's beginning, or its index. Raises UserError."""
         return find_run(self.plan.rows["run_id"].to_numpy(), run)
 
 
@@ -116,9 +114,7 @@ class Replayer(PlannedCampaign):
 
 
 def replay_run(config: CampaignConfig, run: Any, engine: str) -> Replay:
-    """Compute one run of a campaign again, given its run id, an unambiguous beginning of the id, or
-    its index.
-    """
+    """Compute one run of a campaign again, by its run id, the id's beginning, or its index."""
     return Replayer(config, engine).replay(run)
 
 

@@ -55,9 +55,7 @@ class Rerun(NamedTuple):
 
     @property
     def differing(self) -> list[ColumnAgreement]:
-        """Return the columns that are not equal in every row, those that differ in most rows
-        first.
-        """
+        """Return the columns that are not equal in every row, those with most differences first."""
         return sorted(
             (one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal
         )
@@ -114,6 +112,7 @@ def verify_folder(
 
 
 def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
+    # Checks that the campaign expands to the runs that the manifest and the parts hold.
     ids = plan.rows["run_id"].to_numpy()
     complaints = []
     if plan.runs != record.runs:
@@ -146,6 +145,7 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
 
 
 def _again(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str) -> Rerun:
+    # Computes some rows again and compares every column with the stored one.
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
     words = f"{backend.name} on {backend.device}"
@@ -168,6 +168,7 @@ def _again(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine:
 
 
 def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
+    # What differs from the machine that computed the folder, and may change last digits.
     device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
     return [
         words
@@ -182,6 +183,7 @@ def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
 
 
 def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgreement:
+    # Counts equal rows of a column. NaN equals NaN, but 0 does not equal -0.
     if pa.types.is_dictionary(kept.type) or pa.types.is_string(kept.type):
         same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
         return ColumnAgreement(name, int(same.sum()), np.nan)

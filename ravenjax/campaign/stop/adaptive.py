@@ -53,8 +53,8 @@ def run_adaptively(
         return compute(out, shard=shard)
     if shard is not None:
         raise UserError(
-            f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and"
-            " a shard has a part of them. Take --executor ray, or remove [stop]"
+            f"--shard {shard}: a campaign with [stop] needs all its rows to decide when to stop,"
+            " and a shard has only some. Take --executor ray, or remove [stop]"
         )
     if out is None:
         return runner.in_temporary_folder(

@@ -30,8 +30,8 @@ def read_looks(folder: Path) -> list[Look]:
     except (OSError, ValueError) as error:
         why = str(error).splitlines()[0]
         raise StoreError(
-            f"{path}: cannot be read ({why}). It follows from the parts: delete it and start the"
-            " same `ravenjax run` again, which writes it again."
+            f"{path}: cannot be read ({why}). Delete it and start the same `ravenjax run`"
+            " again, which derives it from the parts."
         ) from error
 
 

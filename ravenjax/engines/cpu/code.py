@@ -96,7 +96,7 @@ class LaneGroup:
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks. after: address to copy the group's state to then."""
+        """Compute the shared rows of these ticks. after: address for a copy of the final state."""
         state = row_address(self.group_state)
         self._call(
             "shared_run",
@@ -258,6 +258,7 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
+        # Starts the lanes of a group from the snapshots of their golden run.
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -89,6 +89,7 @@ class SimdKernel(traced.PrintedKernel):
     def _run(
         self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
+        # Lanes that share inputs form a group. Groups are computed one after the other.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
@@ -132,6 +133,7 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
+        # Plans the ticks of some lanes: where each vector begins, and where each lane ends.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None
@@ -142,6 +144,7 @@ class SimdKernel(traced.PrintedKernel):
     def _given(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
+        # Returns the golden run's series that the lanes are compared with.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)

@@ -155,6 +155,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.functions: list[str] = []
 
     def kernel(self) -> VectorKernel:
+        # Prints the five functions and what they call.
         self._shared_begin()
         self._shared_run()
         self._lane_begin()
@@ -196,6 +197,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("shared_begin", printer)
 
     def _shared_run(self) -> None:
+        # Prints the loop over ticks of what all lanes of a group share.
         printer = LlvmPrinter(1, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._group_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
@@ -219,6 +221,7 @@ class _LlvmModule(LoopPrinting[Place]):
         return tick_values
 
     def _lane_begin(self) -> None:
+        # Prints the initial state of the lanes, and values that stay the same in all ticks.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_places()
         self.print_begin(printer, inputs, state)
@@ -228,6 +231,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("lane_begin", printer)
 
     def _lane_run(self) -> None:
+        # Prints the loop over ticks of one vector of lanes.
         printer = LlvmPrinter(self.width, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._lane_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)

@@ -37,6 +37,7 @@ class LlvmPrinter(Printing[Place]):
     # --- a program ---
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
+        # Prints one operation. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
         if name == "lookup":
             return self._lookup(program, detail, inputs[0])
@@ -53,6 +54,7 @@ class LlvmPrinter(Printing[Place]):
         return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
+        # Prints a branch around operations that no lane of the vector needs.
         if self.width > 1:
             name = f"llvm.vector.reduce.or.v{self.width}i1"
             condition = self.call("i1", name, (self.type("bool"), condition))
@@ -66,6 +68,7 @@ class LlvmPrinter(Printing[Place]):
         return outer, after, types
 
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
+        # Closes the branch. Lanes that skipped it get 0, which their `select` ignores.
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
         values = []
@@ -124,6 +127,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
 
     def _load(self, dtype: str, place: Place) -> str:
+        # Loads one number per lane; a number that all lanes share is loaded once and copied.
         scalar, wide, address = _STORED[dtype], self._wide(_STORED[dtype]), self.address(place)
         if place.splat and self.width > 1:
             number = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
@@ -203,6 +207,7 @@ class LlvmPrinter(Printing[Place]):
         return scalar if self.width == 1 else f"v{self.width}{scalar}"
 
     def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
+        # LLVM leaves shifts by the width or more undefined; here they give 0, or the sign.
         by, bits = x[1], stored_size(dtype) * 8
         instruction = f"{TEXTS['shifts'][name]} {self.type(dtype)} {x[0]}"
         if name == "sar":
@@ -230,6 +235,7 @@ class LlvmPrinter(Printing[Place]):
         return self.select(dtype, none, self._constant(dtype, -1), quotient)
 
     def _converted(self, dtype: str, source: str, x: str) -> str:
+        # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.
         wide, before = self.type(dtype), self.type(source)
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")

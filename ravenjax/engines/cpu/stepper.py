@@ -52,6 +52,7 @@ class StepCode:
         self.tables = tuple(tables)
 
         def make() -> tuple[str, RecordKind, RecordKind, int]:
+            # Traces the three functions and prints them as one module.
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(
@@ -62,7 +63,7 @@ class StepCode:
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
             if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
-                raise TypeError("what goes out of a tick is float32")
+                raise TypeError("every output of a tick must be float32")
             kind, fixed = RecordKind.of(state), self.inputs.layout
             transitions = {
                 "begin": StateTransition(first, fixed, NOTHING, NOTHING),

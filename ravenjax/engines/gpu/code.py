@@ -188,6 +188,7 @@ class _Run:
                 progress(course.lane_ticks(self.places, first, first + count))
 
     def _begin(self) -> None:
+        # Initialises the groups, then the lanes, then the lanes that start from snapshots.
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
             self._by_group("shared_begin", self.group_inputs, self.group_state, self.groups)

@@ -118,6 +118,7 @@ class CudaKernel(traced.PrintedKernel):
         return inputs, placed, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
+        # Plans the ticks of all threads, from the snapshots that they start from.
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
         # The outputs of each tick are needed, from the first tick on.
         if block.reference is None or not grouped:

@@ -89,7 +89,7 @@ class _CudaModule(LoopPrinting[str]):
         for program in (self.step, self.begin, self.finish):
             if "float64" in {operation.dtype for operation in program.operations}:
                 raise NotImplementedError(
-                    "a program with float64 numbers; CUDA kernels keep every number in 32 bits"
+                    "the program has float64 numbers, but CUDA kernels have numbers of 32 bits"
                 )
 
     def source(self) -> KernelSource:
@@ -177,6 +177,7 @@ class _CudaModule(LoopPrinting[str]):
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
+        # State that is used often lies in shared memory, the rest in global memory.
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
         threads = self.form.threads
         places = {k: template.format(position, threads) for position, k in enumerate(self.far)}
@@ -197,6 +198,7 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _shared_run(self) -> str:
+        # Prints one tick of what all lanes of a group share.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         words, tick_values = self._of_this_tick(f"given[(size_t)tick * {self.tick_inputs} + {{}}]")
@@ -212,6 +214,7 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _lane_run(self) -> dict[str, Any]:
+        # Prints the loop over ticks of one lane, and the code before and after it.
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self.sources(step, self._inputs("in{}"), state)
@@ -259,6 +262,7 @@ class _CudaModule(LoopPrinting[str]):
         return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
+        # Prints the outcomes of one lane from its last state.
         printer, saved = CudaPrinter(), self._of_lane("saved")
         state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
         state |= {k: saved.format(position) for position, k in enumerate(self.saved)}

@@ -67,14 +67,14 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
             sections[kind[0]] = content
         elif kind[0] != _CUSTOM:
             raise Unlinkable(
-                f"the object has a section {kind[0]}, expected types, imports, functions and code"
-                " alone"
+                f"the object has a section {kind[0]}, expected only types, imports, functions and"
+                " code"
             )
     imports = _Reader(sections[_IMPORT])
     count, name = imports.number(), (imports.content().decode(), imports.content().decode())
     if count != 1 or name != MEMORY:
         raise Unlinkable(
-            f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone"
+            f"the object imports {count} things, first {'.'.join(name)}, expected only its memory"
         )
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))

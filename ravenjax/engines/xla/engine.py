@@ -46,9 +46,7 @@ LANE_MULTIPLE = 16
 
 
 def segment_ticks(ticks: int, longest: int) -> int:
-    """Return the ticks of each of the equal segments that cover a run. The last may extend slightly
-    beyond the run.
-    """
+    """Return the ticks of equal segments that cover a run. The last may go beyond the run."""
     return -(-ticks // -(-ticks // max(1, min(ticks, longest))))
 
 
@@ -58,9 +56,7 @@ def _accelerators() -> tuple[Any, ...]:
 
 
 def _choose_lanes(runs: int, cores: int) -> int:
-    """Return the lanes of a block for `runs` runs: on all accelerators together, or on one CPU
-    core.
-    """
+    """Return the lanes of a block: for all accelerators together, or for one CPU core."""
     share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
     if devices := _accelerators():
         memory = min(device.memory_stats()["bytes_limit"] for device in devices)
@@ -97,6 +93,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         return moved if keep_signals else (*moved[:2], ())
 
     def segment(varied, faults, ends, state, first, reference, motion):
+        # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
         fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
@@ -156,6 +153,7 @@ class ScanKernel:
     def _arguments(
         self, block: Block, motion: tuple[np.ndarray, ...]
     ) -> tuple[int, tuple[Any, ...]]:
+        # Places the block's numbers on the devices, with a zero state for tick 0.
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)
@@ -251,9 +249,7 @@ class ScanEngine:
         )
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:
-        """See `interface.Engine`. The block size does not depend on the chunk size of the
-        results.
-        """
+        """See `interface.Engine`. Block sizes do not depend on the chunk size of the results."""
         return ScanKernel(self._program(program), _choose_lanes(runs, self.threads))
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:

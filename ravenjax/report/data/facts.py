@@ -202,6 +202,7 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
+    # Numbers distinct faults. Windows that differ only beyond the run's end are the same.
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
@@ -250,6 +251,7 @@ def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, 
 
 
 def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
+    # The columns of the first fault as SQL; empty ones if no run has a fault.
     if "fault0_site" not in names:
         # no run of the campaign has a fault
         return {"site": "''", "layer": quote_text(OTHER_LAYER)}

@@ -155,9 +155,7 @@ class Runs:
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
     def motions(self) -> Motions:
-        """Return the different fault-free motions: golden runs of plain runs, and additional motion
-        of the result folder.
-        """
+        """Return the different fault-free motions: golden runs, and those added to the folder."""
         return self.once(_fault_free_motions)
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:

@@ -201,6 +201,7 @@ def chain_table(
 
 
 def _link(one: SignalTicks, harm: int) -> ChainLink:
+    # One signal of the chain: when it first differed, and when it left its normal range.
     leaves = int(one.leaves[0])
     return ChainLink(
         one.layer,
@@ -215,6 +216,7 @@ def _link(one: SignalTicks, harm: int) -> ChainLink:
 
 
 def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> list[NearCheck]:
+    # Checks that the fault brought nearer to their limit than the golden run, or tripped.
     out = []
     for name in (column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)):
         margin, golden = float(ticks[f"{NEAR}{name}"]), float(ticks[f"{GOLDEN_NEAR}{name}"])

@@ -64,6 +64,7 @@ def summarize_run(
 
 
 def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
+    # Returns the verdict in words: what responded, and what the hazard was.
     if row["failed"]:
         ms = int(row.get("failed_first_ms", -1))
         since = f" at {format_count(ms)} ms" if ms >= 0 else ""
@@ -87,6 +88,7 @@ def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
 
 
 def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: Robot) -> list[str]:
+    # The largest distances, depth and force of the run, as phrases.
     if series is None:
         far = format_number(float(row["peak_model_deviation_mm"]))
         peaks = [f"true tip {far} mm from the nominal model"]
@@ -109,6 +111,7 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
 
 
 def _distances(arm: str, series: Series) -> list[str]:
+    # The largest distance of the true tip from the model and from the golden run, and when.
     lines = []
     for other, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
         if f"{arm}/tip" not in series or f"{arm}/{other}" not in series:
@@ -166,6 +169,7 @@ def list_events(
 
 
 def _faults(robot: Robot, row: Mapping[str, Any], series: Series) -> Iterator[RunEvent]:
+    # The fault's windows, and when it first and last changed a value.
     for slot in itertools.takewhile(lambda slot: f"fault{slot}_site" in row, itertools.count()):
         words = wording.fault_in_slot(row, slot, robot)
         if not words:
@@ -199,6 +203,7 @@ def _first_few(events: Sequence[RunEvent], most: int, more: str) -> list[RunEven
 
 
 def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any]) -> Iterator[RunEvent]:
+    # The first trip of each check. One that the golden run has too is no alarm.
     for name in checks.check_names(row):
         first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
         if first < 0:
@@ -229,6 +234,7 @@ def _alarms(row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any]) -> 
 
 
 def _cues(row: Mapping[str, Any], rules: Rules, series: Series) -> Iterator[RunEvent]:
+    # The cue's pulses; without time series only the first one is known.
     column = f"cue{rules.cue}_first_ms"
     first, golden = int(row[column]), int(row[f"golden_{column}"])
     name = f"{rules.threshold_mm:g} mm cue"
@@ -266,6 +272,7 @@ def _hazards_and_reaction(row: Mapping[str, Any], rules: Rules) -> Iterator[RunE
 
 
 def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
+    # Changes of run level, software E-stop and brakes.
     level = robot.run_level
     texts = {
         "runlevel": ("run level", lambda old, new: f"run level: {level(old)} to {level(new)}", 0),

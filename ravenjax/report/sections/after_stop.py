@@ -39,6 +39,7 @@ def stop_rows(runs: Runs) -> list[StopRow]:
 
 
 def _of(runs: Runs, by: str) -> list[StopRow]:
+    # Counts stopped runs of each class by whether motion and cue came before the stop.
     stop = f"{FACTS}.response_ms"
     moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)

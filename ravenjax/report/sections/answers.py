@@ -144,6 +144,7 @@ def cue_effects(runs: Runs) -> Changed:
 
 
 def _announced(runs: Runs, k: int, chosen: str) -> Announced:
+    # How early a haptic set's cue comes, and how often it comes without a fault.
     free = runs.motions()
     return Announced(
         runs.manifest.cues[k],

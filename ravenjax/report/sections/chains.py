@@ -131,6 +131,7 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
+    # The chains of the explained runs that moved the tip most, evading ones first.
     manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"

@@ -39,6 +39,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _of(runs: Runs, by: str) -> list[ContactRow]:
+    # Contact forces by class, and how many faults raise them above the golden run's.
     parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
     names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
     columns = (

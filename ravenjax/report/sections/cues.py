@@ -172,6 +172,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
+    # The set of least cost, if a missed motion costs `weight` false cues.
     def possible(times: float) -> np.ndarray:
         return choice.cheapest_alarms(alarms, weight, times)
 
@@ -183,6 +184,7 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
 
 
 def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
+    # The set that misses least with at most `most` false cues an hour.
     possible, keeps = choice.rarest_alarms(alarms, most)
     undecided = alarms.count[possible & ~keeps]
     more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan

@@ -85,6 +85,7 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
 
 
 def _summarize(runs: Runs, kind: str, name: str, action: str, some: pd.DataFrame) -> DeadlineRow:
+    # One row of the table: how late an action still prevents the harm, and how often.
     among, _ = robots.drawn_units(runs, some)
     late, margin = (some[column].to_numpy(float) for column in ("deadline_ms", "margin_ms"))
     late, margin = np.where(late >= 0, late, -np.inf), np.where(margin == margin, margin, -np.inf)

@@ -203,6 +203,7 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
+    # Bootstrap bands of both curves; none if all runs, or all faults, are alike.
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"

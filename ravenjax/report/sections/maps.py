@@ -151,6 +151,7 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
+    # An axis of the map for each input that varies, with few enough bins to fill the cells.
     varied = [name for name in swept.titles if len(swept.faults[name].unique()) > 1]
     n = len(swept.faults)
     # In a grid of two inputs, a cell holds one run.
@@ -280,6 +281,7 @@ def explained_share(counts: PairCounts) -> float:
 
 
 def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -> dict[str, Any]:
+    # Returns the map of two inputs, with the pairs of inputs that explain the outcome best.
     counts = ranked[0]
     pairs = [
         {

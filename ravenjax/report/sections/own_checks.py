@@ -79,6 +79,7 @@ def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
 
 
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
+    # False alarms of the user's checks; unknown if the campaign varies their parameters.
     free, shape = runs.motions(), runs.manifest.shape
     varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
     # The fault-free motion has every value that is constant in the whole campaign.

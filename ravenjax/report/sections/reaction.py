@@ -244,6 +244,7 @@ def _crossed_names(frame: pd.DataFrame) -> list[str]:
 
 
 def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
+    # Yields the parts that get rows: all faults, each layer, each value of a crossed parameter.
     yield "all faults", mine
     layers = mine.with_["layer"].to_numpy()
     present = pd.unique(layers)
@@ -261,6 +262,7 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 def _difference(
     action: str, among: str, mine: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
+    # What the operator's reaction changes, run by run.
     after, before = (part["unintended"].to_numpy() for part in mine)
     acted = mine.with_["reaction_ms"].to_numpy() >= 0
     return Difference(

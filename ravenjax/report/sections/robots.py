@@ -1,8 +1,8 @@
 """Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
 `ravenjax calibrate`.
 
-The sampled unit is the robot: the interval is for the rate of one more robot, whatever the number
-of faults on each.
+Robots are the sampled units. The interval is for the rate of one further robot, and does not
+narrow with more faults per robot.
 """
 
 from collections.abc import Mapping
@@ -67,9 +67,7 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
 
 
 def drawn_whole(runs: Runs) -> list[str]:
-    """Return the columns of the parameters that make up a robot of a file; none if robots were not
-    drawn whole.
-    """
+    """Return the columns of a robot's parameters; none if robots were not drawn whole."""
     return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
 
 

@@ -15,9 +15,7 @@ from ravenjax.stats.intervals import ALPHA, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """Alarms counted over hours. per_hour has its exact Poisson interval, and is NaN if
-    hours is 0.
-    """
+    """Alarms counted over hours. per_hour has its exact Poisson interval; NaN if hours is 0."""
 
     count: int
     hours: float
@@ -27,9 +25,7 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float) -> AlarmRate:
-    """Return alarms per hour with the exact 95 % interval of a Poisson rate (Garwood 1936), for
-    `count` independent alarms.
-    """
+    """Return alarms per hour with the exact 95 % Poisson interval (Garwood 1936)."""
     if not hours:
         return AlarmRate(int(count), 0.0, math.nan, math.nan, math.nan)
     low, high = rate_bounds(count, hours)
@@ -68,9 +64,7 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
 
 
 def rate_bounds(count: ArrayLike, hours: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends of the exact 95 % intervals of Poisson rates, arrays of one shape. `hours`
-    must be above 0.
-    """
+    """Return both ends of exact 95 % intervals of Poisson rates. `hours` must be above 0."""
     from statsmodels.stats.rates import confint_poisson  # slow to import
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))

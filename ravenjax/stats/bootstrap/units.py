@@ -50,9 +50,7 @@ class Units(NamedTuple):
         return Units(unit, self.stratum[present])
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
-        """Return the weight of each unit in each resample, float [resamples, units]. Their mean is
-        1 in every stratum.
-        """
+        """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _collapsed(self.stratum):
@@ -65,9 +63,7 @@ class Units(NamedTuple):
     def resampled(
         self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """Return `value` of each resample [resamples, ...]. `value` takes weights of rows
-        [b, n].
-        """
+        """Return `value` of each resample [resamples, ...]. It takes weights of rows [b, n]."""
         weight = self.weights(resamples, seed)
         batch = max(1, _ELEMENTS // max(1, len(self.unit)))
         parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
@@ -75,9 +71,7 @@ class Units(NamedTuple):
 
 
 def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
-    """Return the number of each row's label [n], and the count of different labels. Raises
-    ValueError if a label is missing.
-    """
+    """Return each row's label as a number [n], and how many there are. Refuses missing labels."""
     import pandas as pd
 
     labels: Any = label if isinstance(label, pd.Series | pd.Categorical) else np.asarray(label)
@@ -101,7 +95,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():
-        raise ValueError("units: a unit lies in one stratum, and one of these lies in several")
+        raise ValueError("units: each must be in one stratum, and one of these is in several")
     return Units(unit, of_unit)
 
 
@@ -164,9 +158,7 @@ def statistic_band(
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum. Strata of one unit are merged into one, or into the
-    smallest other one.
-    """
+    """Return the units of each stratum; strata of one unit are merged with another one."""
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     several = sorted((one for one in strata if len(one) > 1), key=len)
     alone = [one for one in strata if len(one) == 1]
@@ -207,9 +199,7 @@ def bootstrap(
 
 
 def band_ends(samples: np.ndarray) -> np.ndarray:
-    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all samples are
-    NaN.
-    """
+    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all are NaN."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanquantile(samples, [ALPHA / 2, 1 - ALPHA / 2], axis=0)

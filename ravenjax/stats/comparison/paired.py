@@ -75,5 +75,7 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     one, two = np.asarray(first, bool), np.asarray(second, bool)
     if one.shape != two.shape or one.ndim != 1:
-        raise ValueError(f"pairs come one by one: got shapes {one.shape} and {two.shape}")
+        raise ValueError(
+            f"expected two arrays of one shape [pairs], got {one.shape} and {two.shape}"
+        )
     return one, two

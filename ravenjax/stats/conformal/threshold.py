@@ -46,9 +46,7 @@ class OperationScores(NamedTuple):
         return OperationScores(*(values[mask] for values in self))
 
     def one_each(self) -> OperationScores:
-        """Return the first operation of each unit. These are independent, whatever a unit's
-        operations share.
-        """
+        """Return the first operation of each unit: these are independent of each other."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
 
@@ -95,7 +93,7 @@ class FalseAlarmTarget(NamedTuple):
             self.per_hour > 0 and self.length_h > 0 and math.isfinite(self.per_hour * self.length_h)
         ):
             raise ValueError(
-                f"a rate and a length lie above 0, got {self.per_hour} an hour and"
+                f"a rate and a length must be above 0, got {self.per_hour} an hour and"
                 f" {self.length_h} h"
             )
         # Tolerance, so that rounding does not add a unit.
@@ -124,7 +122,7 @@ class FalseAlarmTarget(NamedTuple):
         """
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
             raise ValueError(
-                f"hours of an operation lie in 0..{self.length_h:g}, got"
+                f"hours of an operation must be in 0..{self.length_h:g}, got"
                 f" {hours.min():g}..{hours.max():g}"
             )
         return (
@@ -154,9 +152,7 @@ class TooFewUnits(ValueError):
 
 
 def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
-    """Return the least score that keeps the target as a threshold. Raises TooFewUnits without
-    one.
-    """
+    """Return the least score that keeps the target as threshold. Raises TooFewUnits."""
     if not len(operations.unit):
         raise TooFewUnits(0, target.fewest_units)
     score = np.where(np.isnan(operations.score), np.inf, operations.score)
@@ -223,7 +219,7 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
     maximum is not finite.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
-        raise ValueError("scales are learned on finite maxima of at least one operation")
+        raise ValueError("scales need finite maxima of at least one operation")
     level = np.quantile(peaks, SHARE, axis=0)
     largest = level.max(axis=-1, keepdims=True)
     level = np.maximum(level, LEAST * largest)

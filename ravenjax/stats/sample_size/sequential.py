@@ -90,9 +90,7 @@ class Look(BaseModel):
 
 @dataclasses.dataclass(frozen=True)
 class Sequential:
-    """The stopping rule: what is judged, how narrow it must get, and the sizes at which one
-    looks.
-    """
+    """The stopping rule: what is judged, how narrow it must get, and at which sizes."""
 
     strata: tuple[Stratum, ...]
     rates: tuple[str, ...]
@@ -189,9 +187,7 @@ class Sequential:
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return the further draws of each stratum that are probably sufficient, at least 1; int64
-        [strata].
-        """
+        """Return how many further draws of each stratum probably suffice, at least 1."""
         if self.of == "whole":
             return self.size
         low, high = rate_bounds(k, n, alpha_of(self.each))
@@ -312,9 +308,7 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
 
 
 def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the factor at which the clipped multiples of `spread` sum to `total`. Their sum is
-    piecewise linear in the factor.
-    """
+    """Return the factor at which the clipped multiples of `spread` sum to `total`."""
     used = spread > 0
     corners = np.unique(
         np.concatenate([[0.0], low[used] / spread[used], high[used] / spread[used]])

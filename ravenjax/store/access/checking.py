@@ -108,6 +108,7 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 def _check(
     table: ResultTable, record: Manifest, check: str, rules: list[dict[str, str]]
 ) -> FolderCheck:
+    # Checks a column's values with the rules of its name, type and unit, in one query.
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         rule = next(
@@ -144,9 +145,7 @@ def _check(
 
 
 def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
-    """Return how columns and number of rows of a part differ from the expected ones; "" if they do
-    not.
-    """
+    """Return how a part's columns and number of rows differ from the expected ones, or ""."""
     footer = pq.read_metadata(path)
     if footer.num_rows != len(part.rows):
         return f"{path}: holds {footer.num_rows} rows, its name says {part.first} to {part.last}"

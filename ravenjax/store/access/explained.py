@@ -1,4 +1,4 @@
-"""Stores what was computed about runs of a result folder in Parquet files, such as explained runs:
+"""Stores later analyses of the runs of a result folder, such as explained runs, in Parquet files:
 a row per run.
 """
 

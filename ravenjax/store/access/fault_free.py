@@ -104,9 +104,7 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
 
 
 def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the parts of a resolved campaign that decide how the robot follows fault-free
-    motion.
-    """
+    """Return the parts of a campaign that decide how the robot follows fault-free motion."""
     parts = {name: value for name, value in config.items() if name not in _WITHOUT_PART}
     parts["campaign"] = {
         name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT

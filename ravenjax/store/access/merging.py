@@ -92,6 +92,7 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
 
 
 def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
+    # Shards of one campaign differ only in what MAY_DIFFER lists.
     alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
     differences = one.differences(alike)
     if one.runs != two.runs:
@@ -160,6 +161,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
 
 
 def _taken(source: PartSource, out: Path, config_hash: str) -> str:
+    # Links the part into the merged folder, which needs no disk space; copies it if it cannot.
     target = out / PARTS / source.part.file
     if target.exists() and (
         target.samefile(source.file) or hash_file(target) == source.part.sha256
@@ -194,6 +196,7 @@ def _require_own(out: Path, sources: list[PartSource]) -> None:
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
+    # The manifest of the merged folder.
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(

@@ -53,11 +53,11 @@ class ResultTable:
 
     def run(self, sql: str) -> None:
         """Run a statement without a result, such as the definition of a view."""
-        self._told(sql)
+        self._execute(sql)
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """Return the rows of a query; `given` replaces its question marks."""
-        return self._told(sql, given).fetchall()
+        return self._execute(sql, given).fetchall()
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
         """Return the only row of a query."""
@@ -66,7 +66,7 @@ class ResultTable:
 
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
         """Return the result of a query as a DataFrame. The result must be small."""
-        return self._told(sql, given).df()
+        return self._execute(sql, given).df()
 
     def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
         """Return the result of a query as Arrow batches of `rows` rows."""
@@ -82,12 +82,15 @@ class ResultTable:
         """Make an Arrow table readable under a name."""
         self._connection.register(name, table)
 
-    def _told(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+    def _execute(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+        # Executes one statement of SQL, and turns DuckDB's errors into StoreError.
         import duckdb
 
         # A name in somebody else's file must not add a statement that writes.
         if self._connection.extract_statements(sql)[1:]:
-            raise StoreError("a name in the result holds SQL; nothing was computed: it is forged")
+            raise StoreError(
+                "a name in the result contains SQL, so it is forged; nothing was computed"
+            )
         try:
             return self._connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:

@@ -71,6 +71,7 @@ def _checked(where: str, text: str) -> ConsoleProfile:
 
 
 def _line(fault: ErrorDetails) -> str:
+    # Returns one error of a profile as a line: key, what was got, what was expected.
     key = ".".join(map(str, fault["loc"])) or "the file"
     words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] == "extra_forbidden":

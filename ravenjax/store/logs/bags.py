@@ -171,8 +171,8 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":
         raise UserError(
-            f"{recording}: expected a recording in MCAP that is there: {RECORDING} of a session, or"
-            " the .mcap of a traced run"
+            f"{recording}: expected an existing MCAP file: {RECORDING} of a session, or the .mcap"
+            " of a traced run"
         )
     target = out or recording.with_name(recording.stem + (".bag" if ros == 1 else "_ros2"))
     if ros == 1 and target.suffix != ".bag":
@@ -186,7 +186,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
         )
     if target.exists():
         raise UserError(
-            f"{target}: is there already, and is not overwritten; name another with --out"
+            f"{target}: exists already, and is not overwritten; choose another name with --out"
         )
     try:
         with open_bag(recording) as reader:
@@ -207,12 +207,13 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
             target.unlink(missing_ok=True)
         if isinstance(error, UserError):
             raise UserError(
-                f"{error}. Where it was cut short, first: ravenjax log recover {recording}"
+                f"{error}. If it was cut short, first run: ravenjax log recover {recording}"
             ) from None
         raise
 
 
 def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
+    # Copies all messages. ROS 1 needs its own header type, and times after 0.
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 

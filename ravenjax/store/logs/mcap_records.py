@@ -65,9 +65,7 @@ class Scan:
 
 
 def scan_records(path: Path) -> Scan:
-    """Scan a file, complete or truncated. Raises StoreError if it cannot be read or is no MCAP
-    file.
-    """
+    """Scan a file, even a truncated one. Raises StoreError if it is unreadable or no MCAP file."""
     try:
         with open(path, "rb") as file:
             begins = file.read(len(MCAP0_MAGIC))
@@ -144,7 +142,7 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
-        raise ValueError("the record has another length than it says")
+        raise ValueError("the record does not have the length that it states")
     return record, end
 
 
@@ -162,9 +160,7 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
-    """Yield a chunk's messages on the wanted channels, or all. The library takes ten times as
-    long.
-    """
+    """Yield a chunk's messages on the wanted channels, or all; ten times as fast as the library."""
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
             channel, number, log_ns, publish_ns = _MESSAGE.unpack_from(content, begin)

@@ -51,9 +51,7 @@ class MessageTypes:
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """Return a message with these fields, in their order. A field with subfields is a
-        sequence.
-        """
+        """Return a message with these fields, in order; subfields are given as a sequence."""
         from rosbags.interfaces import Nodetype
 
         fields = []

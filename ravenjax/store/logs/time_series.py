@@ -81,9 +81,7 @@ def check_series(series: Mapping[str, np.ndarray], where: str) -> int:
 
 
 def describe_series(name: str) -> TimeSeries:
-    """Return the description of a stored series by its name. An unlisted one has unit "" and no
-    meaning.
-    """
+    """Return the description of a stored series by name; without unit and meaning if unlisted."""
     arm, _, own = name.rpartition("/")
     if arm:
         return OF_ARM.get(own) or TimeSeries(own, "", "")

@@ -188,9 +188,7 @@ def standard_topics(
 
 
 def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
-    """Return the topic of the flat message with one number per name: float64, or float32 if
-    `single`.
-    """
+    """Return the topic of a flat message, one number per name: float64, or float32 if `single`."""
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
@@ -213,9 +211,7 @@ class LogWriter:
         metadata: Mapping[str, str],
         chunk_bytes: int = 1 << 20,
     ) -> None:
-        """metadata: content of the file's record `METADATA`. chunk_bytes: a kill loses at most one
-        chunk.
-        """
+        """metadata: content of record `METADATA`. chunk_bytes: a kill loses at most one chunk."""
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, dict(metadata))
@@ -325,6 +321,7 @@ def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
 
 
 def _template(name: str, message: Any) -> Topic:
+    # Encodes a message with marks in place of its numbers, to find where each number is stored.
     template, spans = ros2_types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:

@@ -7,8 +7,8 @@ UDP datagrams of at least 124 bytes to port 36000, or else to the only port that
 of that size. If there are several senders, the console is the one that sent most.
 
 Complete packets are read with the console's profile, in order. Packets that the robot would drop
-move nothing: repeated and older numbers, and the packet after a gap. A stream may restart, see
-`_restarts`.
+move nothing: repeated and older numbers, and the packet after a gap. A stream may restart
+(`_restarts`).
 """
 
 from __future__ import annotations
@@ -80,9 +80,7 @@ class RawPackets(NamedTuple):
 
 
 def read_packets(path: Path) -> RawPackets:
-    """Return the datagrams of a Parquet file or a capture, and their arrival times. Raises
-    UserError.
-    """
+    """Return datagrams and arrival times of a Parquet file or a capture. Raises UserError."""
     capture = path.suffix.lower() in CAPTURES
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
@@ -254,6 +252,7 @@ def read_track(
 def _profile(
     path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str
 ) -> ConsoleProfile:
+    # The given profile, or the only bundled one that fits every packet.
     profiles = loading.profile_choices(console)
     choice = ProfileChoice(profiles, arms)
     for packet in fields:

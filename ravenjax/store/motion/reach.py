@@ -87,6 +87,7 @@ def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
 
 
 def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+    # Joints of the first solution within the limits, and whether any solution is within.
     lower, upper = bounds.within()
     rows, best, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
@@ -122,9 +123,7 @@ def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
 
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return all solutions [n, 8, 7] of one arm in at most BLOCK_ROWS rows, and their validity [n,
-    8].
-    """
+    """Return one arm's solutions [n, 8, 7] in at most BLOCK_ROWS rows, and validity [n, 8]."""
     from ravenjax.numbers.lazy import jax
 
     index = rows[np.minimum(np.arange(BLOCK_ROWS), len(rows) - 1)]
@@ -144,6 +143,7 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
     from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat
 
     def solve(position: Any, quat: Any, opening: Any) -> tuple[Any, Any]:
+        # Returns all joint positions [8, 7] that reach one pose, and whether each is valid.
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
         candidates = kinematics.inverse_candidates(arm, pose)
         solutions = [

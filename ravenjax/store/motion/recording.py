@@ -91,6 +91,7 @@ def _packets(path: Path) -> bool:
 
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
+    # Reads a file by its kind. An option that belongs to another kind is refused.
     packets = path.suffix.lower() in CAPTURES or _packets(path)
     kind = (
         "stream of packets"
@@ -110,8 +111,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
         given = getattr(options, name) or arms
         if lacking := [arm for arm in arms if isinstance(given, dict) and arm not in given]:
             raise UserError(
-                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; write"
-                " one without arms if it is that of all"
+                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; give"
+                " a value without names of arms if it is the same for all"
             )
     if packets:
         return packet_file.read_track(
@@ -205,6 +206,7 @@ def _evenly(
     options: ReplayOptions,
     rows: int,
 ) -> tuple[Poses, np.ndarray | None]:
+    # Resamples the poses to one per millisecond.
     at = np.arange(rows) * TICK_S
     position, quat, opening = [], [], []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)

@@ -114,6 +114,7 @@ class OperatorReplay:
         )
 
     def _cut_jaws(self) -> Iterator[str]:
+        # Yields a notice for jaws that the control software cuts at its limits.
         motion, (gain, low, high) = self.motion, self.bounds.jaws
         for i, arm in enumerate(motion.arms):
             start = 1e3 * sum(motion.start_jpos[i][5:])
@@ -215,19 +216,16 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
             continue
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
-            f" {scale / base:.3g} times as far as recorded: at {(begin + row) * TICK_S:.3f} s of"
-            f" the recording it leaves the joint limits. The scale of [operator], {base:g}, moves"
-            f" it as recorded; vary it less, or write scale = {scale:g} in [operator] and do not"
-            " vary it"
+            f" {scale / base:.3g} times as far as recorded. At {(begin + row) * TICK_S:.3f} s of"
+            f" the recording the arm leaves its joint limits. The scale of [operator], {base:g},"
+            f" moves it as recorded. Vary the scale less, or write scale = {scale:g} in [operator]"
         )
 
 
 def motion_courses(
     recording: HandRecording, inside: np.ndarray, rows: np.ndarray
 ) -> tuple[TipCourse, ...]:
-    """Return the courses for a picture: each arm's samples, and the motion along `rows` of the
-    recording.
-    """
+    """Return courses for a picture: each arm's samples, and the motion along the rows."""
     limit = recording.options.max_gap_s
     return tuple(
         TipCourse(
@@ -261,6 +259,7 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 
 
 def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
+    # A gap or jump in the replayed part would be motion that nobody made.
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
@@ -292,6 +291,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
 def _require_inside(
     recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
 ) -> None:
+    # Refuses a part with poses that the arm cannot reach, and names the parts that it can.
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
@@ -331,6 +331,7 @@ def _longest_first(
 
 
 def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
+    # A motion in which nothing moves hides the effect of most faults.
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):
         raise UserError(
@@ -353,9 +354,7 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
 def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the
-    first row.
-    """
+    """Return positions [T, 3] um and quaternions [T, 4] in the ITP frame, from the first row."""
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

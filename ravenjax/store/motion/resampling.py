@@ -18,9 +18,7 @@ That module imports JAX, which reports do not need.
 
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate `values` [T] or [T, k] at times `at_s`, which must lie within the samples'
-    times.
-    """
+    """Interpolate `values` [T] or [T, k] at times `at_s`, all within the samples' times."""
     # Slow to import.
     from scipy.interpolate import PchipInterpolator
 
@@ -38,18 +36,14 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Interpolate `values` [T] or [T, k] linearly at fractional rows, which are a millisecond
-    apart.
-    """
+    """Interpolate `values` [T] or [T, k] linearly at fractional rows, a millisecond apart."""
     low = np.clip(np.floor(rows).astype(int), 0, len(values) - 2)
     part = (rows - low).reshape(-1, *[1] * (values.ndim - 1))
     return values[low] * (1.0 - part) + values[low + 1] * part
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
-    """Filter each stretch (first row, row after the last) of `values` [T, k] with a low-pass
-    without phase shift.
-    """
+    """Filter each stretch (begin, end) of `values` [T, k] with a low-pass, without phase shift."""
     # Slow to import.
     from scipy.signal import butter, sosfiltfilt
 

@@ -181,9 +181,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of an arm's sensor, in columns with the arm's name; all rows if no column
-    names sensors.
-    """
+    """Return the rows of an arm's sensor; all rows if no column names sensors."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)
@@ -209,6 +207,7 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
 
 
 def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTrack:
+    # Reads one arm's positions, orientations and jaws from the columns of a table.
     path, table = samples.path, samples.table
     places = []
     for name in (f"{arm}_{axis}" for axis in "xyz"):
@@ -324,6 +323,7 @@ def open_bag(path: Path, options: ReplayOptions) -> Iterator[Bag]:
 
 
 def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
+    # Reads one topic of poses per arm. All arms use the same clock: header stamps if all have them.
     ends = [f"{source}_cp" for source in SOURCES]
     tips, jaws, notes = {}, {}, []
     with open_bag(path, options) as bag:

@@ -98,7 +98,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     if (back := np.flatnonzero(steps < 0.0)).size:
         raise UserError(
             f"{path}: {item} {back[0] + 1}: time goes back by {-steps[back[0]]:.6g} s ({clock};"
-            f" {_such_rows(back)}); expected it never to. Sort the rows, or cut the file there"
+            f" {_such_rows(back)}); expected no step back. Sort the rows, or cut the file there"
         )
     if (still := np.flatnonzero(steps == 0.0)).size:
         row = int(still[0]) + 1
@@ -111,14 +111,14 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     if all(hz > HIGHEST_HZ or hz < lowest for hz in (mean_hz, 1.0 / median)):
         raise UserError(
             f"{path}: by {clock} there are {mean_hz:.4g} rows a second, {span:.4g} s in all;"
-            f" expected {lowest:g} to {HIGHEST_HZ:g} a second. If its unit is another, rename it:"
-            " _s, _ms, _us or _ns"
+            f" expected {lowest:g} to {HIGHEST_HZ:g} a second. If the unit is wrong, rename the"
+            " column: _s, _ms, _us or _ns"
         )
     row = int(np.argmax(steps))
     if steps[row] > MOST_GAP_S:
         raise UserError(
             f"{path}: gap of {steps[row]:.3f} s after {item} {row} ({clock}); expected at most"
-            f" {MOST_GAP_S:g} s, as for a clock that was set. Cut the file there"
+            f" {MOST_GAP_S:g} s: the clock was probably set. Cut the file there"
         )
     # Few long steps are gaps, not bursts.
     most = np.sort(steps)[: -max(2, len(steps) // 100)]

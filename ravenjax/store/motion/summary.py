@@ -75,9 +75,7 @@ class MotionSummary(BaseModel):
 
 
 def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
-    """Return (name, description) rows of a table for terminal and report, from the file to the
-    motion.
-    """
+    """Return (name, description) rows for terminal and report, from the file to the motion."""
     return [row for row in _rendered_rows(summary) if row[0] != "change"]
 
 

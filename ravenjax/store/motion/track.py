@@ -99,9 +99,7 @@ def in_frame0(
 
 
 def check_plausible(track: Track) -> None:
-    """Raise UserError for positions that are not those of a tip in frame 0, and for jaws that open
-    too wide.
-    """
+    """Raise UserError for positions that no tip in frame 0 has, and for jaws that open too wide."""
     for arm, samples in track.arms.items():
         distance = np.linalg.norm(samples.position, axis=1)
         if distance.max() < NEAREST_M or distance.min() > FARTHEST_M:

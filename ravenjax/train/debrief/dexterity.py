@@ -160,6 +160,7 @@ def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
+    # Measures of each movement from one target to the next, and their medians.
     target = course["target"]
     ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:

@@ -170,6 +170,7 @@ def _curve(
     step: bool = False,
     **style: Any,
 ) -> Curve:
+    # A curve with few points: thinned, or only the corners of a step curve.
     if not step:
         return Curve(name, colour, *thin_curve(time, values), **style)
     corners = np.flatnonzero(np.diff(values, prepend=np.nan))

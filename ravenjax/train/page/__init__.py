@@ -82,8 +82,8 @@ def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple
         token = secrets.token_urlsafe(24)
     if token and token == instructor:
         raise UserError(
-            "token and instructor_token are the same, so an operator could instruct: give two that"
-            " differ"
+            "token and instructor_token are the same, so an operator could act as instructor:"
+            " give different ones"
         )
     return token, instructor or secrets.token_urlsafe(12)
 

@@ -115,13 +115,14 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: Json) -> None:
+        # Refuses a message whose numbers or names do not belong to this session.
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
         if len(json.dumps(content.get("text", ""))) > NOTE:
             raise RefusedMessage(f"a note of more than {NOTE} bytes")
         if name == "instructor cue" and self._blinded:
-            raise RefusedMessage("the session is blinded: its cue is not the instructor's")
+            raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self._hazards:
             raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
         if "scenario" in content:
@@ -348,6 +349,7 @@ class Hub:
         return not (self._scripted or self._has("operator"))
 
     def _greet(self, client: Client) -> None:
+        # Sends a new page all that it needs to draw the session.
         places = {
             name: [place.start, place.stop - place.start]
             for name, place in self._layout.places.items()

@@ -53,6 +53,7 @@ class Auth:
             return f"the address or the origin is invalid ({error})"
 
     def _refusal(self, request: Request) -> str | None:
+        # Returns why a request is refused; None if it is this server's page with the right token.
         names = ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
         # No browser sends a header twice.
         host, origin, upgrade, site, cookies = (
@@ -179,6 +180,7 @@ class PageServer:
         """Return `websockets.serve` with the checks and the session's own socket in front."""
 
         def serve(handler: Handler, *_: Any, **settings: Any) -> Any:
+            # Serves the scene with viser's handler, and the session's messages, at one port.
             async def handle(connection: ServerConnection) -> None:
                 path = urlsplit(connection.request.path if connection.request else "").path
                 if path == SESSION:
@@ -285,7 +287,7 @@ def _with_panel(client: str, late: str, panel: str) -> str:
     for part in (_EARLY, late, panel):
         if part not in text:
             raise RuntimeError(
-                f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
+                f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
             )
     return text
 
@@ -350,6 +352,7 @@ class Page:
             ring.close()
 
     def _pass_on(self) -> None:
+        # Passes new events and rows of the session on to the browsers.
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):

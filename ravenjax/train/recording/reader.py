@@ -233,9 +233,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the given columns of the rows as CSV. Text that a spreadsheet would take for a formula
-    begins with an apostrophe.
-    """
+    """Return the columns of the rows as CSV, with formulas made harmless by an apostrophe."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

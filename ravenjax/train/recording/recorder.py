@@ -32,7 +32,7 @@ LINGER_S = 0.5
 
 
 class RowWriter:
-    """Writes rows and events to a log. Of the rows before the first pedal-down it writes one a
+    """Writes rows and events to a log. Before the first pedal-down it writes one row a
     second, so that an open page does not fill the disk.
     """
 

@@ -152,6 +152,7 @@ class DistantRobot:
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
 
     def _take(self, report: JointReport) -> None:
+        # Takes the robot's report as the state of this tick.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
@@ -207,6 +208,7 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
+        # Computes the nominal model, the cue and the monitor beside a robot that is elsewhere.
         timing = operator.row_by_row(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)

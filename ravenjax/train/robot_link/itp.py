@@ -157,6 +157,7 @@ class Gate:
     def _judged(
         self, datagram: bytes, source: tuple, now_ms: float
     ) -> tuple[Increments | None, str]:
+        # Returns the increments of a datagram, and why it is dropped, if it is.
         if len(datagram) < SIZE:
             return None, "short"
         peer = self.peer(now_ms)

@@ -1,9 +1,9 @@
 """Runs `ravenjax play`: replays a recorded stream of a console's packets, byte for byte.
 
-Robots count a pedal only after it was seen up, so copies of the first packet with the pedal up go
-ahead for `LEAD_S`. Robots follow one console at a time, for two seconds after its last packet. So
-one such packet is sent repeatedly until a force packet shows that this console is followed. A real
-Raven sends no force packets, and gets the recording after `KNOCK_S`.
+A robot counts a pedal only after the pedal was up. The player therefore first sends copies of the
+first packet with the pedal up for `LEAD_S`. A robot follows a console until two seconds after its
+last packet. So the player repeats such a packet until a force packet shows that the robot follows
+it. A real Raven sends no force packets, so the recording starts after `KNOCK_S`.
 """
 
 import contextlib

@@ -120,6 +120,7 @@ class PacketSession:
         return []
 
     def _obey(self, command: Command) -> None:
+        # Carries out one order of a session.
         match command["do"]:
             case "arm":
                 self.robot.arm(command["hazard"])
@@ -145,6 +146,7 @@ class JointConsole:
         self._last_seq = NO_PACKET_SEQUENCE  # of the ITP console's packet taken last
 
     def poll(self) -> list[Command]:
+        # Returns the valid orders that arrived, and answers the others with an error.
         commands = []
         for listener, content in self._server.poll():
             kind, number = content.get("order"), content.get("number")

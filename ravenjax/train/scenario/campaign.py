@@ -4,8 +4,8 @@ The last row is the operator's E-stop button.
 
 A hazard of the library has many rows: one for each case, published value, start and duration. A
 session takes one row of each case (`times = N`: N different ones). The draw depends on the
-session's seed and the case's name only. Every hazard starts at 0, and a fault that waits for the
-pedal in a campaign counts time instead, because a session arms a row only while the pedal is down.
+session's seed and the case's name only. Every hazard starts at 0. Faults that count pedal
+time in a campaign count time here, because a session arms a row only while the pedal is down.
 """
 
 import dataclasses
@@ -118,9 +118,7 @@ def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return the campaign of a session. Raises ValueError for what `find_scenario_errors`
-    reports.
-    """
+    """Return a session's campaign. Raises ValueError for what `find_scenario_errors` reports."""
     groups, numbers = _groups(scenario, seed)
     rows: list[_Row] = []
     if groups:
@@ -244,6 +242,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
 def _config(
     scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
 ) -> CampaignConfig:
+    # A session's hazards as a campaign in which nobody moves; the person's motion replaces that.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
     parameters = {

@@ -264,7 +264,7 @@ class Entry(Section):
             )
         if self.fault and (self.arm is not None or self.value is not None):
             raise ValueError(
-                "arm and value apply to hazards of the library; write them into [[hazard.fault]]"
+                "arm and value belong to hazards of the library; write them in [[hazard.fault]]"
             )
         right = self.right_response or ()
         if "continue" in right and len(right) > 1:

@@ -4,9 +4,9 @@ A session depends only on its scenario, its seed and a list of (tick, command): 
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
 the frame and the force are sent, `conclude` afterwards.
 
-Three robots run side by side, all with the campaigns' tick: the robot that is driven, its golden
-run, and the virtual robot, on which the operator can try a motion while the driven robot rests. The
-driven robot can then repeat that motion for as long as the pedal is held.
+Three robots run side by side, all with the campaigns' tick: the driven robot, its golden run, and
+the virtual robot. On the virtual robot the operator can try a motion while the driven robot rests.
+The driven robot can then repeat that motion for as long as the pedal is held.
 """
 
 from collections.abc import Callable, Sequence
@@ -406,6 +406,7 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
+        # Writes this tick's motion: tried on the virtual robot, repeated, or direct.
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
         if self.view == VIRTUAL:
@@ -493,6 +494,7 @@ class Session:
         )
 
     def _follow(self) -> None:
+        # Follows the robot's state after a tick: phase, task, and judge.
         frame = self.frame
         # The robot's state is unknown while its reports do not arrive.
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):

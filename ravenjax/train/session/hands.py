@@ -126,6 +126,7 @@ class _Hand:
             self._v, self._change = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
+        # Moves the hand smoothly to the velocity that the page asks for.
         if not self._moving:
             return
         v, change = self._v, self._change

@@ -101,6 +101,7 @@ class Follower:
         }
 
     def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Command:
+        # Moves the hand towards the point that the task asks for, as a person's page would.
         row = frame[f"{arm}/link_jpos"].tolist()
         tip = to_world(arm, closing_point(arm, frame[f"{arm}/tip"].tolist(), row))
         wish = self._task.wish(arm, tip)

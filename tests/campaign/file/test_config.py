@@ -95,7 +95,7 @@ def test_dump_loads_again(write):
         (
             "duration_s = 2.0",
             "duration_s = 2.0004",
-            "got 2.0004 s, expected whole milliseconds | such as 2",
+            "got 2.0004 s, expected whole milliseconds, at least 0.001 s, | such as 2",
         ),
         ('"overwrite"', '"bit_flip"', ":22: | index of a bit, 0..15, got 100"),
         (

@@ -137,6 +137,6 @@ def test_of_repeats_the_first_valid_one_that_acted_counts(tmp_path):
 
 def test_a_shard_of_it_is_refused():
     with pytest.raises(
-        UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"
+        UserError, match=r"--shard 2/7: a campaign with \[stop\] needs all its rows"
     ):
         adaptive.run_adaptively(config(), shard=Shard(2, 7))

@@ -183,9 +183,9 @@ def test_what_cannot_be_written_is_one_sentence(session, trace, tmp_path, capsys
     there = tmp_path / "there.bag"
     there.write_bytes(b"")
     for words, source, ros, out in (
-        ("expected a recording in MCAP", tmp_path / "none.mcap", 1, None),
-        ("expected a recording in MCAP", there, 1, None),
-        ("is there already", trace, 1, there),
+        ("expected an existing MCAP file", tmp_path / "none.mcap", 1, None),
+        ("expected an existing MCAP file", there, 1, None),
+        ("exists already", trace, 1, there),
         (r"ends in \.bag", trace, 1, tmp_path / "a"),
         ("is a folder", trace, 2, tmp_path / "a.bag"),
     ):

@@ -49,6 +49,6 @@ def test_a_scale_that_is_varied_beyond_the_limits_is_refused(parquet):
     one = play(parquet(recording()))
     replay.require_scales(one, np.array([0.05, 0.1, 0.2]))
     with pytest.raises(
-        UserError, match=r"varied to 1 moves the tip 10 times as far as recorded: at \d"
+        UserError, match=r"varied to 1 moves the tip 10 times as far as recorded\. At \d"
     ):
         replay.require_scales(one, np.array([0.1, 1.0]))

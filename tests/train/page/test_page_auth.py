@@ -68,5 +68,5 @@ def test_only_a_loopback_address_goes_without_a_token(host, is_own):
     assert is_loopback(host) == is_own
     token, key = choose_tokens(host, None, None)
     assert (token is None) == is_own and key and choose_tokens(host, "t", "i") == ("t", "i")
-    with pytest.raises(UserError, match="give two that differ"):
+    with pytest.raises(UserError, match="give different ones"):
         choose_tokens(host, "t", "t")

@@ -177,6 +177,7 @@ def find_checks(
 
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
+    # Without faults in both halves, or without a candidate in time, no monitor can be proposed.
     for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
         if not rows.any():
             raise UserError(

@@ -100,6 +100,7 @@ def run_motions(
     tables = candidates.detector_tables(parts, (1.0,), folder)
 
     def one(number: int) -> tuple[np.ndarray, np.ndarray]:
+        # Returns scores and hours of one fault-free motion; a failed run has no hours.
         config, prefixes = candidates.with_detectors(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
         results = runner.run_campaign(config, None, engine)
@@ -114,7 +115,7 @@ def run_motions(
     if not free.hours.sum() > 0:
         raise UserError(
             f"{course.seconds} s of fault-free motion have no valid millisecond in which the robot"
-            " is live, so nothing can be said of false alarms"
+            " is live, so false alarms cannot be counted"
         )
     return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
 
@@ -190,8 +191,7 @@ def run_hazards(
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
             f"no fault{among} evades the robot's checks with a motion of more than"
-            f" {config.outcomes.limit_mm:g} mm: there is nothing that a further check would have"
-            " to see"
+            f" {config.outcomes.limit_mm:g} mm: no further check is needed"
         )
     some = table.loc[rows]
     lead = np.stack([detector_leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)

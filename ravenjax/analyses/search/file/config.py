@@ -20,9 +20,7 @@ Outcomes = Annotated[tuple[Outcome, ...], Field(min_length=1, description="colum
 
 
 class Boundary(Section):
-    """[search] of kind "boundary": the smallest fault that does harm, for each combination of
-    the group's lists.
-    """
+    """[search] of kind "boundary": the smallest harmful fault, for each combination of lists."""
 
     kind: Literal["boundary"] = Field(description="which search")
     harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
@@ -98,9 +96,7 @@ class Morris(Section):
 
 
 class Rare(Section):
-    """[search] of kind "rare": the probability of a rare event, by subset simulation and by
-    plain Monte Carlo.
-    """
+    """[search] of kind "rare": a rare event's probability, by two estimators."""
 
     kind: Literal["rare"] = Field(description="which search")
     event: Outcome = Field(

@@ -59,6 +59,7 @@ def from_dict(
 
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
+    # Validates section [search] with the model of its kind. Returns the search, or the complaints.
     table = raw.get(SECTION)
     kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in KINDS:

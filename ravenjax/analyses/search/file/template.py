@@ -81,6 +81,7 @@ def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterato
 
 
 def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
+    # Yields a complaint if the campaign has not the distributions that this kind of search needs.
     names = ", ".join(map(axis_name, drawn)) or "none"
     if not isinstance(search, Boundary):
         least = 1 if search is None or search.kind == "rare" else 2
@@ -213,6 +214,7 @@ class Template:
         )
 
     def _is_whole(self, key: Key, case: int) -> bool:
+        # True if the campaign rounds the input: times, and values of channels with whole numbers.
         slot, name = key
         if slot == PARAMETER:
             return False
@@ -226,6 +228,7 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
+        # Returns the channel and the effect of a fault in one case.
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

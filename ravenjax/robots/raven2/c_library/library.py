@@ -98,6 +98,7 @@ def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
 
 
 def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
+    # Prints the LLVM code of the library, with default parameters and start states as constants.
     transitions = software.code.transitions | robot.code.transitions
     text = transition.print_module(
         {f"{name}_steps": transitions[which] for name, which in _FUNCTIONS.items()}, frozenset()
@@ -148,6 +149,7 @@ def members_of(
     """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
+        # Yields the fields of a C struct: an array where all numbers have one type, else its parts.
         types, shape = {kind.layout.types[k] for k in tree.tree_leaves(place)}, _shape(place)
         if shape is not None and len(types) == 1:
             unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))

@@ -220,6 +220,7 @@ class RavenConfig(CampaignConfig):
             yield ("hand", "newtons_per_unit"), "0 moves no hand"
 
     def _reaction_notices(self, reaction: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
+        # Yields notices of keys of [reaction] that have no effect.
         for name, field in Reaction.model_fields.items():
             path, value = f"reaction.{name}", getattr(reaction, name)
             written = value != field.default or path in axes

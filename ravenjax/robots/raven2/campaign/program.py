@@ -102,6 +102,7 @@ def _distributions(
 
 
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:
+    # Returns the tick's parameters with every value that the file sets.
     params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
     level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
@@ -124,6 +125,7 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
 
 
 def _written(config: RavenConfig) -> dict[str, Any]:
+    # Values of the file by path of the tick's parameters, in SI units.
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),

@@ -88,7 +88,7 @@ class RavenCampaign(CampaignSection):
     console: Literal["increments", "absolute"] = "increments"
     """what a packet carries: increments of the hand's motion, or positions"""
     packets: Packets = "every_cycle"
-    """how many control cycles a packet of the console lasts, drawn anew each run: every_cycle: one;
+    """how many control cycles a packet of the console lasts, drawn for each run: every_cycle: one;
     measured: as on a recorded robot, two in 93 of 100; bursts: as a recorded console sends, one to
     three, and 6 to 11 in 18 of 100; or the shares of packets that last 1, 2, 3, .. cycles. The hand
     moves on meanwhile; varied as network.packets, 0 to 3"""
@@ -103,7 +103,7 @@ class RavenCampaign(CampaignSection):
     first three joints, under their law of motor and cable"""
     kinematic_errors: Literal["none", "measured"] = "none"
     """what makes a healthy robot's report wrong (joint offsets after homing, drums, links): none;
-    measured: drawn anew for each run and arm, as large as cameras saw on a real arm, an upper
+    measured: drawn for each run and arm, as large as cameras saw on a real arm, an upper
     bound. Half of it: plant.kinematic_errors.scale = 0.5"""
     cables: Literal["unbreakable", "break"] = "unbreakable"
     """what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and
@@ -287,6 +287,7 @@ class Operator(Section):
     @field_validator("rotation")
     @classmethod
     def _proper(cls, value: Any) -> Any:
+        # Requires a proper rotation, as a matrix or a quaternion.
         import numpy as np
 
         for turn in value.values() if isinstance(value, dict) else [value] if value else []:
@@ -301,6 +302,7 @@ class Operator(Section):
 
     @model_validator(mode="after")
     def _window(self) -> Operator:
+        # Keys of recorded motions are refused for generated ones, and the reverse.
         if self.file is not None and self.start.si():
             raise ValueError(
                 "start belongs to a generated motion; a recorded one begins where it was recorded:"
@@ -351,9 +353,7 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; omitted limits keep the original's
-    values.
-    """
+    """[limits]: soft joint limits of the control software; omitted limits are the original's."""
 
     shoulder_deg: tuple[_Shoulder, _Shoulder] | None = None
     """[min, max] of the shoulder"""
@@ -425,6 +425,7 @@ class OwnStages(Section):
 
     @model_validator(mode="after")
     def _some(self) -> OwnStages:
+        # Requires at least one replaced stage, and no hash of a stage that is not replaced.
         if not list(self.files()):
             raise ValueError(
                 'replaces nothing: write motor_control or dac = "file.py", or remove the section'

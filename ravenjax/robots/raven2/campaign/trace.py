@@ -40,6 +40,7 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
+    # Time series of one arm, arrays [ticks, ...] in SI units, except where the name has a unit.
     places = {
         "software": signals.control.arms[i],
         "plant": signals.plant[i],

@@ -147,6 +147,7 @@ class _Path:
             yield self.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
 
     def circle(self) -> Iterator[Segment]:
+        # Moves the tip on a circle of 8 mm radius, once in 2 s.
         radius, round_s, run_up_s = 0.008, 2.0, 1.0
         start = self.rng.uniform(0.0, 2.0 * math.pi)
         speed = 2.0 * math.pi / round_s
@@ -168,6 +169,7 @@ class _Path:
             )
 
     def palpate(self) -> Iterator[Segment]:
+        # Presses the tissue at one place after the other, from side to side.
         side, way = 0.0, 1.0
         while True:
             depth = self.rng.uniform(0.003, 0.005)
@@ -181,6 +183,7 @@ class _Path:
             yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
     def peg_transfer(self) -> Iterator[Segment]:
+        # Carries an object from one peg to another peg, again and again.
         open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
         pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
         at = -1
@@ -199,6 +202,7 @@ class _Path:
             at = to
 
     def suture(self) -> Iterator[Segment]:
+        # Sets stitches: pierce, turn the needle through, pull, go on along the wound.
         open_mrad, closed_mrad = 300.0, 1100.0
         roll, radius = math.radians(100.0), 0.006
         row = -0.009

@@ -6,10 +6,9 @@ pairs of runs: the same fault, with the cue and without.
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands continue along their path at `slow_to` of their speed.
-- 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can
-  see it. The eye compares the true tip with the nominal model without the motion of the hands
-  beyond the plan. The correction reduces the distance by `correct_per_s`, at `correct_speed` at
-  most.
+- 3 correct: the hands move the instrument back to where the operator meant it to be. The operator
+  sees the distance of the true tip from there: from the nominal model's tip, less the motion of the
+  hands beyond the plan. The correction reduces it by `correct_per_s`, at most at `correct_speed`.
 
 No source measured reactions on this robot. It is *assumed* that the action follows the first pull
 after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md

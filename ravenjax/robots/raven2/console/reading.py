@@ -108,6 +108,7 @@ class PacketReader:
     def _hand(
         self, fields: Sequence, slot: int, hand: _Hand
     ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _Hand]:
+        # Reads the fields of one hand as increments, or returns the first field that does not fit.
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:

@@ -101,9 +101,7 @@ def solve_by_mjx(
 
 @functools.cache
 def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return module `mjx`, the arm's model with a tendon for each pair of joints, and its data, for
-    reals of type `dtype`.
-    """
+    """Return `mjx`, the arm's model with a tendon per pair of joints, and its data, of `dtype`."""
     # The import takes half a second and prints a line for each optional backend that is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
@@ -123,9 +121,7 @@ def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
 
 @functools.cache
 def arm_links(arm: ArmName) -> tuple[Link, ...]:
-    """Return the arm as a tree of links. Raises ValueError if the model's joints are not those of
-    the arm.
-    """
+    """Return the arm as a tree of links. Raises ValueError for a model with other joints."""
     from ravenjax.mechanics.rigid_tree import read_tree  # imports MuJoCo
 
     tree = read_tree(arm_model.one_arm(arm), arm_model.base_body(arm))
@@ -140,7 +136,5 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
 
 @functools.lru_cache(maxsize=64)
 def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
-    """Return the arm's straight-line program; `known` as in
-    `rigid_program.mass_matrix_and_bias`.
-    """
+    """Return the arm's straight-line program; `known` as for `mass_matrix_and_bias`."""
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)

@@ -178,6 +178,7 @@ class _Reach:
 
 
 def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
+    # Returns both wrist positions from which the instrument reaches the pose, and the pose's axes.
     columns = pose.position, *zip(*pose.rotation, strict=True)
     if GEOMETRY[arm].flip > 0:
         position, x6, y6, z6 = map(Vec, columns)
@@ -295,6 +296,7 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
 
 
 def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
+    # Of both bends of the wrist, chooses the one that is nearer to the measured joints.
     def turned(theta4: Scalar) -> Scalar:
         gap = measured.theta4 - theta4
         return jnp.where(
@@ -335,7 +337,7 @@ def _likely(
 ) -> tuple[_Choice, Scalar]:
     """Return the likely nearest solution, and a lower bound (or NaN) of the cost of the others.
 
-    Of each side it takes the depth nearer to the measured d3; then the side with nearer angles.
+    For each side it takes the depth nearer to the measured d3, then the side with nearer angles.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
@@ -356,8 +358,8 @@ def _likely(
 def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
     """Return what the original selects if a wrist is within Lw of the remote centre.
 
-    The original stops after the insertions of the sides before, with all angles still zero, and
-    takes the other side as valid. On side 0 d3 is known by then; on side 1 it is also zero.
+    The original then stops while all angles are still zero, but counts the other side as valid.
+    It has computed d3 of side 0 by then, unless side 0 is too near: then d3 is zero, too.
     insertion: of side 0, m.
     """
     shallow, deep = -D4 - insertion, -D4 + insertion

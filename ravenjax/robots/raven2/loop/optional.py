@@ -131,6 +131,7 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
 
 
 def _remember_packet(history: Vec, console: Console) -> Vec:
+    # Remembers when packets arrived, because a network fault may deliver an earlier one.
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
@@ -155,6 +156,7 @@ def _react(state: reaction.ReactionState, console: Console) -> reaction.Reaction
 
 
 def _act_as_file(state: Any, console: Console) -> Any:
+    # Lets the user's file decide what the hands do; a packet that was given stays as it is.
     signal = console.signal
     if signal.packet is not None:
         return state
@@ -186,6 +188,7 @@ def _lose_bursts(
 
 
 def _feel(state: Any, sight: Sight) -> Any:
+    # Lets the operator feel the cue. The hands then move as the reaction says.
     setup, params, signals = sight.setup, sight.params, sight.signals
     assert params.reaction is not None
     senses = reaction.OperatorSenses(
@@ -202,6 +205,7 @@ def _feel(state: Any, sight: Sight) -> Any:
 
 
 def _yield(state: Any, sight: Sight) -> Any:
+    # The cue pushes the hands, and this motion becomes part of the next command.
     setup, yielding, cues = sight.setup, sight.params.hand, sight.signals.haptics
     assert yielding is not None
     pulled = per_arm(
@@ -241,6 +245,7 @@ def _show(state: Any, sight: Sight) -> Any:
 
 
 def _detect(state: Any, sight: Sight) -> Any:
+    # Detectors see only what the software can know, never the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
     signals, robots = sight.signals, sight.signals.plant

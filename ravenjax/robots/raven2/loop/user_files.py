@@ -13,13 +13,13 @@ robot's own checks do:
   millisecond, as a clipped command does; nobody is alerted. A packet is dropped for both arms,
   whose increments are in one datagram.
 - `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
-  this cycle, which silences the watchdog's wave immediately, and the arm's command of this cycle is
-  0. Before the DAC conversion the raised flag zeroes the command; after it the command is replaced.
-  The PLC then misses the wave, trips, and closes the brakes. At the boards there is no software
-  E-stop to raise. There an arm's board that trips refuses: it puts 0 on its DACs, and its watchdog
-  pin stays constant, so that the PLC trips 75 ms later. It refuses until the PLC has been started
-  again (run level init). From E-stop on it passes the wave through, without which nobody could
-  start the robot. Each board decides alone.
+  this cycle, so the watchdog's square wave ends and the arm's command of this cycle is 0. Before
+  the DAC conversion the E-stop flag sets the command to 0; after it the check does. The PLC then
+  misses the wave, trips, and closes the brakes. The boards have no software E-stop. The board of an
+  arm whose check trips puts 0 on its DACs and holds its watchdog pin constant, so that the PLC
+  trips 75 ms later. It does so until the PLC has been started again (run level init). From the
+  E-stop on it passes the wave through, because the robot could not be started without it. Each
+  board decides alone.
 
 **Stages** of the control software may be files:
 
@@ -309,6 +309,7 @@ class UserFiles:
         )
 
     def _step_stage(self, stage: str, **gives: Sequence[Vec]) -> list[Vec]:
+        # Runs the user's file in place of a stage of the control software, for each arm.
         ((name, like),) = gives.items()
         place = list(dict(self._setup.controller)).index(stage)
         code, width = part.load_part(self._setup.controller[place][1]), self._setup.precision.narrow

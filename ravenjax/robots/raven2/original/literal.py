@@ -278,6 +278,7 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
+    # Computes the joints of one wrist position. Near a singularity other entries are divided.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))

@@ -119,6 +119,7 @@ def jaw_tips(
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
 
     def touch(tip: instrument.InstrumentPoint) -> TipContact:
+        # Force at one tip: Hertz contact with damping along the normal, and dry friction across.
         surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
         rise = surface.rise
         closing = -dot(rise, velocity)

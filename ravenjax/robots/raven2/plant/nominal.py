@@ -248,6 +248,7 @@ def step_target(
 def _moved(
     setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean
 ) -> tuple[Vec, Vec, Scalar]:
+    # Adds the packet's increments to the nominal model's target; an absolute pose replaces it.
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
     gain, lowest, highest = stored.jaw_commands(setup.software)

@@ -83,6 +83,7 @@ def accumulate_increments(
     """Add the increments of an accepted packet, or take over its absolute poses."""
 
     def take(i: int, arm: ArmName) -> Accumulator:
+        # Adds an arm's increments to its desired pose. An absolute console gives the pose itself.
         old, quaternion = state.arms[i], widen_numbers(setup, packet.quat[i])
         if setup.console == "absolute":
             rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))

@@ -20,9 +20,7 @@ VERSION = 1
 
 
 class HeaderTable(BaseModel):
-    """Base of the tables of session.json. Any key may be missing, because a session may have been
-    killed.
-    """
+    """Base of session.json's tables. A killed session may lack any key."""
 
     model_config = ConfigDict(strict=True)
 
@@ -73,9 +71,7 @@ class SessionHeader(HeaderTable):
 
 
 def write_session(folder: Path, header: Mapping[str, Any]) -> None:
-    """Create the folder if needed and replace its session.json. Raises StoreError if the disk
-    refuses.
-    """
+    """Write session.json, in a new folder if needed. Raises StoreError if the disk refuses."""
     require_writable(folder)
     content = {"version": VERSION, **header}
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -123,6 +123,7 @@ class SessionWriter:
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
+        # Converts rows to the topics that CRTK and ROS tools know.
         series = {}
         for arm in ARM_TOPICS:
             own = {
@@ -213,9 +214,7 @@ def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
 
 
 def event_text(event: Mapping[str, Any]) -> str:
-    """Return a sentence for an event; its keys and values if the kind is unknown or a key is
-    missing.
-    """
+    """Return a sentence for an event; its keys and values if it is unknown or incomplete."""
     try:
         return _event_texts()[0][event["kind"]].render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):

@@ -82,6 +82,7 @@ def write_trace(
 
 
 def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+    # All series that have no standard topic, as one message with a field for each number.
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name, values in arrays.items():

@@ -1,7 +1,8 @@
 """Connects a realtime loop to CRTK: a console of the loop, and a process that speaks CRTK.
 
-The two exchange data through rings in shared memory, so that neither waits for the other: commands,
-and rows with a `Frame`, the clocks at its tick, and the number of the last command taken before it.
+The two exchange data through rings in shared memory, so that neither waits for the other. One ring
+has commands. The other has rows: a `Frame`, the clocks at its tick, and the number of the last
+command before it.
 """
 
 import contextlib

@@ -464,6 +464,7 @@ class Interpreter:
     # --- rows from the robot, commands to it ---
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
+        # Follows the robot's state. A robot that went elsewhere, or stopped, ends its motions.
         frame = row.frame
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS

@@ -120,6 +120,7 @@ class Ros1Transport:
 
 
 def _python() -> str:
+    # Finds a Python that has rospy, which is seldom the one that runs ravenjax.
     wanted = os.environ.get(PYTHON)
     choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
     tried = list(dict.fromkeys(filter(None, choices)))

@@ -107,6 +107,7 @@ class RosRobot(RobotLink):
         self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _take(self, name: str, message: Any) -> None:
+        # Stores one message. Motor positions are computed, because CRTK does not send them.
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
         if word == "operating_state":
