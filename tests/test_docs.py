@@ -7,7 +7,8 @@ than a reader would:
 
 - installing (`python3 -m venv`, `source`, `pip`) is not run; that what is installed exists is
   another test;
-- a session in the browser gets a free port, lasts twelve seconds and does not wait for Ctrl-C.
+- a session in the browser gets a free port, lasts twelve seconds and does not wait for Ctrl-C;
+- `ravenjax fault-free` adds 36 seconds of motion.
 """
 
 import importlib.util
@@ -40,6 +41,7 @@ RUN = [
     if snippets.blocks(text, "bash") or snippets.blocks(text, "python")
 ]
 SETUP = re.compile(r"^(python3 -m venv|source|pip) .*$", re.M)
+HOURS = re.compile(r"(?<=fault-free )(.*)--hours [\d.]+")
 # its time begins as somebody drives
 SESSION = " --port 0 --linger 0 --set duration_s=12 --script release"
 
@@ -142,7 +144,9 @@ def run_page(name, folder):
         elif one.language == "bash":
             lines = SETUP.sub("", one.text).splitlines()
             script = "\n".join(
-                line.partition(" # ")[0] + SESSION * in_the_browser(line) for line in lines
+                HOURS.sub(r"\1--hours 0.01", line.partition(" # ")[0])
+                + SESSION * in_the_browser(line)
+                for line in lines
             )
             command = ["bash", "-euo", "pipefail", "-c", script]
         else:

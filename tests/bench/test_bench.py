@@ -64,7 +64,7 @@ def test_peers_step_the_arm():
     """MuJoCo's step and MJX's agree on the model that both are timed on, as far as float32 goes."""
     model = peers.make_arm()
     data = mujoco.MjData(model)
-    there = mjx.step(mjx.put_model(model), mjx.make_data(model))
+    there = jax.jit(mjx.step)(mjx.put_model(model), mjx.make_data(model))
     mujoco.mj_step(model, data)
     assert model.nv == 7 and np.abs(data.qvel).max() > 1e-4
     assert np.abs(np.asarray(there.qvel) - data.qvel).max() < 1e-4 * np.abs(data.qvel).max()

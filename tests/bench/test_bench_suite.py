@@ -89,7 +89,8 @@ def test_ratios_are_those_of_the_best():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in get_args(commands.TableName) if n != "devices"])
-def test_a_part_asked_for_alone(name, capsys, tmp_path):
+def test_a_part_asked_for_alone(name, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(suite, "share_time", lambda left_s, parts: 0.5)
     page = tmp_path / "page.md"
     command = ["bench", "--only", name, "--seconds", "300", "--json", "--markdown", str(page)]
     assert main(command) == 0

@@ -154,6 +154,8 @@ def _measured(context: study.Context) -> dict[str, Setting]:
     recorder, parts = Recorder(), []
     for setting, names in by_setting(VARIANTS).items():
         for (kind, seed), name in names.items():
+            if name not in context.folders:
+                continue
             frame = pd.DataFrame(recorder.measure(context.folders[name], segment))
             words = frame["group"] if setting == MODELLED else setting
             parts.append(frame.assign(setting=words, kind=kind, seed=seed))

@@ -2,17 +2,14 @@
 findings.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from made_up_runs import VALUES, runs_of
 
 import studies
-from ravenjax.campaign import loading, runner
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from studies.dsn16.attacks import stored
-from studies.study import Context, Findings, Study
 
 ONSETS_A = range(1000, 2000, 50)
 
@@ -61,24 +58,11 @@ def test_large_values_wrap(value: int, kept: int) -> None:
     assert stored(value) == kept
 
 
-def smaller(study: Study, overrides: dict[str, tuple[str, ...]], out: Path) -> Findings:
-    """The findings of a few variants, thinned."""
-    folders = {}
-    for variant in study.variants:
-        if variant.name in overrides:
-            config = loading.load_campaign(
-                variant.campaign, (*variant.overrides, *overrides[variant.name])
-            )
-            folders[variant.name] = out / variant.name
-            runner.run_campaign(config, folders[variant.name])
-    return study.compare(Context(folders))
-
-
 @pytest.mark.slow
-def test_scenario_b_end_to_end(tmp_path: Path) -> None:
+def test_scenario_b_end_to_end(reproduced) -> None:
     thin = ("group.scenario_b.fault.0.start_ms=[1000,1500]",)
     few = ("group.fault_free.repeats=2",)
-    found = smaller(
+    found = reproduced(
         studies.find("dsn16_b"),
         {
             "baseline": thin,
@@ -87,7 +71,6 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
             "training_suture": few,
             "training_peg_transfer": few,
         },
-        tmp_path,
     )
     lines = {line.quantity: line for line in found.lines}
     assert sum(line.target == "A1" for line in found.lines) == 9
@@ -105,16 +88,14 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_scenario_a_and_thresholds_end_to_end(tmp_path: Path) -> None:
+def test_scenario_a_and_thresholds_end_to_end(reproduced) -> None:
     few = ("group.fault_free.repeats=2",)
     a = studies.find("dsn16_a")
     training = {"training_suture": few, "training_peg_transfer": few}
-    found = smaller(a, {"baseline": (), "drift": (), **training}, tmp_path / "a")
+    found = reproduced(a, {"baseline": (), "drift": (), **training})
     assert all(line.published is None or "stated" in line.published.of for line in found.lines)
     few = ("group.fault_free.repeats=3",)
-    found = smaller(
-        studies.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t"
-    )
+    found = reproduced(studies.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few})
     assert len(found.tables[0].rows) == 18
     steps = [
         line

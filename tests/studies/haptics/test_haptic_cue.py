@@ -2,7 +2,6 @@
 the whole.
 """
 
-import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +12,6 @@ import pytest
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
-from studies import findings as findings_files
 from studies import haptic_cue
 from studies.haptic_cue import HAZARDS
 from studies.runs import Runs
@@ -81,18 +79,10 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
 
 
 @pytest.mark.slow
-def test_the_study_runs(tmp_path: Path) -> None:
-    free = ("free_suture_11", "free_peg_transfer_11")
-    variants = [
-        one for one in haptic_cue.STUDY.variants if one.name in ("suture", "reach", "every_cycle")
-    ]
-    variants += [
-        dataclasses.replace(one, overrides=(*one.overrides, "campaign.duration_s=20"))
-        for one in haptic_cue.STUDY.variants
-        if one.name in free
-    ]
-    study = dataclasses.replace(haptic_cue.STUDY, variants=tuple(variants))
-    found = findings_files.reproduce(study, tmp_path)
+def test_the_study_runs(reproduced, tmp_path: Path) -> None:
+    faulty = dict.fromkeys(("suture", "reach", "every_cycle"), ("campaign.limit=800",))
+    free = dict.fromkeys(("free_suture_11", "free_peg_transfer_11"), ("campaign.duration_s=10",))
+    found = reproduced(haptic_cue.STUDY, faulty | free)
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
     assert len(shown.rows) >= 12
     by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))

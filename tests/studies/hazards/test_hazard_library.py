@@ -1,11 +1,8 @@
 """The study of the hazard library: its tables on made-up runs, and the whole on the simulator."""
 
-from pathlib import Path
-
 import pytest
 
 from ravenjax.hazards import library
-from studies import findings as findings_files
 from studies.hazards import library as hazard_library
 from studies.study import Findings, Table
 
@@ -17,8 +14,9 @@ def titled(found: Findings, begins: str) -> Table:
 
 
 @pytest.mark.slow
-def test_the_study_runs(tmp_path: Path) -> None:
-    found = findings_files.reproduce(hazard_library.STUDY, tmp_path)
+def test_the_study_runs(reproduced) -> None:
+    few = {hazard_library.EVERY_CYCLE: ("campaign.limit=20",)}
+    found = reproduced(hazard_library.STUDY, {hazard_library.BASELINE: (), **few})
     run = titled(found, "Every hazard")
     assert len(run.rows) == len(RUNNABLE)
     runs, activated, values = (

@@ -3,7 +3,6 @@ answers, and the whole.
 """
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +12,6 @@ import pytest
 
 from ravenjax.report.sections.reaction import EXCURSION
 from ravenjax.vocabulary.reactions import RELEASE
-from studies import findings as findings_files
 from studies import reacting_operator
 from studies.runs import Runs
 
@@ -121,8 +119,8 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
 
 
 @pytest.mark.slow
-def test_the_study_runs(tmp_path: Path) -> None:
-    found = findings_files.reproduce(reacting_operator.STUDY, tmp_path)
+def test_the_study_runs(reproduced) -> None:
+    found = reproduced(reacting_operator.STUDY, ("campaign.limit=1000",))
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
     late = [
         value[

@@ -3,13 +3,11 @@ and the whole.
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from studies import findings as findings_files
 from studies import uncertain_robot
 from studies.uncertain_robot import EVENTS, PARAMETERS, RobotRates, Uncertain
 
@@ -67,8 +65,8 @@ def test_thirds_find_the_parameter_that_decides() -> None:
 
 
 @pytest.mark.slow
-def test_the_study_runs(tmp_path: Path) -> None:
-    found = findings_files.reproduce(uncertain_robot.STUDY, tmp_path)
+def test_the_study_runs(reproduced) -> None:
+    found = reproduced(uncertain_robot.STUDY, ("campaign.limit=400",))
     plain = found.tables[0]
     assert [row[0] for row in plain.rows] == [*EVENTS.values()]
     for line in found.lines:
