@@ -295,6 +295,8 @@ class Core {
     }
     const measured = new Float32Array(results.buffer);
     const size = outcomes.length;
+    const far = outcomes.indexOf("unintended_mm");
+    named.unintended_mm = Float32Array.from({ length: ticks }, (_, tick) => Math.max(0, measured[tick * size + far]));
     for (const name of this.description.checks)
       for (const [what, from] of [
         ["margin", measured],
