@@ -52,7 +52,7 @@ const BANNERS = {
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   writing: ["wait", "Session over, writing the debrief", ""],
   over: ["wait", "Session over", "What happened, and when it could be known:", "Debrief"],
-  virtual: ["virtual", "Virtual robot", "The robot rests. Only the virtual robot follows your hands. N: the robot repeats it. M: discard it."],
+  virtual: ["virtual", "Virtual robot", "The robot rests; the virtual one follows your hands. N: repeat it. M: discard it."],
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot repeats what you tried. M: discard it."],
 };
 /** A banner's text without keys, for a touch screen. */
