@@ -96,7 +96,7 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
   else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, and tells nobody.");
   else sentences.push("No check notices this fault.");
-  if (harm >= 0) sentences.push(`The unintended motion exceeds ${text(limit)} mm ${after(harm, onset)}, and reaches ${length(outcome.unintended_mm, limit)}${name === "stopped" ? " until the robot stops" : ""}.`);
+  if (harm >= 0) sentences.push(`${after(harm, onset).replace(/^at/, "At")}, the unintended motion exceeds ${text(limit)} mm; it reaches ${length(outcome.unintended_mm, limit)}${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
   else sentences.push(`The unintended motion is ${length(Math.max(0, outcome.unintended_mm), limit)} at most while the robot works.`);
