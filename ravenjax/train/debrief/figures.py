@@ -70,11 +70,11 @@ def session_charts(
     began_ms, everything = course.ms[0], np.ones(len(course.ms), bool)
     time = (course.ms - began_ms) / 1000
     moments: list[Moment] = []
-    for number, row in enumerate(hazards, 1):
-        if row.struck_ms is not None:
-            moments.append(("strike", (row.struck_ms - began_ms) / 1000, str(number)))
-            if row.response_ms is not None:
-                moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
+    starts = [(row.struck_ms, row) for row in hazards if row.struck_ms is not None]
+    for number, (struck_ms, row) in enumerate(starts, 1):
+        moments.append(("strike", (struck_ms - began_ms) / 1000, str(number)))
+        if row.response_ms is not None:
+            moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
     progress = _curve("progress", "series7", time, course["progress"])
