@@ -224,7 +224,8 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         ("site", unread[faults["code"]], "nothing in the robot reads it"),
         ("site", twice, "is the same fault as another one of the run"),
     ):
-        yield from _grouped(plan, key, which, words)
+        for slot in np.flatnonzero(which.any(axis=0)):
+            yield f"fault[{slot}].{key}: {words}: {_counted(plan, which[:, slot])}"
 
 
 def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
@@ -311,12 +312,6 @@ def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.n
     """Return the result of each fault's effect, [runs, slots]."""
     effects = [plan.faults["effect"] == EFFECT_CODES[effect] for effect in results]
     return np.select(effects, list(results.values()), default)
-
-
-def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
-    """Yield the notice of the faults that `which` marks, bool [runs, slots], by slot."""
-    for slot in np.flatnonzero(which.any(axis=0)):
-        yield f"fault[{slot}].{key}: {words}: {_counted(plan, which[:, slot])}"
 
 
 def _counted(plan: Plan, which: np.ndarray) -> str:

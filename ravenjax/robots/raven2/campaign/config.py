@@ -234,7 +234,12 @@ class RavenConfig(CampaignConfig):
             low, high = limits.get(joint, (start, start))
             if not low <= start <= high:
                 yield ("operator", "start"), f"{joint} begins beyond its limits in [limits]"
-        sites = {fault.site for group in self.group for fault in group.fault}
+        sites = {
+            fault.site
+            for group in self.group
+            for run in group.run or (Run(),)
+            for fault in group.faults_of(run)
+        }
         if self.campaign.dac_words is not None and "usb_out" not in sites:
             yield ("campaign", "dac_words"), "nothing reads it without a fault at site usb_out"
 
@@ -287,7 +292,7 @@ class RavenConfig(CampaignConfig):
         force = numbers["felt_force"]
         yield (
             "reaction.felt_force",
-            acts & (force > cap),
+            acts & (force > np.float32(cap)),
             f"{force.max():g} is never felt: the cue pulls with at most cap = {cap:g}",
         )
         faults = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
