@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from ravenjax import robots
@@ -194,6 +195,13 @@ class CampaignConfig(Section):
         """Yield (key, message) of values without effect in the keys that this robot adds."""
         for number, name in self._repeated:
             yield ("group", number, "hazards"), f"{name} is there twice: it is run once"
+
+    def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
+        """Yield (key, which runs, bool [runs], message) of the same, where runs may differ.
+
+        plan: the `campaign.plan.Plan`.
+        """
+        return iter(())
 
     @property
     def distances_mm(self) -> tuple[float, float]:
