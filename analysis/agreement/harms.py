@@ -60,7 +60,7 @@ def main() -> None:
     config = load_campaign(CAMPAIGN)
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else config.group[0].runs
     with tempfile.TemporaryDirectory() as folder:
-        table = rj.run(CAMPAIGN, out=Path(folder) / "out", engine="simd").frame()
+        table = rj.run(CAMPAIGN, out=Path(folder) / "out", engine="simd")
     replayer = Replayer(config, "simd")
     specs = {one.name: monitor(one.when) for one in config.harm}
     found = {name: ([], []) for name in specs}

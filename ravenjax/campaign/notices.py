@@ -66,6 +66,10 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
                 yield (kind, number, "threshold"), "0 is exceeded by any score: it is always on"
             if len(np.unique(thresholds)) < len(thresholds):
                 yield (kind, number, "threshold"), "has a number twice: both alarm alike"
+    for number, one in enumerate(config.harm):
+        if one.counts != "watch":
+            beside = "also means" if config.limit_counts else "means"
+            yield ("harm", number), f"unintended motion {beside} {one.name!r}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:

@@ -14,8 +14,8 @@ from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
 
-_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|unintended_first_ms")
-"""Columns of alarms at the threshold at which a detector may stop the robot, and of harm."""
+_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
+"""Columns of alarms at the threshold at which a detector may stop the robot."""
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame also works."""
@@ -59,9 +59,6 @@ def result_columns(
         },
         "run_id": run_id.format_run_ids(runs["run_id"].to_numpy()),
         **measures,
-        "unintended_first_ms": verdict.beyond_golden(
-            measures["unintended_first_ms"], golden_runs["unintended_first_ms"]
-        ),
         "activated": measures["active_ticks"] > 0,
         "diverged": np.any([site != "" for site in sites], axis=0) & (diverged >= 0),
         **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},

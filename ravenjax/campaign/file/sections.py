@@ -283,7 +283,7 @@ class OwnCheck(Section):
 
 class OwnHarm(Section):
     """[[harm]]: a harm of your own. It begins in the first millisecond in which its expression is
-    true, and counts unless the golden run had it by then.
+    true, also if it comes without a fault.
     """
 
     name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
