@@ -28,7 +28,7 @@ SIGNALS = ("from_golden", "from_model", "speed", "depth", "dac")
 
 def signals(trace) -> dict[str, np.ndarray]:
     """Return the signals of a trace's only arm, [ticks]."""
-    series = {name: np.asarray(values)[:, 0] for name, values in trace.items()}
+    series = {name.removeprefix("gold/"): np.asarray(values) for name, values in trace.items()}
     tip = series["tip"]
     steps = np.diff(tip, axis=0, prepend=tip[:1])
     return {
@@ -41,14 +41,14 @@ def signals(trace) -> dict[str, np.ndarray]:
 
 
 def monitor(text: str) -> rtamt.StlDiscreteTimeSpecification:
-    """Return rtamt's monitor of an expression. It writes `implies` between its operands."""
+    """Return rtamt's monitor of an expression. `implies` is written as `not` and `or`."""
     spec = rtamt.StlDiscreteTimeSpecification()
     for name in (*SIGNALS, "out"):
         spec.declare_var(name, "float")
     if "implies(" in text:
         head, _, rest = text.partition("implies(")
         condition, _, consequence = rest.partition(", ")
-        text = f"{head}(({condition}) implies ({consequence})"
+        text = f"{head}((not ({condition})) or ({consequence})"
     spec.spec = f"out = {text}"
     spec.parse()
     spec.pastify()
@@ -65,10 +65,11 @@ def main() -> None:
     specs = {one.name: monitor(one.when) for one in config.harm}
     found = {name: ([], []) for name in specs}
     for run in range(runs):
-        seen = signals(replayer.replay(run).trace)
+        seen = signals(replayer.replay(run).series)
         rows = np.column_stack([seen[name] for name in SIGNALS])
         for name, spec in specs.items():
-            spec.reset()
+            if run:
+                spec.reset()
             values = np.array(
                 [spec.update(t, list(zip(SIGNALS, row, strict=True))) for t, row in enumerate(rows)]
             )[FILLED:]

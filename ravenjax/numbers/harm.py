@@ -32,7 +32,7 @@ SIGNALS = {
     "x": "mm, of the tip in frame 0",
     "y": "mm",
     "z": "mm",
-    "dac": "DAC counts, largest magnitude on the boards",
+    "dac": "DAC counts, largest magnitude of the commands written to USB",
     "live": "1 while the robot is live, else 0",
     "pedal": "1 while the operator holds the pedal down, else 0",
     "time": "ms since the run began",
