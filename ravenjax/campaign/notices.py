@@ -81,6 +81,10 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
             alike = [part.model_copy(update={"name": other.name}) == other for other in parts]
             if (first := alike.index(True)) < number:
                 yield (kind, number), f"is the same as {kind}[{first}] but for its name"
+    for number, one in enumerate(config.harm):
+        if one.counts != "watch":
+            beside = "also means" if config.limit_counts else "means"
+            yield ("harm", number), f"unintended motion {beside} {one.name!r}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:

@@ -227,7 +227,7 @@ def _summary(folder: Path, results: Results) -> None:
     if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
         console.print_table("Runs with a fault", columns, rows)
-        evading = terminal.count_evading(counted, record.limit_mm)
+        evading = terminal.count_evading(counted, record.limit_mm, bool(record.rules.harms))
         console.print_text(evading)
     if record.done and (idle := sum(results.verdicts(acted=False).values())):
         console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")

@@ -70,6 +70,7 @@ class Setup:
     cues: int = 1  # sets of haptic threshold and gains that are evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
+    harms: tuple[Any, ...] = ()  # `ravenjax.numbers.harm.HarmUse`: the campaign's own
     reacts: bool = False  # the operator may react to the haptic cue
     hand_yields: bool = False  # the force of the cue moves the operator's hand
     noise: bool = False  # noise is drawn for each run

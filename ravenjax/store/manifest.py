@@ -134,8 +134,11 @@ class Manifest(BaseModel):
         stopping = tuple(
             (number, one.name) for number, one in enumerate(self.detectors) if one.stops
         )
+        own = [one for one in self.config.get("harm", ()) if one["counts"] != "watch"]
         return Rules(
-            self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping
+            *(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping),
+            harms=tuple(f"{one['name']}: {one['when']}" for one in own),
+            limit_counts=all(one["counts"] != "replaces" for one in own),
         )
 
     @property

@@ -25,6 +25,7 @@ from ravenjax.campaign.file.sections import (
     Haptics,
     Outcomes,
     OwnCheck,
+    OwnHarm,
     Stop,
 )
 from ravenjax.numbers.quantity import Quantity
@@ -49,6 +50,8 @@ class CampaignConfig(Section):
     """observers that are scored"""
     check: tuple[OwnCheck, ...] = ()
     """your own checks in the loop"""
+    harm: tuple[OwnHarm, ...] = ()
+    """what counts as harm"""
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = None
     """when to stop; without it the whole table is computed"""
@@ -62,7 +65,7 @@ class CampaignConfig(Section):
     def _flat(cls, raw: Any) -> Any:
         return flatten_parameters(raw)
 
-    @field_validator("group", "detector", "check")
+    @field_validator("group", "detector", "check", "harm")
     @classmethod
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
@@ -97,6 +100,11 @@ class CampaignConfig(Section):
             for detector in self.detector
             for name, use in detector.uses()
         )
+
+    @property
+    def limit_counts(self) -> bool:
+        """Whether unintended motion beyond the limit is harm."""
+        return all(one.counts != "replaces" for one in self.harm)
 
     @property
     def rules(self) -> events.Rules:
@@ -256,6 +264,7 @@ class CampaignConfig(Section):
             },
             **({"stops": stops} if stops else {}),
             **({"checks": checks} if checks else {}),
+            **({"harms": [one.use for one in self.harm]} if self.harm else {}),
         }
 
     @property
