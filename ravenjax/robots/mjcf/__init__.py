@@ -93,7 +93,7 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
     try:
         files = tuple(dict.fromkeys(mujoco.mju_getXMLDependencies(str(file))))
         arm, joints = _arm(mujoco.MjModel.from_xml_path(str(file)))
-    except (UserError, ValueError) as error:
+    except (UserError, ValueError, mujoco.FatalError) as error:
         raise UserError(f"robot {str(file)!r}: {error}") from None
     slides = [link.slide for link in arm.mechanism.links]
     linear = tuple(joint for joint, slide in zip(joints, slides, strict=True) if slide)

@@ -11,6 +11,7 @@ no gravity, and no coupling of joints. A joint without an actuator is where the 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
+import copy
 import dataclasses
 from functools import reduce
 from typing import Annotated, Any
@@ -145,10 +146,13 @@ def advance(
         t + params.gravity * h if kind else 0.0 * h
         for kind, t, h in zip(arm.kinds, torque, held, strict=True)
     )
-    (driven,) = inject("torque", (where(stopped, torque * 0.0, torque),))
-    (exerted,) = inject("actuator", (_clip(driven, *arm.force),))
+    torque = where(stopped, torque * 0.0, torque)
+    # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
+    _, more = _drive(copy.copy(inject), arm, torque + 1.0)
+    driven, exerted = _drive(inject, arm, torque)
     damped = Vec(
-        jnp.where(x == t, d, 0.0) for x, t, d in zip(exerted, torque, arm.damping, strict=True)
+        jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
+        for x, t, y, d in zip(exerted, torque, more, arm.damping, strict=True)
     )
     jpos, jvel = mechanism.step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
     slower = state.jvel * params.coasting
@@ -205,6 +209,13 @@ def advance(
         "tip_error_mm": pull.distance * 1e3,
     }
     return new, (*tip, *(seen * 1e6)), signals
+
+
+def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
+    """Return the forces as commanded and as exerted."""
+    (driven,) = inject("torque", (torque,))
+    (exerted,) = inject("actuator", (_clip(driven, *arm.force),))
+    return driven, exerted
 
 
 def _servo(arm: Arm, params: Params, jpos: Vec, jvel: Vec, command: Vec, before: Vec) -> Vec:
