@@ -132,7 +132,7 @@ def test_a_result_belongs_to_one_model(folder, capsys):
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ('<site name="tip" pos="0 0.05 0"/>', "", "expected a site at the tip"),
+        ('<site name="tip" pos="0 0 0.05"/>', "", "expected a site at the tip"),
         (
             '<position name="elbow"',
             '<intvelocity actrange="0 1" name="elbow"',
