@@ -44,6 +44,7 @@ CHECKS = {
     for check in (
         Check("tracking", "rad or m", "encoder too far from the set point, stops", "stop"),
         Check("velocity", "rad/s or m/s", "encoder too fast, stops", "stop"),
+        Check("watchdog", "ms", "no packet for too long, stops", "stop"),
         Check("joint_limit", "rad or m", "set point clipped to the joint's range", "limit"),
     )
 }
@@ -67,7 +68,6 @@ class Arm:
     bias: Vec
     stiffness: Vec
     damping: Vec
-    inertia: Vec  # at home, kg m^2 or kg
     control: tuple[Vec, Vec]  # least and largest control
     force: tuple[Vec, Vec]  # least and largest force
 
@@ -164,12 +164,6 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
         "home": (model.key_qpos[0] if model.nkey else model.qpos0)[model.jnt_qposadr[numbers]],
         **{name: np.zeros(n) for name in ("gain", "bias", "stiffness", "damping")},
     }
-    data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[numbers]] = columns["home"]
-    mujoco.mj_forward(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    columns["inertia"] = np.diag(mass)[model.jnt_dofadr[numbers]]
     control, force = ([np.full(n, -infinite), np.full(n, infinite)] for _ in range(2))
     capped = model.jnt_actfrclimited[numbers].astype(bool)
     for side in (0, 1):

@@ -69,7 +69,9 @@ class Config(CampaignConfig):
         """See `CampaignConfig.notices`."""
         yield from super().notices()
         paths = {path for _, table in self.parameter_tables() for path in table}
-        for name in sorted({"tracking", "velocity"} - {path.partition(".")[0] for path in paths}):
+        for name in sorted(
+            {"tracking", "velocity", "watchdog"} - {path.partition(".")[0] for path in paths}
+        ):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
         robot: Any = self.robot
         for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
@@ -99,30 +101,25 @@ def prepare(
     )
     columns = _sines(config.operator, arm, config.campaign.ticks)
     zero = Vec.full(len(arm.home), 0.0)
-    watching = None
-    if setup.detectors:
-        watching = detectors.watch_params(setup)
-        thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
-        watching = dataclasses.replace(watching, thresholds=thresholds)
-    outcomes = config.outcomes
+    watching = detectors.watch_params(setup)
+    thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
     params = Params(
         start=Vec(float(column[0]) for column in columns),
         lower=arm.lower.map(max, -UNLIMITED),
         upper=arm.upper.map(min, UNLIMITED),
         tracking=zero + UNLIMITED,
         velocity=zero + UNLIMITED,
+        watchdog=UNLIMITED,
         kp=zero,
         kd=zero,
         gravity=1.0,
         coasting=0.9,
-        detectors=watching,
-        haptics=haptics.HapticParams(
-            tuple(haptics.CueParams(c.threshold_m, c.kp, c.kd, c.cap) for c in cues)
-        ),
+        detectors=dataclasses.replace(watching, thresholds=thresholds),
+        haptics=haptics.HapticParams(tuple(haptics.CueParams(*cue) for cue in cues)),
         monitor=monitor.MonitorParams(
-            jump_step=outcomes.jump_step_mm / 1e3,
-            large_jump=outcomes.large_jump_mm / 1e3,
-            limit=outcomes.limit_mm / 1e3,
+            jump_step=config.outcomes.jump_step_mm / 1e3,
+            large_jump=config.outcomes.large_jump_mm / 1e3,
+            limit=config.outcomes.limit_mm / 1e3,
         ),
     )
     return Prepared(loop, setup, params, columns)

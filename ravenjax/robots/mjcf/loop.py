@@ -4,9 +4,8 @@ The set points of the operator arrive in packets and are clipped to the joints' 
 controller is the model's own actuators, with the torques that hold the arm against gravity added. A
 motor has a PD law. After a check has stopped the arm, brakes slow it down.
 
-The nominal model follows the operator's set points, which no fault changes. Each joint has the law
-of its actuator, its own damping and springs, and its inertia at the home position alone. There is
-no gravity, and no coupling of joints. A joint without an actuator is where the encoder says.
+The nominal model is the same arm, moved by the operator's set points, without faults and checks.
+Its controller carries all of gravity.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
@@ -14,17 +13,18 @@ This module is the `Loop` of `ravenjax.engines.interface`.
 import copy
 import dataclasses
 from functools import reduce
+from operator import or_
 from typing import Annotated, Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import Injector, channel_paths, read_channel
 from ravenjax.mechanics import mechanism
 from ravenjax.numbers import cast_to_real, jnp, setup
-from ravenjax.numbers.algebra import add, minus, mul, plus
+from ravenjax.numbers.algebra import minus, mul, plus
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, where
 from ravenjax.parts import part
-from ravenjax.robots.mjcf import TICK_S, Arm
+from ravenjax.robots.mjcf import Arm
 from ravenjax.stages import check, detectors, haptics, monitor
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 
@@ -54,11 +54,12 @@ class Params:
     upper: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "largest set point of a joint")]
     tracking: Annotated[Vec, Quantity("rad or m", 0, 1e9, "tracking error that stops")]
     velocity: Annotated[Vec, Quantity("rad/s or m/s", 0, 1e9, "velocity that stops")]
+    watchdog: Annotated[Scalar, Quantity("ms", 0, 1e9, "time without a packet that stops")]
     kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e6, "PD gain of a joint without servo")]
     kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e6, "damping gain of a motor's PD law")]
     gravity: Annotated[Scalar, Quantity("", 0, 1, "share of gravity that the controller carries")]
     coasting: Annotated[Scalar, Quantity("", 0, 1, "share of the speed left after 1 ms of braking")]
-    detectors: detectors.WatchParams | None
+    detectors: detectors.WatchParams
     haptics: haptics.HapticParams
     monitor: monitor.MonitorParams
 
@@ -79,6 +80,7 @@ class State:
     jpos: Vec  # rad or m
     jvel: Vec  # rad/s or m/s
     goal: Vec  # newest set points that arrived
+    silent: Scalar  # int32 ticks since they arrived
     command: Vec
     reported: Vec
     model: tuple[Vec, Vec]  # positions and velocities of the nominal model
@@ -86,7 +88,7 @@ class State:
     tips: tuple[Vec, Vec]  # m, reported and nominal
     stopped: Scalar  # bool
     checks: tuple[check.CheckHistory, ...]  # in the order of the robot's
-    detectors: detectors.DetectorsState | None
+    detectors: detectors.DetectorsState
     haptics: haptics.HapticState
     monitor: monitor.MonitorState
     live: Scalar  # int32 ticks
@@ -96,12 +98,11 @@ def init(setup: ArmSetup, params: Params) -> State:
     """Return the state at rest at the start of the motion."""
     jpos = cast_to_real(setup, params.start)
     tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
-    watching = params.detectors and detectors.init(setup, params.detectors)
     return State(
-        *(fault.init(setup), jpos, jpos * 0.0, jpos, jpos, jpos),
+        *(fault.init(setup), jpos, jpos * 0.0, jpos, jnp.int32(0), jpos, jpos),
         *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
         checks=(check.init(setup),) * len(setup.robot.checks),
-        detectors=watching,
+        detectors=detectors.init(setup, params.detectors),
         haptics=haptics.init(setup, params.haptics),
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
         live=jnp.int32(0),
@@ -126,26 +127,20 @@ def advance(
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
     (packet,) = inject("packet", (Packet(plan, jnp.bool_(False)),))
     goal = where(packet.lost, state.goal, packet.goal)
-    within = _clip(goal, params.lower, params.upper)
+    silent = jnp.where(packet.lost, state.silent + 1, 0)
     (reported,) = inject("encoder", (state.jpos,))
-    (command,) = inject("command", (within,))
-    error = command - reported
+    (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
     margins = (
-        _least(params.tracking - error.map(jnp.abs)),
+        _least(params.tracking - (command - reported).map(jnp.abs)),
         _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
+        params.watchdog - cast_to_real(setup, silent),
         _least((*(goal - params.lower), *(params.upper - goal))),
     )
-    tripped = [~(margin >= 0.0) for margin in margins]
-    stops = (tripped[0] | tripped[1]) & ~state.stopped
-    tripped = [tripped[0] & ~state.stopped, tripped[1] & ~state.stopped, tripped[2]]
-    stopped = state.stopped | stops
+    *stops, clips = (~(margin >= 0.0) for margin in margins)
+    stops = [trips & ~state.stopped for trips in stops]
+    stopped = reduce(or_, stops, state.stopped)
 
-    torque = _servo(arm, params, reported, state.jvel, command, state.command)
-    held = mechanism.gravity_torque(arm.mechanism, reported)
-    torque = Vec(
-        t + params.gravity * h if kind else 0.0 * h
-        for kind, t, h in zip(arm.kinds, torque, held, strict=True)
-    )
+    torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
     # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
     _, more = _drive(copy.copy(inject), arm, torque + 1.0)
@@ -159,7 +154,9 @@ def advance(
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
 
-    follows = _follow(arm, params, state, plan, reported)
+    wanted, before = (_clip(x, params.lower, params.upper) for x in (plan, state.plan))
+    ideal = _clip(_control(arm, params, 1.0, *state.model, wanted, before), *arm.force)
+    follows = mechanism.step(arm.mechanism, *state.model, ideal, arm.damping)
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
@@ -175,19 +172,14 @@ def advance(
         *(always, running, always, now),
     )
     reference = monitor.Reference((Vec(golden[:3]),), (Vec(golden[3:6]),))
-    watching, limits = state.detectors, params.detectors
-    if watching is not None and limits is not None:
-        view = {"tick": now, "jpos": reported, "jpos_d": command, "tau_d": driven}
-        watching = detectors.step(
-            *(setup, limits, watching),
-            detectors.WatchSignal(running, now, (part.View("the end", view),)),
-        )
-    histories = zip(state.checks, tripped, margins, strict=True)
+    view = {"tick": now, "jpos": reported, "jpos_d": command, "tau_d": driven}
+    watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
+    histories = zip(state.checks, (*stops, clips), margins, strict=True)
     new = State(
-        *(inject.state, jpos, jvel, goal, command, reported),
+        *(inject.state, jpos, jvel, goal, silent, command, reported),
         *(follows, plan, (seen, model), stopped),
         checks=tuple(check.update_check(old, now, trips, m) for old, trips, m in histories),
-        detectors=watching,
+        detectors=detectors.step(setup, params.detectors, state.detectors, watching),
         haptics=cue,
         monitor=monitor.step(setup, params.monitor, state.monitor, watched, reference),
         live=state.live + as_int(running),
@@ -218,8 +210,10 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
     return driven, exerted
 
 
-def _servo(arm: Arm, params: Params, jpos: Vec, jvel: Vec, command: Vec, before: Vec) -> Vec:
-    """Return the forces of the actuators at these positions and velocities, without limits."""
+def _control(
+    arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
+) -> Vec:
+    """Return the forces of the actuators, without limits, and with a share of gravity's."""
     control = Vec(
         c
         if kind == "position"
@@ -228,35 +222,13 @@ def _servo(arm: Arm, params: Params, jpos: Vec, jvel: Vec, command: Vec, before:
             arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
         )
     )
-    force = arm.gain.map(mul, _clip(control, *arm.control)).map(add, arm.bias)
-    return minus(minus(force, arm.stiffness.map(mul, jpos)), arm.damping.map(mul, jvel))
-
-
-def _follow(arm: Arm, params: Params, state: State, plan: Vec, reported: Vec) -> tuple[Vec, Vec]:
-    """Return the nominal model a tick later: a step that is implicit in stiffness and damping."""
-    jpos, jvel = state.model
-    h, moves = TICK_S, arm.mechanism
-    command, before = (_clip(x, params.lower, params.upper) for x in (plan, state.plan))
-    force = minus(
-        _servo(arm, params, jpos, jvel, command, before),
-        plus(moves.damping.map(mul, jvel), moves.stiffness.map(mul, minus(jpos, moves.rest))),
-    )
-    speeds = []
-    for k, kind in enumerate(arm.kinds):
-        stiffness, damping = (
-            arm.stiffness[k] + moves.stiffness[k],
-            arm.damping[k] + moves.damping[k],
-        )
-        if kind != "position":
-            stiffness = stiffness + arm.gain[k] * params.kp[k]
-        if kind == "motor":
-            damping = damping + params.kd[k]
-        mass = arm.inertia[k] + h * (damping + h * stiffness)
-        speeds.append(jvel[k] + force[k] * (h / mass) if kind else 0.0 * jvel[k])
-    after = jpos + Vec(speeds) * h
+    force = plus(arm.gain.map(mul, _clip(control, *arm.control)), arm.bias)
+    force = minus(minus(force, arm.stiffness.map(mul, jpos)), arm.damping.map(mul, jvel))
+    held = mechanism.gravity_torque(arm.mechanism, jpos)
     return Vec(
-        new if kind else there for kind, new, there in zip(arm.kinds, after, reported, strict=True)
-    ), Vec(speeds)
+        f + mul(gravity, h) if kind else 0.0 * h
+        for kind, f, h in zip(arm.kinds, force, held, strict=True)
+    )
 
 
 def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
@@ -281,8 +253,7 @@ def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]
     """Return the columns of the result table before the verdict."""
     out = {"end_runlevel": as_int(~state.stopped), "pedal_down_ms": state.live}
     out |= fault.outcomes(state.faults) | check.outcomes(check_histories(setup, state))
-    if state.detectors is not None:
-        out |= detectors.outcomes(setup, state.detectors)
+    out |= detectors.outcomes(setup, state.detectors)
     return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
 
 
