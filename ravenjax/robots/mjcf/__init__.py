@@ -25,20 +25,13 @@ from ravenjax.vocabulary.sites import ARM, Channel, Site
 TICK_S = 1e-3
 
 SITES = {
-    "packet": ("L1", "set points from the network, before the checks"),
-    "encoder": ("L2", "joint positions as checks and controller read them"),
-    "command": ("L3", "set points of the controller, after the joint limits"),
-    "torque": ("L4", "forces of the controller, after the checks"),
-    "actuator": ("L5", "forces of the actuators, within their range"),
+    "packet": ("network", "set points from the network, before the checks"),
+    "encoder": ("encoders", "joint positions as checks and controller read them"),
+    "command": ("set points", "set points of the controller, after the joint limits"),
+    "torque": ("control output", "forces of the controller, after the checks"),
+    "actuator": ("actuators", "forces of the actuators, within their range"),
 }
-"""Layer and place of each fault site, in the order of the tick."""
-LAYERS = {
-    "L1": "network",
-    "L2": "encoders",
-    "L3": "set points",
-    "L4": "control output",
-    "L5": "actuators",
-}
+"""Layer and place of each fault site, in the order of the tick; the site is the layer's code."""
 CHECKS = {
     check.name: check
     for check in (
@@ -59,6 +52,7 @@ class Arm:
     """
 
     mechanism: Mechanism
+    timestep: float  # s, of the model; a tick has 1 ms
     tip: str  # name of its site
     home: Vec  # of the first keyframe, or of the model
     lower: Vec  # range of the joint, infinite without one
@@ -96,7 +90,6 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
     except (UserError, ValueError, mujoco.FatalError) as error:
         raise UserError(f"robot {str(file)!r}: {error}") from None
     slides = [link.slide for link in arm.mechanism.links]
-    linear = tuple(joint for joint, slide in zip(joints, slides, strict=True) if slide)
 
     def channels(site: str) -> tuple[Channel, ...]:
         units = ("N m", "N") if site in ("torque", "actuator") else ("rad", "m")
@@ -105,37 +98,34 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
             Channel(joint, (*above, k), "float", units[slides[k]])
             for k, joint in enumerate(joints)
             if arm.kinds[k] or site == "encoder"
-        )
-
-    lost = (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),)
+        ) + (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) * (site == "packet")
 
     def signal(field: str, site: str, *against: str) -> Signal:
-        units = tuple((c.name, c.unit) for c in channels(site))
-        layer, where = SITES[site]
-        return Signal(field, layer, where, units[0][1], joints, units, against=against)
+        units = tuple((c.name, c.unit) for c in sites[site].channels)
+        return Signal(field, site, sites[site].where, units[0][1], joints, units, against=against)
 
+    sites = {
+        site: Site(site, site, True, channels(site), where) for site, (_, where) in SITES.items()
+    }
     return ArmRobot(
         name=name,
-        title=f"arm {file.stem}",
+        title=file.name,
         package=package,
         arms=("arm",),
         joints=joints,
-        linear=linear,
-        sites={
-            site: Site(site, layer, True, channels(site) + lost * (site == "packet"), where)
-            for site, (layer, where) in SITES.items()
-        },
-        layers=LAYERS,
+        linear=tuple(joint for joint, slide in zip(joints, slides, strict=True) if slide),
+        sites=sites,
+        layers={site: layer for site, (layer, _) in SITES.items()},
         checks=CHECKS,
         run_levels=("stopped", "running"),
         live="no check has stopped the arm",
         seams={
-            site: Seam(
-                *(site, layer, True),
-                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in channels(site)),
-                where,
+            name: Seam(
+                *(name, name, True),
+                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in site.channels),
+                site.where,
             )
-            for site, (layer, where) in SITES.items()
+            for name, site in sites.items()
         },
         signals=(
             signal("jpos", "encoder", "jpos_d"),
@@ -157,40 +147,31 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
     names = [re.sub(r"\W", "_", link.joint) or f"joint{link.number}" for link in mechanism.links]
     if not numbers or len({*names}) < len(names):
         raise UserError(f"expected joints with names that differ, got {', '.join(names) or 'none'}")
-    n, infinite = len(numbers), math.inf
-    columns = {
-        "lower": np.where(model.jnt_limited, model.jnt_range[:, 0], -infinite)[numbers],
-        "upper": np.where(model.jnt_limited, model.jnt_range[:, 1], infinite)[numbers],
-        "home": (model.key_qpos[0] if model.nkey else model.qpos0)[model.jnt_qposadr[numbers]],
-        **{name: np.zeros(n) for name in ("gain", "bias", "stiffness", "damping")},
-    }
-    control, force = ([np.full(n, -infinite), np.full(n, infinite)] for _ in range(2))
-    capped = model.jnt_actfrclimited[numbers].astype(bool)
-    for side in (0, 1):
-        force[side][capped] = model.jnt_actfrcrange[numbers][capped, side]
-    kinds = [""] * n
+    reach = np.where(model.jnt_limited, model.jnt_range.T, [[-math.inf], [math.inf]])[:, numbers]
+    home = (model.key_qpos[0] if model.nkey else model.qpos0)[model.jnt_qposadr[numbers]]
+    gain, offset, stiffness, damping = np.zeros((4, len(numbers)))
+    control, force = np.full((2, 2, len(numbers)), [[-math.inf], [math.inf]])
+    capped = model.jnt_actfrclimited[numbers] > 0
+    force[:, capped] = model.jnt_actfrcrange[numbers][capped].T
+    kinds = [""] * len(numbers)
     for a in range(model.nu):
-        place = _driven(model, a, numbers, kinds)
-        gear, gain = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0]
+        k = _driven(model, a, numbers, kinds)
+        gear, factor = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0]
         bias = model.actuator_biasprm[a, :3] * (model.actuator_biastype[a] != 0)
-        kinds[place] = "position" if bias[1] else "velocity" if bias[2] else "motor"
+        kinds[k] = "position" if bias[1] else "velocity" if bias[2] else "motor"
         # The control of a motor is its force; that of a servo is in the joint's unit.
-        unit = gear * gain if kinds[place] == "motor" else 1.0 / gear
-        columns["gain"][place] = gear * gain / unit
-        columns["bias"][place] = gear * bias[0]
-        columns["stiffness"][place], columns["damping"][place] = -(gear**2) * bias[1:]
-        for least, largest, limited, reach, factor in (
-            (*control, model.actuator_ctrllimited, model.actuator_ctrlrange, unit),
-            (*force, model.actuator_forcelimited, model.actuator_forcerange, gear),
-        ):
-            if limited[a]:
-                low, high = sorted(reach[a] * factor)
-                least[place], largest[place] = max(low, least[place]), min(high, largest[place])
-    vectors = {name: Vec(column.tolist()) for name, column in columns.items()}
-    pairs = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
-    return Arm(mechanism, tip, kinds=tuple(kinds), control=pairs[0], force=pairs[1], **vectors), (
-        *names,
-    )
+        unit = gear * factor if kinds[k] == "motor" else 1.0 / gear
+        gain[k], offset[k] = gear * factor / unit, gear * bias[0]
+        stiffness[k], damping[k] = -(gear**2) * bias[1:]
+        if model.actuator_ctrllimited[a]:
+            control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
+        if model.actuator_forcelimited[a]:
+            force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
+    vectors = (home, *reach, gain, offset, stiffness, damping, *control, *force)
+    home, low, high, *law, weakest, strongest, least, most = (Vec(v.tolist()) for v in vectors)
+    bounds = (weakest, strongest), (least, most)
+    own = mechanism, model.opt.timestep, tip, home, low, high, tuple(kinds)
+    return Arm(*own, *law, *bounds), tuple(names)
 
 
 def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str]) -> int:

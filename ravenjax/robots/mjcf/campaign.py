@@ -164,11 +164,12 @@ def explained(program: Any) -> Any:
 
     Normal ranges are those of the model's joints and actuators.
     """
-    robot = program.setup.robot
-    ranges = {True: robot.arm.force, False: (robot.arm.lower, robot.arm.upper)}
+    arm, setup = program.setup.robot.arm, program.setup
     spans = []
-    for place in loop.list_numbers(program.setup):
-        low, high = ranges[place.seam.name in ("torque", "actuator")]
-        k = robot.joints.index(place.channel.name)
-        spans.append((low[k], high[k]) if np.isfinite(high[k] - low[k]) else None)
-    return explain_program(program, len(robot.checks), spans)
+    for place in loop.list_numbers(setup):
+        forces = place.seam.name in ("torque", "actuator")
+        low, high = arm.force if forces else (arm.lower, arm.upper)
+        k = place.channel.path[-1]
+        bounded = k != "lost" and np.isfinite(high[k] - low[k])
+        spans.append((low[k], high[k]) if bounded else None)
+    return explain_program(program, len(setup.robot.checks), spans)
