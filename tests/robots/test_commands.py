@@ -69,6 +69,7 @@ def test_every_command_works(folder, robot, capsys):
         ("trace", "a", "--worst", "1"),
         ("explain", "a"),
         ("compare", "a", "b"),
+        ("coverage", "a"),
         (
             "counterfactual",
             "a",

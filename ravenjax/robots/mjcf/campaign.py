@@ -64,6 +64,9 @@ class Config(CampaignConfig):
         for number, detector in enumerate(self.detector):
             if detector.kind != "own":
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
+        for joint in self._without_gain("motor"):
+            reason = "nothing holds the joint of a motor without it; write kp, and kd for damping"
+            yield ("parameters", f"kp.{joint}"), f"expected a gain: {reason}"
 
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
@@ -73,10 +76,21 @@ class Config(CampaignConfig):
             {"tracking", "velocity", "watchdog"} - {path.partition(".")[0] for path in paths}
         ):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
+        for joint in self._without_gain("velocity"):
+            yield ("parameters", f"kp.{joint}"), "no gain: a velocity actuator corrects no position"
+        arm: Any = self.robot
+        if (step := arm.arm.timestep * 1e3) != 1.0:
+            yield (
+                ("campaign", "robot"),
+                f"the model's time step of {step:g} ms is not used: an arm moves in steps of 1 ms",
+            )
+
+    def _without_gain(self, of: str) -> Iterator[str]:
         robot: Any = self.robot
+        paths = {path for _, table in self.parameter_tables() for path in table}
         for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
-            if kind in ("motor", "velocity") and not paths & {"kp", path := f"kp.{joint}"}:
-                yield ("parameters", path), f"no gain: the {kind} actuator corrects no error"
+            if kind == of and not paths & {"kp", f"kp.{joint}"}:
+                yield joint
 
     def deciding(self) -> dict[str, Any]:
         """See `CampaignConfig.deciding`. The code hash has the content of the MJCF file."""
