@@ -150,3 +150,35 @@ def test_what_an_arm_cannot_have_is_named(folder, old, new, complaint):
         find_robot("arm.xml", folder)
     with pytest.raises(UserError, match=r"no such file; looked for .*arm2.xml"):
         find_robot("arm2.xml", folder)
+
+
+def test_a_motor_needs_a_gain_and_another_time_step_is_named(folder, capsys):
+    write_campaign(folder / "arm.toml", "planar_arm")
+    text = (folder / "arm.toml").read_text()
+    (folder / "arm.toml").write_text(text.replace("parameters.kp = 40", ""))
+    assert main(["check", "arm.toml", "--trust"]) == 2
+    assert "kp.shoulder: expected a gain" in capsys.readouterr().err
+    write_campaign(folder / "arm.toml", "arm.xml")
+    file = folder / "arm.xml"
+    file.write_text(file.read_text().replace('timestep="0.001"', 'timestep="0.002"'))
+    assert main(["check", "arm.toml"]) == 0
+    assert "time step of 2 ms is not used" in " ".join("".join(capsys.readouterr()).split())
+
+
+def test_the_watchdog_stops_an_arm_whose_packets_are_lost(folder):
+    write_campaign(folder / "arm.toml", "arm.xml")
+    text = (folder / "arm.toml").read_text()
+    for old, new in (
+        ('"actuator"', '"packet"'),
+        ('"wrist_1"', '"lost"'),
+        ('"offset"', '"overwrite"'),
+        ("{ uniform = [-60, 60] }", "1"),
+        ("runs = 12", "runs = 2"),
+        ("[[group]]", "parameters.watchdog = 40\n[[group]]"),
+    ):
+        text = text.replace(old, new)
+    (folder / "arm.toml").write_text(text)
+    table = rj.run("arm.toml", engine="simd")
+    # Packet 600 is the first that is lost. In tick 640 the newest set point is 41 ms old.
+    assert (table["check_watchdog_first_ms"] == 640).all()
+    assert (table["end_runlevel"] == 0).all()

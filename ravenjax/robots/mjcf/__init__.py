@@ -54,10 +54,10 @@ class Arm:
     mechanism: Mechanism
     timestep: float  # s, of the model; a tick has 1 ms
     tip: str  # name of its site
+    kinds: tuple[str, ...]  # position, velocity or motor; "": no actuator
     home: Vec  # of the first keyframe, or of the model
     lower: Vec  # range of the joint, infinite without one
     upper: Vec
-    kinds: tuple[str, ...]  # position, velocity or motor; "": no actuator
     gain: Vec
     bias: Vec
     stiffness: Vec
@@ -167,11 +167,10 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
             control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
         if model.actuator_forcelimited[a]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
-    vectors = (home, *reach, gain, offset, stiffness, damping, *control, *force)
-    home, low, high, *law, weakest, strongest, least, most = (Vec(v.tolist()) for v in vectors)
-    bounds = (weakest, strongest), (least, most)
-    own = mechanism, model.opt.timestep, tip, home, low, high, tuple(kinds)
-    return Arm(*own, *law, *bounds), tuple(names)
+    vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
+    bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
+    own = mechanism, model.opt.timestep, tip, tuple(kinds)
+    return Arm(*own, *vectors, *bounds), tuple(names)
 
 
 def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str]) -> int:

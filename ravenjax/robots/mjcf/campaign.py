@@ -64,20 +64,19 @@ class Config(CampaignConfig):
         for number, detector in enumerate(self.detector):
             if detector.kind != "own":
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
-        for joint in self._without_gain("motor"):
+        # A campaign without faults lists parameters.
+        for joint in self._without_gain("motor") if any(g.fault for g in self.group) else ():
             reason = "nothing holds the joint of a motor without it; write kp, and kd for damping"
             yield ("parameters", f"kp.{joint}"), f"expected a gain: {reason}"
 
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
         yield from super().notices()
-        paths = {path for _, table in self.parameter_tables() for path in table}
-        for name in sorted(
-            {"tracking", "velocity", "watchdog"} - {path.partition(".")[0] for path in paths}
-        ):
+        limited = {path.partition(".")[0] for path in self._set()}
+        for name in sorted({"tracking", "velocity", "watchdog"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
-        for joint in self._without_gain("velocity"):
-            yield ("parameters", f"kp.{joint}"), "no gain: a velocity actuator corrects no position"
+        for joint in self._without_gain("velocity", "motor"):
+            yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         arm: Any = self.robot
         if (step := arm.arm.timestep * 1e3) != 1.0:
             yield (
@@ -85,11 +84,13 @@ class Config(CampaignConfig):
                 f"the model's time step of {step:g} ms is not used: an arm moves in steps of 1 ms",
             )
 
-    def _without_gain(self, of: str) -> Iterator[str]:
+    def _set(self) -> set[str]:
+        return {path for _, table in self.parameter_tables() for path in table}
+
+    def _without_gain(self, *kinds: str) -> Iterator[str]:
         robot: Any = self.robot
-        paths = {path for _, table in self.parameter_tables() for path in table}
         for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
-            if kind == of and not paths & {"kp", f"kp.{joint}"}:
+            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}:
                 yield joint
 
     def deciding(self) -> dict[str, Any]:
@@ -104,7 +105,7 @@ def prepare(
 ) -> Prepared:
     """Prepare a campaign; see `ravenjax.campaign.prepared`."""
     robot = config.robot
-    arm, cues = robot.arm, config.haptics.cues()
+    arm, limits, cues = robot.arm, config.outcomes, config.haptics.cues()
     setup = ArmSetup(
         arms=config.campaign.arms,
         precision=precision,
@@ -131,9 +132,9 @@ def prepare(
         detectors=dataclasses.replace(watching, thresholds=thresholds),
         haptics=haptics.HapticParams(tuple(haptics.CueParams(*cue) for cue in cues)),
         monitor=monitor.MonitorParams(
-            jump_step=config.outcomes.jump_step_mm / 1e3,
-            large_jump=config.outcomes.large_jump_mm / 1e3,
-            limit=config.outcomes.limit_mm / 1e3,
+            jump_step=limits.jump_step_mm / 1e3,
+            large_jump=limits.large_jump_mm / 1e3,
+            limit=limits.limit_mm / 1e3,
         ),
     )
     return Prepared(loop, setup, params, columns)
