@@ -127,7 +127,7 @@ def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
             loading.load_campaign(campaign)
         (tmp_path / "beside_gains.py").write_text("KP = (")
     (tmp_path / "beside_gains.py").write_text("KP = 1")
-    assert loading.load_campaign(campaign).robot.title == "arm beside_arm"
+    assert loading.load_campaign(campaign).robot.title == "beside_arm.xml"
     assert importlib.util.find_spec("beside_strange") is None
 
 

@@ -162,6 +162,7 @@ def test_a_campaign_of_another_robot():
     campaign = rj.Campaign(
         name="arm",
         robot="planar_arm",
+        parameters={"kp": 40},
         arms=["arm"],
         group=[
             {
