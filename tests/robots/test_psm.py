@@ -1,9 +1,13 @@
-"""Kinematics of the dVRK PSM against its DH table and against the geometry of a remote centre."""
+"""Kinematics of the dVRK PSM against its DH table and against the geometry of a remote centre; its
+campaign.
+"""
 
 import mujoco
 import numpy as np
+import snippets
 from scipy.spatial.transform import Rotation
 
+import ravenjax as rj
 from ravenjax.bundled import resources
 
 # Modified DH, degrees and m: alpha, a, theta, d (sawIntuitiveResearchKit, share/kinematic/psm.json
@@ -37,3 +41,7 @@ def test_its_kinematics():
         along = insertion + 0.4162 - 0.4318 + 0.0091 * np.cos(bend)
         tip = along * shaft + 0.0091 * np.sin(bend) * side
         np.testing.assert_allclose(found, tip, rtol=0, atol=1e-12)
+
+
+def test_its_campaign_is_a_campaign():
+    assert rj.load_campaign(snippets.ROOT / "analysis/psm/psm.toml").robot.linear == ("insertion",)
