@@ -64,18 +64,24 @@ Found = dict[str, dict[str, dict[str, str]]]
 """Attributes of the MJCF elements `inertial` and `joint`, by the name of the link."""
 
 
-def read_recording(file: Path) -> tuple[Motion, np.ndarray]:
-    """Return positions, velocities, accelerations and efforts of the six joints [n, 6]."""
+def read_columns(file: Path) -> tuple[Motion, np.ndarray]:
+    """Return positions, velocities, accelerations and efforts, 5 to 7 those of motors [n, 7]."""
     table = pd.read_parquet(file).to_numpy()
-    place, effort = table[:, :7].copy(), table[:, 14:].copy()
-    place[:, 4:] = place[:, 4:] @ COUPLING.T
-    effort[:, 4:] = effort[:, 4:] @ np.linalg.inv(COUPLING)
     kept = slice(100, -100, 4)
     low = butter(4, CUT_HZ, fs=HZ, output="sos")
-    qpos, effort = (sosfiltfilt(low, x[:, :6], axis=0) for x in (place, effort))
+    qpos, effort = (sosfiltfilt(low, table[:, k : k + 7], axis=0) for k in (0, 14))
     qvel = np.gradient(qpos, 1 / HZ, axis=0)
     qacc = np.gradient(qvel, 1 / HZ, axis=0)
     return (qpos[kept], qvel[kept], qacc[kept]), effort[kept]
+
+
+def read_recording(file: Path) -> tuple[Motion, np.ndarray]:
+    """Return positions, velocities, accelerations and efforts of the six joints [n, 6]."""
+    (qpos, qvel, qacc), effort = read_columns(file)
+    for column in (qpos, qvel, qacc):
+        column[:, 4:] = column[:, 4:] @ COUPLING.T
+    effort[:, 4:] = effort[:, 4:] @ np.linalg.inv(COUPLING)
+    return (qpos[:, :6], qvel[:, :6], qacc[:, :6]), effort[:, :6]
 
 
 def inverse_dynamics(model: mujoco.MjModel, motion: Motion) -> np.ndarray:
@@ -202,6 +208,25 @@ def place_of_weight(motion: Motion, missing: np.ndarray, link: str, mass: float)
     return least_squares(error, np.zeros(3), diff_step=1e-3).x
 
 
+def wrist_with_friction_at_motors(fitted: Path, judged: Path) -> np.ndarray:
+    """Return the error for wrist pitch, wrist yaw and jaw, if friction, springs and constant forces
+    belong to the motors 5 to 7 instead of the joints.
+    """
+    predicted = []
+    for file in (fitted, judged):
+        (qpos, qvel, _), effort = read_columns(file)
+        errors = []
+        for motor in range(4, 7):
+            one = np.ones(len(qpos))
+            laws = [qvel[:, motor], np.tanh(qvel[:, motor] / 0.1), qpos[:, motor], one, -one]
+            if file == fitted:
+                predicted.append(nnls(np.column_stack(laws), effort[:, motor])[0])
+            errors.append(np.column_stack(laws) @ predicted[motor - 4])
+        turn = np.linalg.inv(COUPLING)
+        found = relative(np.column_stack(errors) @ turn, effort[:, 4:] @ turn)
+    return found
+
+
 def table(title: str, rows: dict[str, np.ndarray]) -> None:
     """Print errors in per cent of the effort as Markdown."""
     print(f"\n| {title} | {' | '.join(JOINTS)} |\n|{'---|' * 7}")
@@ -239,6 +264,12 @@ def main(words: list[str]) -> None:
     judged = {"psm.xml, without the weight": relative(predicted, heavier)} | nulls(second, heavier)
     judged["null: the first recording at the same time"] = relative(effort, heavier)
     table("105 g, not fitted, error in % of the effort", judged)
+
+    motors = wrist_with_friction_at_motors(
+        DATA / "dvrk_psm_no_load.parquet", DATA / "dvrk_psm_105_g.parquet"
+    )
+    numbers = ", ".join(f"{100 * x:.1f}" for x in motors)
+    print(f"\n105 g, wrist pitch, wrist yaw and jaw with friction at the motors: {numbers} %")
 
     early, late = halves(second)
     middle, rows = len(early[0]), {"without": relative(predicted, heavier)}
