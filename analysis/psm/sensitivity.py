@@ -41,6 +41,7 @@ def main() -> None:
             changes[what] = [f"campaign.robot={file}"]
         changes["gravity carried by the controller"] = ["parameters.gravity=1"]
         changes["less of the speed left after 1 ms of a stop, 0.9"] = ["parameters.coasting=0.9"]
+        changes["a watchdog of 30 ms on set points"] = ["parameters.watchdog=30"]
         for seed in (1, 2, 3):
             changes[f"other set points, seed {seed}"] = [f"operator.seed={seed}"]
         for what, words in changes.items():
