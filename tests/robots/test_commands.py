@@ -120,6 +120,9 @@ def test_a_result_belongs_to_one_model(folder, capsys):
     words = ["run", "arm.toml", "--out", "a", "--engine", "simd", "--set", "group.0.runs=2"]
     assert main(words) == main(words) == 0
     copy = shutil.copytree(folder, folder / "copy")
+    (folder / "arm.xml").unlink()
+    assert len(rj.Campaign.from_toml(copy / "arm.toml", ["group.0.runs=2"]).run(engine="simd")) == 2
+    shutil.copy(copy / "arm.xml", folder)
     assert main(["run", str(copy / "arm.toml"), *words[2:]]) == 0
     for changed in ("arm.xml", "key.xml"):
         file = copy / changed
