@@ -11,10 +11,14 @@ in base64. `static/engine.js` reads the object of `describe_program`:
   its value
 - triggers, fields (types of a fault's numbers), forever (length of an endless window)
 - motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
-- programs: outcomes and replay, each a module with the places of its numbers in memory, in bytes.
-  It imports env.__linear_memory only. width: robots side by side in a vector. series: numbers that
-  a golden run stores in each tick, and a faulty run reads. outputs, of replay: words written in
-  each tick after the series.
+- programs: outcomes, replay, and acted (outcomes with one fault slot more, which holds an action).
+  Each is a module with the places of its numbers in memory, in bytes. It imports
+  env.__linear_memory only. width: robots side by side in a vector. series: numbers that a golden
+  run stores in each tick, and a faulty run reads. outputs, of replay: words written in each tick
+  after the series.
+- actions: number of each action that `acted` may take; none for a robot without actions
+- harm_limit_mm: motion after the robot stopped that is harm, too; null if the campaign's own harm
+  replaces the limit
 - verdict: the words of outcomes, and what each check counts as
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
@@ -101,7 +105,10 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
     printable = traced.printable_program(program)
     tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     shared = len(program.varied)
+    actions, acted = _acted_program(ready)
     return {
+        "actions": actions,
+        "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
         "arms": list(program.setup.arms),
         "ticks": program.ticks,
         "cue": config.outcomes.cue,
@@ -121,6 +128,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
             "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
             | {"outputs": []},
             "replay": _replay_program(ready, tick, shared),
+            **acted,
         },
         "verdict": _verdict(config, tick),
         "examples": _examples(ready),
@@ -260,6 +268,19 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 # --- programs ---
+
+
+def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
+    # The numbers of the robot's actions, and the program that takes one of them at any tick.
+    part = ready.config.robot.part("campaign")
+    if not hasattr(part, "acted"):
+        return {}, {}
+    program, actions = part.acted(traced.printable_program(ready.program))
+    faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
+    plan = dataclasses.replace(ready, program=program, faults=faults)
+    tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
+    printed = _printed(tick, tick.without_signals(), len(program.varied), code.WIDTH)
+    return actions, {"acted": printed | {"outputs": []}}
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import pytest
 from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
+from ravenjax.analyses.deadline.finding import Actor, Lanes
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
 from ravenjax.campaign import outcomes
@@ -284,3 +285,45 @@ def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):
         many,
     )
     assert told == ["AbortError", 3, "silent/none/no cue"]
+
+
+def test_deadlines_are_those_of_the_command(page):
+    fault = {
+        "site": "usb_out",
+        "channel": ["shoulder", "elbow"],
+        "effect": "overwrite",
+        "value": [9000, 20000],
+        "start_ms": 700,
+        "duration_ms": 64,
+    }
+    config = rj.load_campaign(
+        {
+            "campaign": {"name": "act", "duration_s": 1.2},
+            "group": [{"name": "harmful", "fault": [fault]}],
+        }
+    )
+    ready, actor = program.question_plan(config), Actor(config, "simd")
+    page.evaluate(
+        "async (d) => { window.other = await openEngine(d, { threads: 1 }) }",
+        program.describe_program(config),
+    )
+    told = page.evaluate(
+        """async (faults) => {
+          const question = other.question();
+          const outcomes = await other.outcomes(question, faults);
+          const found = [];
+          for (const [k, one] of outcomes.entries())
+            if (one.unintended_first_ms >= 0)
+              found.push([k, one.first_active_ms, one.unintended_first_ms, await other.deadlines(question, faults[k], one)]);
+          other.close();
+          return found;
+        }""",  # noqa: E501
+        faults_of(ready),
+    )
+    assert len(told) >= 2
+    row, effect, harm = (np.repeat([one[k] for one in told], len(actor.actions)) for k in range(3))
+    lanes = Lanes(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
+    found = actor.find(lanes, lambda text: None)[0]
+    ours = np.where(found < effect, -1, found).reshape(len(told), -1)
+    assert (ours > 0).any() and (ours < 0).any()
+    assert [list(one[3].values()) for one in told] == ours.tolist()

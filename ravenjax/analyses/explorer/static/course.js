@@ -84,6 +84,8 @@ export function signal({ title, unit, curves, limit, acts, height = 84 }) {
 /** Until when a fault acts, ms. */
 export const ends = ({ start_ms: start, duration_ms: lasts }, duration) => (lasts === "end" ? duration : Math.min(duration, start + lasts));
 
+export const LANES = ["Fault", "Checks", "Cue", "Harm", "Act by"];
+
 const HARM = {
   unintended_first_ms: "unintended motion: the tip is too far from where it should be",
   loss_first_ms: "loss of motion: the instrument does not follow",
@@ -102,10 +104,26 @@ export function events(outcome, fault, duration, checks) {
   return out;
 }
 
+const ACTIONS = {
+  pedal: "lifting the pedal",
+  estop: "pressing the E-stop",
+  stop: "a stop by the software",
+  hold: "holding the last good command",
+};
+
+/** Marks of the last time at which each action prevents the harm, as `events`; and a sentence on those that never do. */
+export function deadlines(found) {
+  const words = (action) => ACTIONS[action] ?? action;
+  const actions = Object.keys(found);
+  const never = actions.filter((action) => found[action] < 0).map(words);
+  const marks = actions.filter((action) => found[action] >= 0).map((action) => ({ lane: "Act by", look: "deadline", from: found[action], to: found[action], words: `last time at which ${words(action)} prevents the harm` }));
+  return { marks, never: never.length ? `These come too late, however early after the fault's first effect: ${never.join(", ")}.` : "" };
+}
+
 /** The lanes as HTML: a bar or a mark each, placed in percent of the run. */
 export function lanes(all, duration) {
   const percent = (ms) => `${((100 * ms) / duration).toFixed(3)}%`;
-  return ["Fault", "Checks", "Cue", "Harm"]
+  return LANES.filter((lane) => lane !== "Act by" || all.some((one) => one.lane === lane))
     .map((lane) => {
       const own = all.filter((one) => one.lane === lane);
       const marks = own

@@ -265,6 +265,16 @@ class Pool {
   }
 }
 
+const GRID = 8; // ticks that are tried for each action before the bisection, from the effect to the harm
+
+/** Whether harm comes though each action is taken, by action and tick: {action: [..]}; in batches of what a worker holds. */
+async function harmsOf(actions, ticks, harms) {
+  const all = actions.flatMap((action) => ticks.map((at) => ({ action, at })));
+  const found = [];
+  for (let first = 0; first < all.length; first += LANES) found.push(...(await harms(all.slice(first, first + LANES))));
+  return Object.fromEntries(actions.map((action, k) => [action, found.slice(k * ticks.length, (k + 1) * ticks.length)]));
+}
+
 class Engine {
   constructor(description, pool) {
     this.description = description;
@@ -348,6 +358,53 @@ class Engine {
     const both = await this.pool.submit("replay", { parameters, motion: motionOf(this.description, question), faults: packed, end: ends[0] }, { priority, token });
     const outcome = judge(this.description, this.measures(both.faulty.end), this.measures(both.golden.end), faulty[0]);
     return { period_ms: 1, golden: both.golden.series, faulty: both.faulty.series, outcome };
+  }
+
+  /**
+   * Until when each action prevents the harm of a fault, ms by the action's name; -1: at no tick that was tried.
+   * outcome: of the fault, with harm. The search is that of `ravenjax deadline`: eight ticks, then bisection.
+   */
+  async deadlines(question, fault, { first_active_ms: effect, unintended_first_ms: harm }, options = {}) {
+    const { actions, fields, triggers, slots } = this.description;
+    const names = Object.keys(actions);
+    const parameters = packQuestion(this.description, question);
+    const { packed, acts } = pack(this.description, question, [fault]);
+    const { outcomes, results } = this.description.programs.acted;
+    const harms = async (/** @type {{action: string, at: number}[]} */ tried) => {
+      const size = (slots + 1) * Object.keys(fields).length;
+      const task = {
+        parameters,
+        motion: motionOf(this.description, question),
+        faults: new Int32Array(tried.length * size),
+        acts: new Int32Array(tried.length).fill(acts[0]),
+        ends: new Int32Array(tried.length).fill(this.description.ticks),
+      };
+      for (const [run, { action, at }] of tried.entries()) {
+        const taken = { code: actions[action], trigger: triggers.time, start: at, duration: effect };
+        task.faults.set(packed, run * size);
+        task.faults.set(words(Object.values(fields), Object.keys(fields).map((name) => taken[name] ?? 0)), run * size + packed.length);
+      }
+      const { words: own } = await this.pool.submit("acted", task, { priority: 0, token: null, ...options });
+      const limit = this.description.harm_limit_mm;
+      return tried.map((_, run) => {
+        const found = numbers(outcomes, results.types, own.subarray(run * outcomes.length, (run + 1) * outcomes.length));
+        return found.unintended_first_ms >= 0 || found.failed_ms >= 0 || (limit !== null && found.unintended_off_mm > limit);
+      });
+    };
+    const grid = Array.from({ length: GRID + 1 }, (_, k) => effect + Math.floor(((harm + 1 - effect) * k) / GRID));
+    const open = new Map();
+    const tried = await harmsOf(names, grid.slice(0, GRID), harms);
+    for (const action of names) {
+      const last = tried[action].lastIndexOf(false);
+      open.set(action, last < 0 ? [-1, -1] : [grid[last], grid[last + 1]]);
+    }
+    for (;;) {
+      const some = names.filter((action) => open.get(action)[1] - open.get(action)[0] > 1);
+      if (!some.length) break;
+      const middle = some.map((action) => ({ action, at: Math.floor((open.get(action)[0] + open.get(action)[1]) / 2) }));
+      for (const [k, late] of (await harms(middle)).entries()) open.get(middle[k].action)[late ? 1 : 0] = middle[k].at;
+    }
+    return Object.fromEntries(names.map((action) => [action, open.get(action)[0]]));
   }
 
   /** Cancels what was requested with this token. */

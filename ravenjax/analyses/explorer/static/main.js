@@ -30,6 +30,7 @@ const description = data("program");
 await pause();
 const MAP = 1; // priorities of questions: a run that is looked at goes first
 const RUN = 5;
+const LATER = 0;
 const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
 const WAIT_MS = 60; // a control that moves asks only when it rests so long
 
@@ -270,6 +271,8 @@ async function open() {
     $("smallest").hidden = !spanOf(campaign, fault) || campaign.effects[fault.effect].value === "bit";
     run.show(replay, fault, state.ms);
     document.body.dataset.verdict = replay.outcome.verdict;
+    remember();
+    if (replay.outcome.unintended_first_ms >= 0 && Object.keys(description.actions).length) run.actBy(replay, await engine.deadlines(question(), fault, replay.outcome, { priority: LATER, token: own }));
   } catch (error) {
     giveUp(error);
   }

@@ -1,6 +1,6 @@
 // One run in detail: the robot in three dimensions, its time line, its signals, and a run that is kept beside it.
 
-import { chain, column, ends, events, lanes, signal } from "./course.js";
+import { chain, column, deadlines, ends, events, lanes, signal } from "./course.js";
 import { length, millis, told } from "./verdicts.js";
 import { View } from "./view.js";
 
@@ -23,6 +23,7 @@ export class Run {
     this.heard = heard;
     this.description = figure;
     this.replay = null;
+    this.acting = { marks: [], never: "" };
     this.kept = null;
     this.ms = 0;
     this.playing = false;
@@ -37,6 +38,7 @@ export class Run {
   async show(replay, fault, ms) {
     this.replay = replay;
     this.fault = fault;
+    this.acting = { marks: [], never: "" };
     this.lanes();
     this.go(ms > 0 ? ms : this.interesting());
     for (const part of ["stand", "signals", "chain", "numbers"]) {
@@ -44,6 +46,13 @@ export class Run {
       if (this.replay !== replay) return;
       this[part]();
     }
+  }
+
+  /** Shows until when each action prevents the harm of the run that is shown; found: as `Engine.deadlines`. */
+  actBy(replay, found) {
+    if (this.replay !== replay) return;
+    this.acting = deadlines(found);
+    this.lanes();
   }
 
   /** The robot, when a run is looked at for the first time. */
@@ -60,7 +69,8 @@ export class Run {
   lanes() {
     const { duration_ms: duration, checks } = this.campaign;
     const place = $("lanes");
-    const happened = events(this.replay.outcome, this.fault, duration, checks);
+    const happened = [...events(this.replay.outcome, this.fault, duration, checks), ...this.acting.marks];
+    $("never").textContent = this.acting.never;
     const html = lanes(happened, duration);
     $("events").replaceChildren(...[...happened].sort((a, b) => a.from - b.from).map(({ from, words }) => line(from, words)));
     if (!this.dragging) {

@@ -325,13 +325,20 @@ const memories = (result) => [...new Set(arrays(result).map(({ buffer }) => buff
 const arrays = (value) => (ArrayBuffer.isView(value) ? [value] : Object.values(value).flatMap(arrays));
 
 let core = null;
+/** Runs with an action; opened when they are first asked for. @type {() => Core} */
+let acting = null;
 
 const TASKS = {
   open: (task) => {
     core = new Core(task);
+    const { description, modules } = task;
+    const programs = { ...description.programs, outcomes: description.programs.acted };
+    let other = null;
+    acting = () => (other ??= new Core({ ...task, description: { ...description, programs }, modules: { ...modules, outcomes: modules.acted } }));
     return {};
   },
   outcomes: (task) => core.run(task),
+  acted: (task) => acting().run(task),
   replay: (task) => core.replay(task),
 };
 
