@@ -73,7 +73,9 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return x and the positive constant c of a term c x; itself and None for any other."""
+        """Return (x, c) of a product c x with a positive constant c. For any other term return (the
+        term, None).
+        """
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):

@@ -95,10 +95,10 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     units = int(hours / (robots * target.length_h) + 1e-9)
     if units < fewest:
         least = fewest * robots * target.length_h
-        fewer = f". With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else ""
+        fewer = f", or --robots 1 --hours {np.ceil(least / robots):g}" if robots > 1 else ""
         raise UserError(
-            f"{hours:g} h are enough for {units} operators. {target.per_hour:g} false alarms an"
-            f" hour with {target.confidence:.0%} confidence need {fewest}: write --hours"
+            f"{hours:g} h allow {units} operators, but at most {target.per_hour:g} false alarms an"
+            f" hour with {target.confidence:.0%} confidence need {fewest} operators: write --hours"
             f" {np.ceil(least):g} or more{fewer}"
         )
     return units

@@ -63,12 +63,15 @@ class OperatorScores:
 
 
 def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """Return the fault-free campaign of an operator: `config` without its groups."""
-    drawn = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
+    """Return `config` as a fault-free campaign whose runs have the design's length. If the design
+    has several robots, or a parameter has a list, the campaign draws the robots at random. Groups,
+    [reaction] and [stop] are left out.
+    """
+    random = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
     return validate_tables(
         fault_free_tables(
             config.model_dump(mode="json"),
-            design.robots * drawn,
+            design.robots * random,
             name="fault_free",
             duration_s=design.length_s,
             observe_ms=None,
@@ -77,7 +80,7 @@ def operator_campaign(config: CampaignConfig, design: OperationDesign) -> Campai
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
-    """Return the campaign with the motion of one operator, and with robots of its own."""
+    """Return the campaign with the motion and the random seed of one operator."""
     motion, seed = design.operator(number)
     own: Any = campaign
     settings = own.campaign.model_copy(update={"seed": seed})
@@ -90,7 +93,7 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
 
 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
-    """Raise UserError unless `config` can be run in this way."""
+    """Raise UserError unless `config` can run as fault-free operations of different operators."""
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
         raise UserError(

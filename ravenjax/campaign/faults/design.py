@@ -190,7 +190,8 @@ def faults_and_axes(
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
     """Yield (faults, axes) of a group, or of each entry of design "list".
 
-    Axes are in order: by slot, then by field, then the parameters.
+    The axes of the first fault come first, in the order of `FIELDS`, then those of the next fault.
+    The parameters come last.
     """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)

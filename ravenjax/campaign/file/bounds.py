@@ -1,7 +1,7 @@
 """Checks the parameters that a campaign varies against the ranges that its robot's records declare.
 
-This imports the records of the robot's tick, so parameters are checked when a campaign is planned,
-not when its file is read.
+The check imports the modules of the robot's tick, which is slow. A campaign's parameters are
+therefore checked when the campaign is planned, not when its file is read.
 """
 
 import functools
@@ -19,9 +19,8 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path as from `shorten_path`, allowed values) of each parameter, in order.
-
-    A parameter has two entries if its joints are unlike.
+    """Return (path, allowed values) of each parameter, in order; `shorten_path` gives such paths. A
+    parameter whose joints have different ranges has several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 

@@ -67,7 +67,7 @@ class SimdKernel(traced.PrintedKernel):
         return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
-        """As `run`, and every signal of the first lane, each leaf [ticks]."""
+        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         result, out = self._run(block, motion, None)
         tick = self.forms(block, motion).traced
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)

@@ -222,7 +222,10 @@ class LlvmPrinter(Printing[Place]):
         return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Divide 32-bit integers exactly through float64: vectors of CPUs have no division."""
+        """Return the quotient of 32-bit integers, or the remainder if `name` is "rem". float64
+        makes it exact, because CPU vectors have no integer division. If the divisor is 0, the
+        quotient is -1 and the remainder is the dividend.
+        """
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
         by = self.select(dtype, none, self._constant(dtype, 1), x[1])
