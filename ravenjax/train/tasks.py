@@ -1,8 +1,8 @@
-"""The operator's tasks: reach targets (also in levels), transfer an object, follow a line, or none.
+"""Defines the operator's tasks: reach targets (also in levels), transfer an object, follow a line.
 
-All positions are in world coordinates, m. A task lies around the middle of the tips' start
-positions. Tips in a frame are in frame 0 of their arm. Tasks do not affect the robot: pegs and
-objects stay in place, without contact.
+All positions are in world coordinates, m. A task is centred between the tips' start positions. A
+frame gives each tip in frame 0 of its arm. Tasks do not affect the robot: pegs and objects stay in
+place, without contact.
 """
 
 import itertools

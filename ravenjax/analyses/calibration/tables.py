@@ -1,5 +1,5 @@
 """Makes the tables and figures of a calibration: following errors of the robots, and the parameters
-before and after the log.
+before and after the fit.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,9 @@
 """Diagnostic coverage: the share of harmful faults that a check detects.
 
-IEC 61508-4 defines it as the rate of detected dangerous failures over that of all dangerous ones.
-Here a fault is dangerous if its run has an unintended motion. A fault that a check made harmless is
-not: only a run without that check, or in which it watches, shows what the fault would have done.
+IEC 61508-4 defines diagnostic coverage as the rate of detected dangerous failures divided by the
+rate of all dangerous failures. Here a fault is dangerous if its run has an unintended motion. If a
+check makes a fault harmless, the fault is not dangerous. Run without the check, or let the check
+only watch, to see what the fault would have done.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""Writes one HTML page on which a browser computes a campaign's robot, without a network."""
+"""Writes an HTML page with which a browser simulates a campaign's robot, without a network."""
 
 import base64
 import json

@@ -1,8 +1,8 @@
 """Calibrates a monitor on scores of operations: some operators determine the scale of each score,
 some the threshold, and some test the monitor.
 
-Operators are assigned to these three uses by their number and not by their scores. So additional
-operators do not change the use of earlier ones.
+The number of an operator decides the operator's use. So additional operators do not change how
+earlier ones are used.
 """
 
 import math

@@ -1,9 +1,9 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Only the first operation of each operator, result folder or log is tested. Its other operations
+The test uses only the first operation of each operator, result folder or log. Later operations
 share the operator's motion or the robot, so they are not independent of the first. Each term's
-score has a test of its own, and so has the joint score. Holm's adjustment keeps the level of
-all tests together.
+score is tested separately, and so is the joint score. Holm's method keeps the error rate of all
+tests together at the stated level.
 """
 
 import csv

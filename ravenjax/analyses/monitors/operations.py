@@ -1,10 +1,10 @@
 """Computes many fault-free operations and keeps only their scores. Each operator has a different
-motion, and each operation of an operator a different robot.
+motion, and each operation of an operator has a different robot.
 
-A detector's input in a fault-free run does not depend on a golden run, because the run is its own
-golden run. So each operation is computed once, without comparison, and only its row of outcomes is
-kept. Memory does not grow with the number of operations, and a GPU computes all robots of an
-operator side by side.
+A fault-free run equals its golden run, so a detector's input does not depend on a golden run. Each
+operation is therefore computed once, without a comparison, and only its row of outcomes is kept.
+Memory does not grow with the number of operations, and a GPU computes all robots of an operator
+side by side.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
-"""Searches of kind "rare": the probability of a rare event under the file's distributions, for each
-combination of its lists.
+"""Runs searches of kind "rare": estimates the probability of a rare event under the file's
+distributions, for each combination of its lists.
 
-Subset simulation and plain Monte Carlo run over the same cube. If plain Monte Carlo meets the event
-often enough, both must agree. Otherwise plain Monte Carlo gives an upper bound.
+Subset simulation and plain Monte Carlo sample the same unit cube. If plain Monte Carlo finds the
+event often enough, both methods must agree. Otherwise plain Monte Carlo gives an upper bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """

@@ -1,10 +1,10 @@
 """Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
 
-Every message of a browser is checked before it is forwarded: types, ranges, sizes, roles. Operators
-do not see hazards, and what blinding hides, nobody sees. As at a real console, an operator learns
-only of checks that raise an alarm or stop the robot (event "alarm").
+The hub checks every message from a browser before it forwards the message: types, ranges, sizes,
+roles. Operators do not see hazards, and nobody sees what blinding hides. At a real console, an
+operator learns only of checks that raise an alarm or stop the robot. Here these are events "alarm".
 
-Everything here runs in the server's event loop. A slow window gets the newest frame, no backlog.
+Everything here runs in the server's event loop. A slow window skips frames and gets the newest one.
 """
 
 import asyncio

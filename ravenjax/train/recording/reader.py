@@ -1,7 +1,7 @@
-"""Reads a session's recording from its folder, and its hazards, which it also summarises.
+"""Reads the recording of a session from its folder. Reads and summarises the session's hazards.
 
-Hazards come from hazards.csv. If the session was killed before it could write that table, they come
-from the rows of its recording.
+Hazards come from hazards.csv. If the session was killed before it wrote this table, they come from
+the rows of the recording.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The ITP server: receives a console's increments over UDP and sends the cue's force.
 
-It is polled once a tick and never waits. docs/how-to/training-messages.md describes the force
-packets.
+The realtime loop polls the server once a tick. The server never waits.
+docs/how-to/training-messages.md describes the force packets.
 """
 
 import contextlib

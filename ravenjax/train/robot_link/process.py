@@ -1,13 +1,13 @@
 """Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
 drive.
 
-Faults act in this process, where no console sees them. If a console falls silent, the robot's own
+Faults act in this process, so no console can see them. If a console stops sending, the robot's
 time-out of 5 s raises the pedal, as on the real robot.
 
-Increments that arrive within one millisecond are added up, as in the original, whose network thread
-adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
-because the gate has already applied the robot's rules for numbers. Unlike in a session, pedals
-alone decide which console drives.
+The sum of all increments that arrive within one millisecond is one packet for the robot; raven2's
+network thread sums them in the same way. This packet has a new number, because `itp` has already
+applied the robot's rules for packet numbers. Unlike in a session, only the pedals decide which
+console drives.
 """
 
 import contextlib
