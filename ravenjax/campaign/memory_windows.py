@@ -1,5 +1,5 @@
-"""Cuts rows into blocks, in windows whose golden runs fit in memory, and joins the results to
-parts.
+"""Divides rows into windows whose golden runs fit in memory, and windows into blocks. Joins the
+results into parts.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

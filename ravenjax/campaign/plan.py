@@ -1,6 +1,4 @@
-"""Turns a validated campaign into its fault table, the settings that select code, and arrays of
-inputs.
-"""
+"""Turns a validated campaign into a fault table, settings that select code, and input arrays."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Expands a campaign into its fault table: one row per run, every input of the run in columns.
+"""Expands a campaign into its fault table: one row per run, one column per input of a run.
 
 The expansion is deterministic. A group's draws depend only on the campaign's seed and on the
-group's name and design, not on other groups, on chunk size or on storage order. `run_id` hashes the
-content of the row and everything that is fixed for the campaign, so the same run has the same id in
-any row. All work is done by columns, because a campaign may have millions of runs.
+group's name and design, not on other groups, on chunk size or on storage order. `run_id` is a hash
+of the row's content and of all settings of the campaign, so equal runs have equal ids, in whatever
+row. All work is done by columns, because a campaign may have millions of runs.
 """
 
 import hashlib

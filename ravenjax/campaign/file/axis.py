@@ -1,6 +1,6 @@
-"""An axis of a campaign: one value, a list of values, or a distribution to draw from.
+"""Defines an axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may also be written `{ list = [..] }`. This states that its values are levels, not the
+A list may also be written `{ list = [..] }`. Then its values are levels of the design, and not the
 numbers of a vector.
 """
 

@@ -1,4 +1,4 @@
-"""The model of a whole campaign file: all sections, what follows from them, and what a robot may
+"""Defines the model of a whole campaign file: all sections, derived values, and what a robot may
 add.
 
 `loading` reads a file and `semantics` checks rules that involve several sections.

@@ -1,4 +1,4 @@
-"""Shows what a campaign would run, for `ravenjax check`: expanded and checked, but not computed."""
+"""Shows for `ravenjax check` what a campaign would run. It expands and checks the campaign only."""
 
 import itertools
 from collections.abc import Iterator

@@ -1,9 +1,9 @@
 """Verifies a result folder: checks its files, and computes a random sample of its runs again.
 
-A campaign is a function of its file, the seed, the code and the engine. So the fault table is
-expanded again and must have the ids of the folder. Runs computed again on the same engine, device,
-code and packages must be equal to the bit. On another engine numbers may differ, and the result
-states by how much. Runs are computed from their beginning, without fast-forward.
+A campaign's results follow from its file, its seed, the code and the engine. The fault table is
+therefore expanded again, and its ids must equal those in the folder. With the same engine, device,
+code and packages, the runs must be equal to the bit. On another engine numbers may differ, and the
+result states by how much. Runs are computed from their beginning, not from snapshots.
 """
 
 from collections.abc import Sequence
