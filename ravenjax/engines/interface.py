@@ -1,8 +1,8 @@
 """Defines the engine interface: an engine runs the tick of many robots.
 
-An engine advances *blocks*: some number of lanes, one robot per lane, over all ticks of a run. A
-lane's result depends only on its inputs, so it is the same in any block of any size, with any
-number of threads.
+An engine advances *blocks* over all ticks of a run. A block has some number of *lanes*, one robot
+per lane. A lane's result depends only on its inputs. It is the same in every block, with any number
+of threads.
 """
 
 from __future__ import annotations

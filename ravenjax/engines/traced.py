@@ -1,9 +1,8 @@
-"""Traces the tick of one robot for a program: its beginning, step and end as straight-line
-programs.
+"""Traces the tick of one robot into three straight-line programs: beginning, step and end.
 
-Tracing takes seconds of Python, so traces are cached with the code that was made from them. The
-cache in this process serves a campaign in several steps, or campaigns that need the same code. The
-cache on disk serves the next process, which then need not import JAX.
+Tracing takes seconds, so traces are cached together with the code that was made from them. The
+cache in memory serves later campaigns of this process that need the same code. The cache on disk
+serves other processes, which then need not import JAX.
 """
 
 import contextlib

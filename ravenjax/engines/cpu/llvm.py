@@ -1,10 +1,10 @@
 """Prints straight-line programs as LLVM IR: about one instruction per operation, `width` parallel
 lanes.
 
-`Place`s give the locations of numbers in memory. Every float operation is printed as it is. LLVM
-may neither fuse nor reassociate, so that all widths and CPUs give the same bits. The exception is
-WebAssembly, where `fma` rounds twice. A program that was lowered with functions of the C library
-calls them, one lane wide. They are the same functions of this process that Python's `math` calls.
+A `Place` gives the location of numbers in memory. Every float operation becomes one instruction
+that LLVM may neither fuse nor reassociate, so all widths and CPUs give the same bits. WebAssembly
+is the exception: there `fma` rounds twice. A program may be lowered with functions of the C
+library. It then calls them for one lane at a time; Python's `math` calls the same functions.
 """
 
 import struct

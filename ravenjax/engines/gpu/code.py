@@ -1,6 +1,7 @@
-"""A compiled time loop on one GPU: transfers numbers in both directions and runs chunk after chunk.
+"""Runs a compiled time loop on one GPU, one chunk of ticks after another, and transfers the
+numbers.
 
-While lanes run through a chunk, the rows of their groups for the next one are computed.
+While lanes run through one chunk, the GPU computes the rows of their groups for the next chunk.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
-"""Engines `xla` and `mjx`: the tick under `vmap`, its time loop a `lax.scan`, compiled by `jit`.
+"""Engines `xla` and `mjx`: run the tick under `vmap` in a `lax.scan` over time, compiled by `jit`.
 
-A kernel advances one block by one *segment* of ticks and is called again for the next segment. So
-one compiled function serves any duration, and its memory does not grow with it. The first segment
-makes the initial state, and each returns the outcomes so far.
+A kernel call advances one block by one *segment* of ticks. One compiled function therefore serves
+runs of any length, and its memory does not grow with the length. The first segment makes the
+initial state. Each segment returns the outcomes so far.
 
 On a CPU a block is small, and each core runs one. On accelerators one large block runs at a time,
 and `jit` divides its lanes among the devices.
