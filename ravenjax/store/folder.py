@@ -1,6 +1,6 @@
-"""A campaign's result folder: manifest.json and parts/.
+"""Manages a campaign's result folder: manifest.json and parts/.
 
-It is checked before any computing, and can be resumed after any interruption.
+The folder is checked before anything is computed. A campaign can be resumed after any interruption.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Stores later analyses of the runs of a result folder, such as explained runs, in Parquet files:
-a row per run.
-"""
+"""Stores later analyses of a result folder's runs, such as `ravenjax explain`, in Parquet files."""
 
 from pathlib import Path
 

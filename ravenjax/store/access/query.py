@@ -1,5 +1,4 @@
-"""Queries result tables that need not fit in memory: the parts of a folder as a read-only DuckDB
-relation.
+"""Queries a folder's result table, which need not fit in memory, as a read-only DuckDB relation.
 
 Every query reads from the view `results`, one row per run. Its columns are those of `schema`, and
 `row`, the number of the run. Data that exceeds the given memory is spilled to a temporary folder,
