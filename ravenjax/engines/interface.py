@@ -58,7 +58,7 @@ class Loop(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class TickProgram:
-    """What a campaign's kernel is compiled from. Every field affects the generated code."""
+    """The settings from which a campaign's kernel is compiled. Every field affects the code."""
 
     # Dotted name of the module that is the robot's `Loop`, because a program is sent between
     # processes.
@@ -229,7 +229,7 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the engine, as `--engine` takes it."""
+        """Name of the engine, for `--engine`."""
         ...
 
     @property

@@ -222,6 +222,6 @@ def lane_inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
 
 
 def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
-    """Return the lanes' ends, int32 [lanes], if each lane has its own; else nothing."""
+    """Return (the lanes' ends, int32 [lanes],) if lanes end at different ticks, else ()."""
     assert not program.ends or block.ends is not None
     return () if block.ends is None or not program.ends else (block.ends.astype(np.int32),)

@@ -44,8 +44,7 @@ class Arrivals(Protocol):
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
-
-        For a packet that arrives after the run's end, the tick is any one after that end.
+        For a packet after the run's end, any later tick is returned.
         """
         ...
 

@@ -253,7 +253,7 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a part aside without overwriting anything; return a sentence that says so.
+    """Move a part aside without overwriting anything. Return a sentence for the user.
 
     Raises StoreError if the disk refuses.
     """

@@ -588,7 +588,7 @@ class Judge:
         self.disarmed(tick)
 
     def lifted(self, tick: int, why: str) -> None:
-        """Take a pedal that comes up without the operator's foot. It is not a release."""
+        """Record that the pedal went up without the operator's foot. This is no release."""
         self._pedal = False
         if why != "silent" or not self._walked:
             self.interrupted(tick, why)

@@ -86,7 +86,9 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return (unknown, shift) where the fit moved it by UNLIKELY prior deviations or more."""
+        """Return (parameter, shift) of each parameter that moved by at least UNLIKELY prior
+        deviations.
+        """
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
@@ -98,7 +100,9 @@ class Calibration:
 
     @property
     def told(self) -> np.ndarray:
-        """Return the ratio of standard deviations after and before the log; 1: nothing learnt."""
+        """Return the posterior standard deviations divided by the prior ones; 1: the log told
+        nothing.
+        """
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:

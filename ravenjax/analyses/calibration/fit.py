@@ -125,8 +125,8 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def _weight(residual: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Return the weight of each residual [n, 7]. A joint's squares over its mean square, at least
-    FINEST, add up to its number of independent samples.
+    """Return the weight of each residual [n, 7]. With these weights, a joint's sum of squares is
+    about its number of independent samples. Its mean square is taken as FINEST or more.
     """
     count = there.sum(axis=0).clip(1)
     scale = np.sqrt((residual**2).sum(axis=0) / count)

@@ -88,7 +88,7 @@ class JointLog(NamedTuple):
 
 
 class LogOptions(ReplayOptions):
-    """How a log is read. Its options are those of the command line."""
+    """Options of the command line for reading a log."""
 
     def written(self, key: str, value: object) -> str:
         """Return how a user writes an option of the command `calibrate`."""
@@ -185,7 +185,9 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired and measured joints [n, 7]: home and NaN for a joint that lacks one."""
+    """Return desired and measured joints [n, 7]. Where one is missing, the desired joint is at home
+    and the measured one is NaN.
+    """
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
         motors, targets = _quantity(samples, "mpos"), _quantity(samples, "mpos_d")

@@ -69,7 +69,9 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot before the log; its delay is the usual one if it is estimated, else none."""
+    """Return a robot with prior parameters. It has the usual delay if the delay is estimated, else
+    none.
+    """
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 

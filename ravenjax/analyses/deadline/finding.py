@@ -115,9 +115,8 @@ class Actor(PlannedCampaign):
     def harmful(
         self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm comes although the action is taken, bool [lanes]; see `run`.
-
-        Harm is motion beyond the limit, also while the robot coasts to a stop.
+        """Return whether harm occurs despite the action, bool [lanes]; see `run`. Harm is motion
+        beyond the limit, also while the robot coasts to a stop.
         """
         if not len(at):
             return np.zeros(0, bool)

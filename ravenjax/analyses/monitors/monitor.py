@@ -86,7 +86,7 @@ class Monitor:
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value at which each term alarms, in its unit; [terms, segments]."""
+        """Return the value above which each term alarms, in its unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 

@@ -199,11 +199,9 @@ class OperationRunner:
         return score, looked_ms / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
-        """Return the kernel of a plan's program. It is reused from an earlier operator if the
-        program is equal, as for generated motions.
-
-        Each thread has its own kernel, which lets a GPU take more blocks at a time than one kernel
-        would.
+        """Return the kernel of a plan's program. An earlier operator's kernel is reused if its
+        program is equal, for example with generated motions. Each thread has a separate kernel, so
+        that a GPU can compute more blocks at a time.
         """
         kernels: list[tuple[TickProgram, Kernel]] = self._own.__dict__.setdefault("kernels", [])
         for program, kernel in kernels:

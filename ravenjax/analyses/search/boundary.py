@@ -88,7 +88,7 @@ class Brackets:
 
 
 def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
-    """Return the smallest number at which `asked` says yes, for every cell.
+    """Return the smallest number for which `asked` returns 1, for every cell.
 
     `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
     are tried first, evenly over the range.

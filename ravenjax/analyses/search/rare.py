@@ -96,7 +96,7 @@ def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
 
 
 def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
-    """Return how often plain Monte Carlo came at least that near to the event, or beyond it."""
+    """Return the share of plain Monte Carlo runs that came at least this near to the event."""
     valid = np.sort(sampled[sampled < FAR])
     if not len(valid):
         return {"value": [], "probability": []}

@@ -29,7 +29,7 @@ def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def describe_case(case: Mapping[str, Any]) -> str:
-    """Write a case in words."""
+    """Return a case in words."""
     parts = ((*short_axis_name(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")

@@ -176,7 +176,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return path -> value of each combination of crossed parameters, the last one fastest."""
+    """Return {path: value} of each combination of crossed parameters, the last one fastest."""
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [

@@ -289,7 +289,7 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
 
 
 def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
-    """Texts. known: the allowed texts; None: any."""
+    """Return the kind of axis whose values are texts. known: the allowed texts; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 

@@ -103,7 +103,7 @@ def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator
 
 
 def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
-    """Yield the tables of parameters that are used together with a table of crossed ones."""
+    """Yield the tables of parameters that apply together with a table of crossed parameters."""
     yield config.parameters
     for number, group in enumerate(config.group):
         if key[1:2] in ((), (number,)):
@@ -155,7 +155,9 @@ def paths_overlap(robot: Robot, path: str, other: str) -> bool:
     components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
-        """Return arm, numbers and component of a path; a part that it leaves out stands for all."""
+        """Return arm, numbers and component of a path. A path without one of these means all of
+        them.
+        """
         parts = path.split(".")
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]

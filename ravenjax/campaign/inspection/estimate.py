@@ -119,7 +119,7 @@ def measure_speed() -> float:
 
 
 def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
-    """Return the expected cost of `work` on an engine; speed: as from `measure_speed`."""
+    """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if engine == "cuda":
         compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S

@@ -124,9 +124,8 @@ def require_others(config: Mapping[str, Any]) -> None:
 def fault_free_campaigns(
     tables: Mapping[str, Any], seconds: int
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield name and configuration of the fault-free campaign of each further motion, endlessly.
-
-    tables: tables of the original campaign.
+    """Yield (name, tables) of fault-free campaigns without end, each with a new motion. tables:
+    tables of the original campaign.
     """
     # If a parameter has a distribution, the robots are drawn.
     runs = DRAWN * any(

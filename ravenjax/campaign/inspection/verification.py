@@ -196,9 +196,8 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 
 def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
-    """Return the errors of a rerun.
-
-    Any difference is an error if nothing else has changed. A difference of inputs is always one.
+    """Return the errors of a rerun. A difference of inputs is always an error. A difference of
+    outcomes is one if engine, device, code and packages are the same.
     """
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [

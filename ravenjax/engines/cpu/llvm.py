@@ -103,7 +103,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"call {result} @{name}({', '.join(map(' '.join, arguments))})")
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
-        """Return a value that is `yes` or `no`, by lane."""
+        """Return a value that is `yes` or `no` in each lane."""
         return self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, [yes, no])}")
 
     def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:

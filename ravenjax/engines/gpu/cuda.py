@@ -23,7 +23,7 @@ _TYPES = _TEXTS["types"]
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the body of one function. A place is a 32-bit word, as text of an lvalue."""
+    """Prints the body of one function. A place is the text of an lvalue for a 32-bit word."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()

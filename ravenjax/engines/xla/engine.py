@@ -82,7 +82,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
 
     segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
-    [length]. Both series are [length, series, lanes]. ends: as from `traced.own_ends`.
+    [length]. Both series are [length, series, lanes]. ends: value of `traced.own_ends`.
     """
     # The last segment extends beyond the run.
     overshoots = program.ticks % length != 0
@@ -186,7 +186,7 @@ class ScanKernel:
         return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
-        """Run as `run`, and return also every signal of the first lane, each leaf [ticks]."""
+        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         return self._run(block, motion, None)
 
     def _run(

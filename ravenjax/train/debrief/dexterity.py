@@ -73,7 +73,8 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
 
 
 def read_attempts(folder: Path) -> list[Json]:
-    """Return the sessions of the same person and scenario beside `folder`, up to its own.
+    """Return the sessions of the same person and scenario beside `folder`, up to the session in
+    `folder`.
 
     The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """

@@ -333,7 +333,9 @@ class Hub:
             self._announce_seat()
 
     def _drop_earlier(self, window: str) -> None:
-        """Drop the former connection of a window that comes back; it may have died unnoticed."""
+        """Drop the earlier connection of a window that connects again. It may have failed
+        unnoticed.
+        """
         for client in [known for known in self._clients if window and known.window == window]:
             self._part(client)
             closing = asyncio.create_task(

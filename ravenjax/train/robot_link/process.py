@@ -190,8 +190,8 @@ def run_robot(
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
-    options: their token is required in orders from other machines; None: these are refused. seed:
-    draws the scenario's hazards; None: its own. Raises UserError if a port cannot be opened.
+    options: orders from other machines need their token; None: such orders are refused. seed: draws
+    the scenario's hazards; None: the scenario's seed. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))

@@ -146,7 +146,7 @@ class ConsoleArbiter:
         self._unheard[console] = why
 
     def holds(self, console: str) -> bool:
-        """Whether a console's pedal is down, whether or not it counts."""
+        """Return whether a console's pedal is down, even if it does not count."""
         return self._foot.get(console, False)
 
     def why_not(self, console: str, tick: int) -> str:

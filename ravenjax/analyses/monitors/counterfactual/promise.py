@@ -53,7 +53,7 @@ RANDOM_SETS = 200
 
 
 class Margin(NamedTuple):
-    """The factor above its scales at which a set alarms."""
+    """The factor on its scales above which a set raises an alarm."""
 
     place: int  # index into MARGINS
     alarms: int  # runs of the calibration with an alarm

@@ -42,7 +42,7 @@ def axis_name(key: Key) -> str:
 
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
-    """Return (key, message) for what a campaign file may contain and a search file may not."""
+    """Return (key, message) for keys that a campaign file may contain and a search file may not."""
     if len(config.group) != 1:
         yield (
             ("group", 1),
