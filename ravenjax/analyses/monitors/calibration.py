@@ -79,7 +79,7 @@ def units_for(calibrating: int) -> int:
 def require_hours(hours: float) -> None:
     """Raise UserError if the hours are not a valid length of time."""
     if not math.isfinite(hours):
-        raise UserError(f"--hours {hours}: expected a number above 0, as 20")
+        raise UserError(f"--hours {hours}: expected a number above 0, such as 20")
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:

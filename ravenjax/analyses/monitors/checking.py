@@ -42,7 +42,7 @@ def check_exchangeability(
     one row per millisecond. Raises StoreError and UserError.
     """
     if not 0 < level < 1:
-        raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
+        raise UserError(f"--level {level:g}: expected a number between 0 and 1, such as 0.05")
     if not sources:
         raise UserError("there are no operations to test: give result folders or logs")
     monitor, record = writing.read_monitor(folder)

@@ -56,7 +56,7 @@ class Segments:
             return Segments(field or "?", tuple(map(float, edges.split(","))))
         except ValueError:
             raise ValueError(
-                f"segments {text!r}: expected a field and ascending numbers, as tick=1000,5000"
+                f"segments {text!r}: expected a field and ascending numbers, such as tick=1000,5000"
             ) from None
 
 

@@ -211,5 +211,5 @@ def quote_text(word: str) -> str:
 def _memory_mb() -> int:
     megabytes = os.environ.get("RAVENJAX_QUERY_MB", "")
     if megabytes and not (megabytes.isdecimal() and int(megabytes)):
-        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, as 4000")
+        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, such as 4000")
     return int(megabytes) if megabytes else MEMORY_MB

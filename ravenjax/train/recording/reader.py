@@ -133,7 +133,7 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
     if path.is_dir():
         if (file := find_recording(path)) is None:
             raise StoreError(
-                f"{path} has no {session_log.FILE}; give the folder of a session that was recorded"
+                f"{path} has no {session_log.FILE}; give the folder of a recorded session"
             )
         path = file
 

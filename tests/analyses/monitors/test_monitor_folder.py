@@ -272,7 +272,7 @@ BAD_OPTIONS = {
     ),
     "segments": (
         ["--segments", "tick=5,3"],
-        "expected a field and ascending numbers, as tick=1000,5000",
+        "expected a field and ascending numbers, such as tick=1000,5000",
     ),
     "hours": (["--hours", "0.001"], r"--hours \d+ or more, or --robots 1 --hours"),
     "motion": (
