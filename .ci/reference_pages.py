@@ -483,6 +483,7 @@ def _columns() -> Iterator[str]:
         cables=True,
         contact=True,
         detectors=(1,),
+        harms=("<name>",),
         observes=True,
     )
     yield "# Result columns"

@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import os
+import shutil
 import sys
 import time
 import types
@@ -110,6 +111,7 @@ def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
     module = Path(__file__).parent / "robots" / "planar_arm.py"
     arm = tmp_path / "beside_arm.py"
     arm.write_text("import beside_gains\n" + module.read_text())
+    shutil.copy(module.with_suffix(".xml"), tmp_path / "beside_arm.xml")
     (tmp_path / "beside_gains.py").write_text("import beside_nothing")
     (tmp_path / "beside_strange.py").touch()
     campaign = tmp_path / "own.toml"
@@ -125,7 +127,7 @@ def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
             loading.load_campaign(campaign)
         (tmp_path / "beside_gains.py").write_text("KP = (")
     (tmp_path / "beside_gains.py").write_text("KP = 1")
-    assert loading.load_campaign(campaign).robot.title == "planar arm"
+    assert loading.load_campaign(campaign).robot.title == "beside_arm.xml"
     assert importlib.util.find_spec("beside_strange") is None
 
 

@@ -28,6 +28,7 @@ from ravenjax.analyses.search.file import config as searches
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.campaign.loading import tables_of
+from ravenjax.robots import find_robot
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.train.scenario import loading as scenarios
 
@@ -108,12 +109,16 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
         schema, load = searches.json_schema_of(ROBOT), search_loading.from_dict
     else:
         schema, load = (
-            (campaigns.campaign_schema(ROBOT), loading.from_dict)
+            (campaigns.campaign_schema(robot_of(raw)), loading.from_dict)
             if "campaign" in raw
             else (scenarios.json_schema(), scenario.from_dict)
         )
     jsonschema.Draft202012Validator(schema).validate(raw)
     load(raw)
+
+
+def robot_of(raw):
+    return find_robot(raw["campaign"].get("robot", "raven2"), Path.cwd())
 
 
 def in_the_browser(line):

@@ -20,13 +20,15 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 os.environ["RAVENJAX_CACHE"] = "off"  # a cached kernel would not be generated
 
 import pandas as pd
 
 import ravenjax as rj
-from ravenjax.engines.cpu import code, jit
+from ravenjax.engines.cpu import engine, jit
+from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.ir.time_loop import split_lanes
 
@@ -41,19 +43,19 @@ campaigns.
 def fingerprint(name: str) -> dict[str, Any]:
     """Return hashes of the kernels and of the result table of one bundled campaign."""
     llvm_ir, cuda_c = set(), set()
-    compile_loop = code.VectorCode.__init__
 
-    def compile_and_hash(self, loop, shared, grouped, *rest):
-        compile_loop(self, loop, shared, grouped, *rest)
-        llvm_ir.add(sha256(self.kernel.text))
+    def split_and_hash(loop, shared, grouped):
         parts = split_lanes(loop, shared, grouped)
         cuda_c.add(sha256(print_loop(parts, Form(), grouped).text))
+        return parts
 
-    code.VectorCode.__init__ = compile_and_hash
-    try:
+    def print_and_hash(*arguments):
+        kernel = print_kernel(*arguments)
+        llvm_ir.add(sha256(kernel.text))
+        return kernel
+
+    with mock.patch.multiple(engine, split_lanes=split_and_hash, print_kernel=print_and_hash):
         table = rj.run(load(name), engine="simd")
-    finally:
-        code.VectorCode.__init__ = compile_loop
     return {
         "runs": len(table),
         "llvm": sorted(llvm_ir),

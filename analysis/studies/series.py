@@ -23,8 +23,10 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
+from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
+from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers.lazy import jax
 from ravenjax.store import folder as results
 from ravenjax.store import manifest
@@ -141,7 +143,8 @@ class _Code:
             loop, step=dataclasses.replace(loop.step, outputs=(*states, *picked))
         )
         shared, objects = len(self.program.varied), compile_cache.object_cache()
-        self._code = VectorCode(loop, shared, not shared, self.width, objects)
+        parts, features = split_lanes(loop, shared, not shared), jit.host_target().features
+        self._code = VectorCode(print_kernel(parts, self.width, features), objects)
 
     def _states(self, ready: Plan, dtypes: dict[int, np.dtype]) -> Any:
         """Return the state of a tick, each number replaced by the index of its output, and note its
@@ -166,7 +169,7 @@ class _Code:
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.lane_inputs(self.program, self._block(ready, rows))
         # Only outcomes, which are unused here, read a golden run.
-        lanes = () if self._code.grouped else (self.width,)
+        lanes = (self.width,) if self.program.varied else ()
         golden = np.zeros((1, self._series, *lanes), real)
         out = np.zeros((ticks, self._code.kernel.outputs, self.width), real)
         course = LaneCourse(np.zeros(1, int), np.full(self.width, ticks))

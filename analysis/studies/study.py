@@ -180,6 +180,8 @@ def read_variants(study: str) -> tuple[Variant, ...]:
                 for text in (row["name"], row.get("question", ""), *row.get("overrides", ()), *more)
             )
             campaign = row.get("campaign", content["campaign"])
+            if row in recorded:
+                campaign = hands.get("campaign", campaign)
             if name not in hands["leave_out"]:
                 variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)

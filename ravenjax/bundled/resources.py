@@ -29,6 +29,24 @@ def read_tables(module: str, name: str) -> dict[str, Any]:
     return tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
 
 
+def render_rows(template: Path, **values: Any) -> list[tuple[str, str]]:
+    """Return (name, text) of each line `name | text` that a template of Jinja gives."""
+    # Imported here because few processes describe anything.
+    import jinja2
+
+    text = jinja2.Template(
+        template.read_text(encoding="utf-8"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    ).render(values)
+    return [
+        (name, content)
+        for name, bar, content in (line.partition(" | ") for line in text.splitlines())
+        if bar
+    ]
+
+
 def find_model(name: str | Path) -> Path:
     """Return the path of a file of models/."""
     return find_resource("models", name)

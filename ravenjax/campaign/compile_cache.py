@@ -103,7 +103,7 @@ def _size_mb() -> int:
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
     """Return the engine of that name, using this cache for traces and compiled code.
 
-    ticks: as in `selection.select_engine`. Raises UserError.
+    ticks: see `selection.select_engine`. Raises UserError.
     """
     enable_cache()
     return selection.select_engine(name, precision, object_cache(), ticks)

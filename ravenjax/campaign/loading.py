@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax import consent
+from ravenjax import consent, robots
 from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
@@ -97,6 +97,8 @@ def from_record(
         robot = robot_of(raw, source and source.parent)
     except UserError as error:
         raise where.error([(("campaign", "robot"), str(error))]) from None
+    if robot.name.endswith(robots.MJCF):
+        raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
     try:
         config = config_class_of(robot).model_validate(raw)
     except ValidationError as error:

@@ -14,12 +14,13 @@ import pandas as pd
 from ravenjax.campaign.faults import design, span, table
 from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers import paths
 from ravenjax.store.motion.summary import list_names
 from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
-from ravenjax.vocabulary.sites import PARAMETER
+from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 MOST_COMPARED = 2**20
 """Equal runs are looked for among at most so many runs. Among more, that takes seconds."""
@@ -32,21 +33,32 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
     declared = [f"{location.format_key(key)}: {message}" for key, message in of_config(plan.config)]
     if plan.operator is not None:
         declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
-    return (*declared, *_of_parameters(plan), *_of_faults(plan), *_of_copies(plan))
+    of_runs = plan.config.notices_of_runs(plan)
+    declared += [
+        f"{key}: {words}: {_counted(plan, which)}" for key, which, words in of_runs if which.any()
+    ]
+    return (
+        *declared,
+        *_of_parameters(plan),
+        *_of_pedal(plan),
+        *_of_faults(plan),
+        *_of_copies(plan),
+    )
 
 
 def of_config(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of what the sections of a file declare without effect."""
     yield from config.notices()
     least, largest = config.distances_mm
-    for key, lowest in (
-        (("haptics", "threshold_mm"), least),
-        (("outcomes", "limit_mm"), least),
-        (("outcomes", "jump_step_mm"), 0.0),
-        (("outcomes", "large_jump_mm"), 0.0),
+    of_tip = [(n, d.threshold) for n, d in enumerate(config.detector) if d.kind == "tip_error"]
+    for key, values, lowest in (
+        (("haptics", "threshold_mm"), config.haptics.threshold_mm, least),
+        (("outcomes", "limit_mm"), config.outcomes.limit_mm, least),
+        (("outcomes", "jump_step_mm"), config.outcomes.jump_step_mm, 0.0),
+        (("outcomes", "large_jump_mm"), config.outcomes.large_jump_mm, 0.0),
+        *((("detector", number, "threshold"), values, least) for number, values in of_tip),
     ):
-        section, name = key
-        for value in np.ravel(getattr(getattr(config, section), name)):
+        for value in np.ravel(values):
             if value >= largest:
                 yield (
                     key,
@@ -66,6 +78,13 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
                 yield (kind, number, "threshold"), "0 is exceeded by any score: it is always on"
             if len(np.unique(thresholds)) < len(thresholds):
                 yield (kind, number, "threshold"), "has a number twice: both alarm alike"
+            alike = [part.model_copy(update={"name": other.name}) == other for other in parts]
+            if (first := alike.index(True)) < number:
+                yield (kind, number), f"is the same as {kind}[{first}] but for its name"
+    for number, one in enumerate(config.harm):
+        if one.counts != "watch":
+            beside = "also means" if config.limit_counts else "means"
+            yield ("harm", number), f"unintended motion {beside} {one.name!r}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:
@@ -77,15 +96,27 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
             )
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
         yield ("campaign", "limit"), f"{limit} is no limit: the campaign has no more runs"
-    if config.stop is not None and config.stop.looks == (1.0,):
-        yield ("stop", "looks"), "the only look comes at the end, so it ends nothing early"
+    if config.stop is not None:
+        if config.stop.looks == (1.0,):
+            yield ("stop", "looks"), "the only look comes at the end, so it ends nothing early"
+        if config.stop.allocation == "neyman" and sum(bool(g.fault) for g in config.group) == 1:
+            yield ("stop", "allocation"), "one group has faults: there is nothing to allocate"
+    if config.campaign.seed and not any(_draws(config, group) for group in config.group):
+        yield ("campaign", "seed"), "nothing in the campaign is drawn, so no outcome depends on it"
+    for path in config.parameters:
+        if all(
+            path in group.parameters
+            or (group.run and all(path in run.parameters for run in group.run))
+            for group in config.group
+        ):
+            yield ("parameters", path), "no run has this value, because every group sets its own"
     robot = config.robot
     for g, group in enumerate(config.group):
         for f, fault in enumerate(() if group.run else group.fault):
             if fault.wraps and not any(semantics.find_unfit_values(config, group, fault, False)):
                 yield (
                     ("group", g, "fault", f, "wraps"),
-                    "no value is beyond the 16 bits of its number, so nothing wraps",
+                    "no value is beyond the 16 bits of its number, so the key permits nothing",
                 )
         if config.campaign.noise and semantics.is_silent(config, group):
             yield (
@@ -99,6 +130,17 @@ def of_config(config: CampaignConfig) -> Iterator[Complaint]:
                     (*key, path),
                     "nothing reads it while campaign.noise is off; set campaign.noise = true",
                 )
+
+
+def _draws(config: CampaignConfig, group: Group) -> bool:
+    """Return whether the campaign's seed decides anything in a group."""
+    tables = [dict(fault.axes()) for fault in group.fault] + [config.parameters, group.parameters]
+    return (
+        config.stop is not None
+        or group.design in SAMPLED
+        or semantics.random_in_itself(config, group)
+        or any(axis.drawn for axes in tables for axis in axes.values())
+    )
 
 
 def _of_parameters(plan: Plan) -> Iterator[str]:
@@ -126,6 +168,17 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         yield "campaign.observe_ms: ends no run before campaign.duration_s"
 
 
+def _of_pedal(plan: Plan) -> Iterator[str]:
+    clocks = plan.any_clocks
+    if clocks is not None and not clocks.moved.any():
+        never = clocks.first_down(plan.program.ticks) >= plan.program.ticks
+        if never.any():
+            yield (
+                "campaign.duration_s: the run ends before the robot is in pedal-down, so no"
+                f" instrument follows the operator: {_counted(plan, never)}"
+            )
+
+
 def _of_faults(plan: Plan) -> Iterator[str]:
     if not plan.faults["code"].any():
         return
@@ -139,8 +192,8 @@ def _of_faults(plan: Plan) -> Iterator[str]:
     lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
     beyond = np.where(lasts, np.clip(start + length - ticks, 0, length), 0)
     worst = np.unravel_index(np.argmax(beyond / np.maximum(length, 1)), beyond.shape)
-    targets = table.injection_targets(plan.program.setup.injection)
-    unread = np.array([False, *(plan.config.robot.sites[site].unread for site, *_ in targets)])
+    unread = [plan.config.robot.sites[site].unread for site, _ in _channels(plan)]
+    unread = np.array([False, *unread])
     columns = [values for name, values in faults.items() if name != "key"]
     twice, drawn = np.zeros_like(there), [EFFECT_CODES[name] for name in RANDOM]
     for slot in range(1, there.shape[1]):
@@ -149,9 +202,10 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         twice[:, slot] = fixed & np.logical_and.reduce(same).any(axis=1)
     early, down = np.zeros_like(there), ticks
     if clocks is not None:
-        first = np.array([min((*phases.begins, ticks)) for phases in clocks.phases])[clocks.kind]
+        first = clocks.first_down(ticks)
         moved = clocks.moved[faults["code"]].any(axis=1, keepdims=True)
-        early, down = opens & (closes <= first[:, None]) & ~moved, first.min()
+        ahead = (closes <= first[:, None]) & (first < ticks)[:, None]
+        early, down = opens & ahead & ~moved, first.min()
     for key, which, words in (
         *_beyond_range(plan),
         ("start_ms", there & ~opens, "the window does not open before the run's end"),
@@ -175,22 +229,17 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         ("site", unread[faults["code"]], "nothing in the robot reads it"),
         ("site", twice, "is the same fault as another one of the run"),
     ):
-        yield from _grouped(plan, key, which, words)
+        for slot in np.flatnonzero(which.any(axis=0)):
+            yield f"fault[{slot}].{key}: {words}: {_counted(plan, which[:, slot])}"
 
 
 def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
     """Yield (key, faults [runs, slots], notice) where faults take a parameter out of its range."""
-    faults, robot, program = plan.faults, plan.config.robot, plan.program
     value, length = _values_and_lengths(plan)
-    targets = table.injection_targets(program.setup.injection)
-    for code, (site, _, name) in enumerate(targets, start=1):
-        if site != PARAMETER or (limits := robot.sites[site].channel(name).field) is None:
+    x = _usual(plan)
+    for code, (site, channel) in enumerate(_channels(plan), start=1):
+        if site != PARAMETER or (limits := channel.field) is None:
             continue
-        x = next(
-            (v for path, v in plan.varied.items() if bounds.paths_overlap(robot, path, name)),
-            *paths.named_numbers(program.params, program.setup, name).values(),
-        )
-        x = np.reshape(x, (-1, 1)).astype(np.float64)
         reached = {
             "offset": x + value,
             "latch_offset": x + value,
@@ -200,43 +249,61 @@ def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
             "random": np.where(-abs(value) < limits.low, -abs(value), abs(value)),
             "toggle": 0.0 * value,
         }
-        number = np.where(faults["code"] == code, _by_effect(plan, reached, x), limits.low)
+        number = np.where(plan.faults["code"] == code, _by_effect(plan, reached, x), limits.low)
         outside = np.maximum(limits.low - number, number - limits.high)
         worst = number.flat[outside.argmax()]
         yield (
             "value",
             outside > 0,
-            f"{name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}",
+            f"{channel.name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}",
         )
 
 
 def _idle(plan: Plan) -> np.ndarray:
     # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
-    faults, robot = plan.faults, plan.config.robot
-    channels = [
-        robot.sites[site].channel(name)
-        for site, _, name in table.injection_targets(plan.program.setup.injection)
-    ]
     value, length = _values_and_lengths(plan)
-    known = [np.nan if channel.usual is None else channel.usual for channel in channels]
-    usual = np.array([np.nan, *known])[faults["code"]]
-    least = [float(channel.kind not in ("float", "bool")) for channel in channels]
-    least = np.array([0.0, *least])[faults["code"]]
-    small = (abs(value) < least) | (value == 0)
+    usual = _usual(plan)
+    least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
+    least = np.array([0.0, *least])[plan.faults["code"]]
+
+    def small(change: np.ndarray) -> np.ndarray:
+        # A parameter is stored in single precision.
+        same = np.float32(usual + change) == np.float32(usual)
+        return (abs(change) < least) | (change == 0) | same
+
     idle = {
-        "overwrite": value == usual,
-        "offset": small,
-        "latch_offset": small & (usual == usual),
-        "scale": (value == 1) | (usual == 0),
-        "drift": (abs(value) * length < least) | (value == 0),
+        "overwrite": np.float32(value) == np.float32(usual),
+        "offset": small(value),
+        "latch_offset": small(value) & (usual == usual),
+        "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
+        "drift": small(value * length),
         "stuck": usual == usual,
         # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
-        "periodic": small | (faults["period"] <= 2),
-        "random": small & (usual == 0),
+        "periodic": small(value) | (plan.faults["period"] <= 2),
+        "random": (value == 0) & (usual == 0),
         "toggle": (value == 0) & (usual == 0),
         "lose": value == 0,
     }
     return _by_effect(plan, idle, False)
+
+
+def _channels(plan: Plan) -> list[tuple[str, Channel]]:
+    """Return (site, channel) of everything that faults act on; a fault's code is the place, from
+    1.
+    """
+    targets = table.injection_targets(plan.program.setup.injection)
+    return [(site, plan.config.robot.sites[site].channel(name)) for site, _, name in targets]
+
+
+def _usual(plan: Plan) -> np.ndarray:
+    """Return the number on which each fault acts, [runs, slots]; NaN where it is not known."""
+    usual = np.full(plan.faults["code"].shape, np.nan)
+    for code, (site, channel) in enumerate(_channels(plan), start=1):
+        number = np.nan if channel.usual is None else channel.usual
+        if site == PARAMETER:
+            number = plan.numbers(channel.name)[:, None]
+        usual = np.where(plan.faults["code"] == code, number, usual)
+    return usual
 
 
 def _values_and_lengths(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -251,15 +318,14 @@ def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.n
     return np.select(effects, list(results.values()), default)
 
 
-def _grouped(plan: Plan, key: str, which: np.ndarray, words: str) -> Iterator[str]:
-    """Yield the notice of the faults that `which` marks, bool [runs, slots], by slot."""
+def _counted(plan: Plan, which: np.ndarray) -> str:
+    """Return the number of runs that `which` marks in each group, bool [runs]."""
     groups = plan.rows["group"].cat
-    sizes = np.bincount(groups.codes)
-    for slot in np.flatnonzero(which.any(axis=0)):
-        counts = np.bincount(groups.codes[which[:, slot]])
-        hit = np.flatnonzero(counts)
-        named = (f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in hit)
-        yield f"fault[{slot}].{key}: {words}: {list_names(named, NAMED)}"
+    sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
+    named = (
+        f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in np.flatnonzero(counts)
+    )
+    return list_names(named, NAMED)
 
 
 def find_copies(plan: Plan) -> np.ndarray:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, run_id, span, table
+from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
@@ -84,6 +85,14 @@ class Plan:
         """When packets arrive and the pedal is down; None if the robot does not provide it."""
         find = getattr(self.config.robot.part("campaign"), "clocks", None)
         return find and find(self.program, self.columns, self.varied, self.runs)
+
+    def numbers(self, path: str) -> np.ndarray:
+        """Return a parameter's value in each run, [runs]. path: the full path of one number."""
+        for varied, values in self.varied.items():
+            if bounds.paths_overlap(self.config.robot, varied, path):
+                return values
+        usual = paths.named_numbers(self.program.params, self.program.setup, path)
+        return np.full(self.runs, usual[path])
 
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False

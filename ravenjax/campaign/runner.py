@@ -188,6 +188,7 @@ def shape_of(plan: Plan) -> schema.Shape:
         cables=plan.config.watches_cables,
         contact=plan.config.touches,
         detectors=tuple(use.thresholds for use in setup.detectors),
+        harms=tuple(one.name for one in setup.harms),
         observes=plan.program.ends,
         own_checks=plan.config.own_checks,
         stops=plan.config.stops,

@@ -182,7 +182,7 @@ def fault_free(
 
     Robot, cues and detectors are the same; the operator's motion has other seeds. Each motion
     is a result folder in FOLDER/fault_free, which the report of FOLDER includes. Existing hours
-    count, and an interrupted command continues. Exit codes as of `run`.
+    count, and an interrupted command continues. `run` has the same exit codes.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _summary(folder: Path, results: Results) -> None:
     if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
         console.print_table("Runs with a fault", columns, rows)
-        evading = terminal.count_evading(counted, record.limit_mm)
+        evading = terminal.count_evading(counted, record.limit_mm, bool(record.rules.harms))
         console.print_text(evading)
     if record.done and (idle := sum(results.verdicts(acted=False).values())):
         console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")
@@ -264,7 +264,7 @@ def search(
     """Search for the smallest harmful fault, the deciding inputs, or the probability of a rare
     event.
 
-    Finished runs are always kept, and the same command continues. Exit codes as of `run`.
+    Finished runs are always kept, and the same command continues. `run` has the same exit codes.
 
     Parameters
     ----------

@@ -110,8 +110,10 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
     return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
-def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
-    """Return how many runs evade, and how many of these have a cue. runs: counts by verdict."""
+def count_evading(runs: Mapping[str, int], limit_mm: float, own: bool = False) -> str:
+    """Return how many runs evade, and how many of these have a cue. runs: counts by verdict. own:
+    the campaign has harms of its own that count.
+    """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     motion = verdict.HAZARDS[0]
     cues = [
@@ -120,4 +122,4 @@ def count_evading(runs: Mapping[str, int], limit_mm: float) -> str:
     ]
     harmful = sum(count for (_, hazard, _), count in valid.items() if hazard == motion)
     content = {"valid": sum(valid.values()), "harmful": harmful, "cues": cues}
-    return render_template("evading.j2", limit_mm=limit_mm, **content)
+    return render_template("evading.j2", limit_mm=limit_mm, own=own, **content)

@@ -242,7 +242,7 @@ def play(
     from ravenjax.train.robot_link import player
 
     address = player.parse_host_port(to)
-    recorded = packet_file.time_packets(packets, packet_file.read_packets(packets), console_profile)
+    recorded, _ = packet_file.time_packets(packets, console_profile)
     for note in recorded.notes:
         console.print_text(note)
     played = player.play_packets(recorded.datagrams, recorded.time, address, console.print_text)

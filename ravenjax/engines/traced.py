@@ -169,7 +169,7 @@ def trace_function(
     """Return the program of a function with arguments of these shapes, and the shapes of its
     results.
 
-    functions: as for `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
+    functions: see `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
     """
     with leaks_refused():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)

@@ -85,6 +85,10 @@ class Clocks:
     # the robot
     moved: np.ndarray
 
+    def first_down(self, ticks: int) -> np.ndarray:
+        """Return the tick in which the pedal is first down in each run; `ticks`: in none."""
+        return np.array([min((*phases.begins, ticks)) for phases in self.phases])[self.kind]
+
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after the last window; 0: none opens. For packet triggers."""
         if self.arrivals is None:

@@ -17,6 +17,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
@@ -26,27 +27,12 @@ from ravenjax.vocabulary.effects import EFFECTS
 
 KEY = "hazards"
 ALL = "all"
-OVERRIDES = {
-    "arm": (
-        "arm with the fault, or a list of arms, each in turn. Left out with both arms: that of the"
-        " source; both in one run if the source names both; else each in turn"
-    ),
-    "value": "in place of the library's, for hazards of one channel",
-    "start_ms": "in place of the library's onsets",
-    "duration_ms": "in place of the library's lengths of the window",
-}
-"""Keys of a fault that such a group may set for all its hazards."""
-PASSED_ON = {"repeats": "each run so many times", "parameters": "as in any group"}
-"""Keys of a group that each plain group inherits."""
-KEYS = {
-    "name": (
-        "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green if each arm has"
-        " groups of its own"
-    ),
-    KEY: 'ids (C09) and layers (L7) of the library, or "all": every hazard that can be run',
-    **OVERRIDES,
-    **PASSED_ON,
-}
+_TABLES = resources.read_tables(__file__, "expansion.toml")
+OVERRIDES, PASSED_ON = _TABLES["overrides"], _TABLES["passed_on"]
+"""Keys of a fault that such a group may set for all its hazards, and keys that plain groups
+inherit, with their meanings.
+"""
+KEYS: dict[str, str] = _TABLES["keys"] | OVERRIDES | PASSED_ON
 """Keys that a group with hazards may have."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
 """Keys whose values are combined if several channels are faulty together."""

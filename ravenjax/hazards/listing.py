@@ -1,8 +1,10 @@
 """Describes hazards in words: rows of a list, and the full description of one hazard."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard, Struck
 from ravenjax.robots.raven2.declaration import SITES
@@ -63,39 +65,14 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
 
     Raises UserError for an unknown id.
     """
-    row = library.find_hazard(name)
-
-    def explain(kind: str, words: Sequence[str]) -> str:
-        meanings = library.library_terms()[kind]
-        return "; ".join(f"{word}: {meanings[word]}" for word in words)
-
-    lines = {
-        "id": row.id,
-        "title": row.title,
-        "layer": f"{row.layer}: {library.library_layers()[row.layer]}",
-        "target": row.target,
-        "arm": row.arm or "",
-        "hazard": explain("hazards", row.hazards),
-        "unsafe control action": explain("unsafe_control_actions", row.unsafe_control_actions),
-        "kind": row.kind,
-        "values": row.values,
-        "when": row.when,
-        "expected": row.expected,
-        "outcome class": explain("classes", row.expected_class),
-        "effect on the robot": f"{row.activated} of {row.injected} injections"
-        if row.injected
-        else "",
-        "clinical impact": row.impact,
-        "training scenario": ", ".join(row.scenarios),
-        "source": row.source,
-        "note": row.note,
-        "departs from the published": row.departure,
-        "not run": row.documented_only,
-    }
-    for case in row.case:
-        design = f"{case.design}, {case.runs} runs: " if case.runs else ""
-        lines[f"run {case.name}".strip()] = design + "; ".join(map(_struck, case.fault))
-    return [(heading, text) for heading, text in lines.items() if text]
+    rows = resources.render_rows(
+        Path(__file__).with_suffix(".j2"),
+        row=library.find_hazard(name),
+        terms=library.library_terms(),
+        layers=library.library_layers(),
+        struck=_struck,
+    )
+    return [row for row in rows if row[1]]
 
 
 def _struck(struck: Struck) -> str:

@@ -13,8 +13,7 @@ compared with the exact value (ulp: of a float32 near the result):
 
 sin, cos and tan of infinities are NaN. NaN gives NaN everywhere.
 
-Coefficients: weighted least squares driven to equal ripple (Lawson's iteration), rounded to
-float32.
+The coefficients are in polynomials.toml.
 """
 
 import dataclasses
@@ -24,8 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
+
 Number = Any
 
+_COEFFICIENTS = resources.read_tables(__file__, "polynomials.toml")
 _LEAST = float(np.finfo(np.float32).smallest_subnormal)
 _TINY = float(np.finfo(np.float32).tiny)
 _SIGN = -(2**31)
@@ -66,10 +68,11 @@ class Arithmetic:
         """Return operation `name` of an int32 and a constant int32."""
         return self.emit(name, "int32", a, self.constant("int32", b))
 
-    def polynomial(self, x: Number, *coefficients: float) -> Number:
-        """Evaluate a polynomial by Horner's rule, with the highest power's coefficient last."""
-        result = self.number(coefficients[-1])
-        for coefficient in reversed(coefficients[:-1]):
+    def polynomial(self, name: str, x: Number) -> Number:
+        """Evaluate a polynomial of polynomials.toml by Horner's rule."""
+        *coefficients, last = _COEFFICIENTS[name]
+        result = self.number(last)
+        for coefficient in reversed(coefficients):
             result = self.fma(result, x, coefficient)
         return result
 
@@ -100,30 +103,13 @@ def _flipped(m: Arithmetic, x: Number, sign: Number) -> Number:
 def sin(m: Arithmetic, x: Number) -> Number:
     """Return the sine of an angle in rad."""
     rest, square, sign = _half_turns(m, x)
-    slope = m.polynomial(
-        square,
-        1.0,
-        -1.666665708889e-01,
-        8.333017103591e-03,
-        -1.980660152300e-04,
-        2.600024322121e-06,
-    )
-    return _flipped(m, m.mul(rest, slope), sign)
+    return _flipped(m, m.mul(rest, m.polynomial("sin", square)), sign)
 
 
 def cos(m: Arithmetic, x: Number) -> Number:
     """Return the cosine of an angle in rad."""
     _, square, sign = _half_turns(m, x)
-    value = m.polynomial(
-        square,
-        1.0,
-        -4.999999954911e-01,
-        4.166664070744e-02,
-        -1.388840321954e-03,
-        2.476187057353e-05,
-        -2.607681561689e-07,
-    )
-    return _flipped(m, value, sign)
+    return _flipped(m, m.polynomial("cos", square), sign)
 
 
 def tan(m: Arithmetic, x: Number) -> Number:
@@ -132,17 +118,6 @@ def tan(m: Arithmetic, x: Number) -> Number:
 
 
 # --- inverse functions
-
-_ATAN = (
-    -0.333331527355,
-    0.199937728193,
-    -0.142110551659,
-    0.106660040166,
-    -0.075522127966,
-    0.043211841348,
-    -0.016367914887,
-    0.00292068867,
-)
 
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
@@ -154,7 +129,7 @@ def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     same = m.emit("eq", "bool", smaller, larger)
     ratio = m.select(same, 1.0, m.div(smaller, larger))  # infinity divided by infinity gives 1
     square = m.mul(ratio, ratio)
-    arc = m.fma(m.mul(ratio, square), m.polynomial(square, *_ATAN), ratio)
+    arc = m.fma(m.mul(ratio, square), m.polynomial("atan", square), ratio)
     arc = m.select(steep, m.sub(math.pi / 2, arc), arc)
     negative = m.emit("lt", "bool", m.bits(x), m.constant("int32", 0))
     arc = m.select(negative, m.sub(math.pi, arc), arc)
@@ -198,16 +173,7 @@ def exp(m: Arithmetic, x: Number) -> Number:
     x = m.max(-105.0, m.min(89.0, x))  # beyond these the result is 0 or infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
-    value = m.polynomial(
-        rest,
-        1.0,
-        1.0,
-        0.50000000957,
-        0.166665183054,
-        0.041666204137,
-        0.008368953592,
-        0.001395060243,
-    )
+    value = m.polynomial("exp", rest)
     power = m.emit("truncate", "int32", whole)
     # Two factors, because 2^-150 and 2^128 are not float32 numbers.
     half = m.integer("sar", power, 1)
@@ -226,17 +192,7 @@ def log(m: Arithmetic, x: Number) -> Number:
     power = m.add(m.emit("convert", "float32", exponent), m.select(subnormal, -23.0, 0.0))
     rest = m.sub(m.from_bits(mantissa), 1.0)
     square = m.mul(rest, rest)
-    tail = m.polynomial(
-        rest,
-        0.333333317058,
-        -0.250008211647,
-        0.200012271043,
-        -0.166233535315,
-        0.142017510162,
-        -0.131602090848,
-        0.127616331154,
-        -0.076344992089,
-    )
+    tail = m.polynomial("log", rest)
     tail = m.fma(power, _LN2_LOW, m.mul(m.mul(rest, square), tail))
     value = m.fma(power, _LN2_HIGH, m.add(rest, m.fma(square, -0.5, tail)))
     value = m.select(m.less(x, math.inf), value, x)  # infinity and NaN

@@ -166,6 +166,13 @@ def tip_position(mechanism: Mechanism, qpos: Vec) -> Vec:
     return rigid_program.carried_point(links, qpos, carrier, tip)
 
 
+def gravity_torque(mechanism: Mechanism, qpos: Vec) -> Vec:
+    """Return the torques or forces that hold the joints at rest against gravity, Nm or N."""
+    inputs = (*qpos, *qpos.map(lambda _: 0.0), *mechanism.gravity)
+    program = functools.partial(_program, mechanism)
+    return Vec(rigid_program.evaluate_program(program, inputs)[1])
+
+
 def step(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec | None = None
 ) -> tuple[Vec, Vec]:

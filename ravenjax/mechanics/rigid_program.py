@@ -43,7 +43,7 @@ class _Body:
 
 
 def mass_matrix_and_bias(
-    links: tuple[Link, ...], known: tuple[float | None, ...] | None = None
+    links: Sequence[Link], known: tuple[float | None, ...] | None = None
 ) -> Program:
     """Return the program from (qpos, qvel, gravity in the base frame) to (M, bias).
 
@@ -78,7 +78,7 @@ def evaluate_program(
     return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
 
 
-def carried_point(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
+def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
     """Return where a point of link `index` is in the frame of the base, m."""
     symbols = make_symbols(len(links))
     moved = point
@@ -88,7 +88,7 @@ def carried_point(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) ->
     return Vec(replay_program(build_program(symbols, list(moved)), qpos))
 
 
-def point_in_link(links: tuple[Link, ...], qpos: Vec, index: int, point: Vec) -> Vec:
+def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
     """Return where a point of the base is in the frame of link `index`, m; for plain numbers."""
     if index < 0:
         return point
@@ -106,7 +106,7 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 
 
 def _kinematics(
-    links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vec
+    links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     # Goes from the base to the tips. Velocities and accelerations (at qacc = 0) are in link frames.
     bodies: list[_Body] = []
@@ -136,7 +136,7 @@ def _kinematics(
     return bodies
 
 
-def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
+def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
     # Sums the wrenches from the tips to the base. Returns the part along each joint's axis.
     wrenches = [body.wrench for body in bodies]
     bias: list[Number] = [0.0] * len(links)
@@ -150,7 +150,7 @@ def _bias(links: tuple[Link, ...], bodies: list[_Body]) -> list[Number]:
     return bias
 
 
-def _mass_matrix(links: tuple[Link, ...], bodies: list[_Body]) -> Matrix:
+def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
     # Goes from the tips to the base. Each step joins a body to its parent (composite bodies).
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]

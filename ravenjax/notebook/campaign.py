@@ -90,6 +90,8 @@ class Campaign:
             raw, text = location.read_toml(file)
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
         tables, _ = overriding.all_applied(raw, overrides)
+        if "robot" in tables["campaign"]:
+            tables["campaign"] |= {"robot": config.campaign.robot}
         campaign = cls.__new__(cls)
         campaign._enter(tables, Path.cwd() if file is None else file.parent, config)
         return campaign

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from ravenjax.numbers.vec import cast
 from ravenjax.vocabulary.checks import CheckUse
@@ -58,6 +58,18 @@ class Injection:
     triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
 
 
+Span = tuple[float, float] | None
+"""Normal range of a number."""
+
+
+class Explained(NamedTuple):
+    """How runs are compared with their golden runs, number by number; static."""
+
+    loop: str  # dotted name of the robot's loop
+    checks: int  # that the loop has
+    spans: tuple[Span, ...]  # of each compared number; (): no number has a normal range
+
+
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """Everything that selects the code of a tick. Static and hashable; compiled once."""
@@ -70,9 +82,11 @@ class Setup:
     cues: int = 1  # sets of haptic threshold and gains that are evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
+    harms: tuple[Any, ...] = ()  # `ravenjax.numbers.harm.HarmUse`: the campaign's own
     reacts: bool = False  # the operator may react to the haptic cue
     hand_yields: bool = False  # the force of the cue moves the operator's hand
     noise: bool = False  # noise is drawn for each run
+    explained: Explained | None = None  # only of `ravenjax.stages.explained`
 
 
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:

@@ -77,9 +77,6 @@ when_loaded(
     )
 )
 
-RECORDS: dict[str, type] = {}
-"""Every record class, by the names of its module and class."""
-
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
@@ -89,7 +86,6 @@ def record(cls: type) -> type:
     when_loaded(
         lambda jax: jax.tree_util.register_dataclass(cls, data_fields=names, meta_fields=[])
     )
-    RECORDS[f"{cls.__module__}.{cls.__qualname__}"] = cls
     return cls
 
 

@@ -4,8 +4,8 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-from ravenjax.outcomes.events import Rules
-from ravenjax.outcomes.verdict import HALT_MS
+from ravenjax.outcomes.events import Rules, describe_harms
+from ravenjax.outcomes.verdict import HALT_MS, HAZARDS
 from ravenjax.vocabulary.robot import Robot
 
 OVERLOADED = "overloaded cable"
@@ -38,7 +38,11 @@ def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
     }
     kinds = tomllib.loads(Path(__file__).with_name("definitions.toml").read_text(encoding="utf-8"))
     return [
-        Definition(kind, word, meaning.format(**terms))
+        Definition(
+            kind,
+            word,
+            meaning.format(**terms) + f" {describe_harms(rules)}".rstrip() * (word == HAZARDS[0]),
+        )
         for kind, words in kinds.items()
         for word, meaning in words.items()
         if robot.dead_man or word != RESTART

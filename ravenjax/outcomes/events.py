@@ -29,6 +29,8 @@ class Rules(NamedTuple):
     stopping: tuple[
         tuple[int, str], ...
     ] = ()  # Number and name of each detector that presses the E-stop.
+    harms: tuple[str, ...] = ()  # in words, the campaign's own harms that count
+    limit_counts: bool = True  # unintended motion beyond the limit is harm
 
 
 def _among(words: Iterable[str]) -> str:
@@ -88,9 +90,17 @@ def event_sql(name: str, rules: Rules) -> str:
 
 def event_meaning(name: str, rules: Rules) -> str:
     """Return an event's meaning in words, with the campaign's own numbers."""
-    return EVENTS[name]["meaning"].format(
+    note = describe_harms(rules) if "unintended motion" in EVENTS[name]["sql"] else ""
+    meaning = EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
     )
+    return f"{meaning} {note}".rstrip()
+
+
+def describe_harms(rules: Rules) -> str:
+    """Return which harms of the campaign's own count as unintended motion; "" if none does."""
+    how = "or, counted as unintended motion," if rules.limit_counts else "in place of that motion,"
+    return f"({how} {' or '.join(rules.harms)})" if rules.harms else ""
 
 
 def event_columns(names: Sequence[str], rules: Rules) -> list[str]:

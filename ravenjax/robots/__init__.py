@@ -23,15 +23,28 @@ from ravenjax.vocabulary.robot import Robot
 
 DEFAULT = "raven2"
 """Name of the robot of a campaign that names none."""
+MJCF = ".xml"
+"""End of the name of a robot that is an MJCF file."""
+
+
+def find_robot(name: str, folder: Path | None = None) -> Robot:
+    """Return a robot: a folder here, a module that declares ROBOT, or the arm of an MJCF file.
+
+    folder: that of the campaign, in which a file may lie, or a module that Python would not find.
+    Raises UserError, also if the user has not agreed to run that module.
+    """
+    if not name.endswith(MJCF):
+        return _find_declared(name, folder)
+    places = dict.fromkeys((place / name).resolve() for place in (folder or Path(), Path()))
+    for file in places:
+        if file.is_file():
+            return importlib.import_module(f"{__name__}.mjcf").read_robot(file)
+    looked = ", ".join(map(str, places))
+    raise UserError(f"robot {name!r}: there is no such file; looked for {looked}")
 
 
 @functools.cache
-def find_robot(name: str, folder: Path | None = None) -> Robot:
-    """Return a robot: a folder here, or a module that declares ROBOT.
-
-    folder: that of the campaign, in which a module may lie that Python would not find. Raises
-    UserError, also if the user has not agreed to run that module.
-    """
+def _find_declared(name: str, folder: Path | None) -> Robot:
     places = () if name == DEFAULT else (folder or Path(), Path())
     places = list(dict.fromkeys(str(place.resolve()) for place in places))
     for module in (f"{__name__}.{name}", name):
@@ -59,7 +72,7 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
         return robot
     looked = ", ".join(dict.fromkeys([*places, *filter(None, sys.path)]))
     raise UserError(
-        f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that declares"
+        f"robot {name!r} is unknown: expected {DEFAULT!r}, a file {MJCF}, or a module that declares"
         f" ROBOT; looked for it in {looked}"
     )
 

@@ -67,15 +67,21 @@ class StepScale:
 
 @describe_fields
 @record
-class DetectorParams:
-    """Detector parameters that a campaign may vary."""
+class WatchParams:
+    """Parameters of users' detectors that a campaign may vary."""
+
+    armed_after: Scalar  # int32
+    own: tuple[Any, ...]  # for each detector, by name: the parameter record of its file, or None
+    thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
+
+
+@record
+class DetectorParams(WatchParams):
+    """Parameters of all detectors."""
 
     shoulder: StepScale
     elbow: StepScale
     insertion: StepScale
-    armed_after: Scalar  # int32
-    own: tuple[Any, ...]  # for each detector, by name: the parameter record of its file, or None
-    thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
 
 
 @record
@@ -115,8 +121,17 @@ class DetectorsState:
 
 
 @record
-class DetectorSignal:
-    """The input of the detectors in this tick; tuples have one entry per arm."""
+class WatchSignal:
+    """The input of users' detectors in this tick."""
+
+    armed: Scalar  # bool, pedal-down without software E-stop
+    tick: Scalar  # int32
+    views: tuple[Any, ...]  # for each arm, as the robot defines it; (): no files
+
+
+@record
+class DetectorSignal(WatchSignal):
+    """The input of all detectors in this tick; tuples have one entry per arm."""
 
     mpos: tuple[Vec, ...]  # 7, rad, motors of the dynamic model
     mvel: tuple[Vec, ...]  # 7, rad/s
@@ -125,9 +140,6 @@ class DetectorSignal:
     tip_error: tuple[Scalar, ...]  # m
     command: tuple[Vec, ...]  # 7 int32 DAC counts, before the overdrive check
     command_limit: Vec  # 7 int32 DAC counts, limits at which the overdrive check clips
-    armed: Scalar  # bool, pedal-down without software E-stop
-    tick: Scalar  # int32
-    views: tuple[Any, ...]  # input of users' files, as the robot defines it; (): no files
 
 
 def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
@@ -135,19 +147,23 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
     return tuple(dict.fromkeys(use.part for use in setup.detectors if use.part is not None))
 
 
-def params(setup: Setup) -> DetectorParams:
-    """Return the learned steps (`LEARNED`), and thresholds of 1, which a campaign replaces."""
-    steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
+def watch_params(setup: Setup) -> WatchParams:
+    """Return thresholds of 1, which a campaign replaces."""
     files = detector_files(setup)
-    return DetectorParams(
-        **steps,
+    return WatchParams(
         armed_after=np.int32(500),
         own=part.part_parameters(files) if files else (),
         thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
     )
 
 
-def init(setup: Setup, params: DetectorParams) -> DetectorsState:
+def params(setup: Setup) -> DetectorParams:
+    """Return the same with the learned steps (`LEARNED`)."""
+    steps: dict[str, Any] = {joint: StepScale(*values) for joint, values in LEARNED.items()}
+    return DetectorParams(**vars(watch_params(setup)) | steps)
+
+
+def init(setup: Setup, params: WatchParams) -> DetectorsState:
     """Return the state before the first tick."""
     zero = cast_to_real(setup, 0.0)
     still = Vec.full(POSITIONING, zero)
@@ -160,16 +176,17 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
-    return DetectorsState(
-        for_each_arm(setup, DetectorArmState(still, still, still, still, zero)), memories, detectors
-    )
+    arms = for_each_arm(setup, DetectorArmState(still, still, still, still, zero))
+    return DetectorsState(arms, memories, detectors)
 
 
 def step(
-    setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal
+    setup: Setup, params: WatchParams, state: DetectorsState, signal: WatchSignal
 ) -> DetectorsState:
     """Return the detectors after this tick."""
-    views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
+    views: Any = for_each_arm(setup, (state.arms[0], {}))
+    if isinstance(signal, DetectorSignal):
+        views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
         source: [
             part.load_part(source).step(
@@ -222,7 +239,7 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 
 
 def _arm(
-    setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
+    setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)

@@ -19,7 +19,7 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 import dataclasses
 from typing import Any, NamedTuple
 
-from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, jnp, per_arm
+from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, harm, jnp, per_arm
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.vec import (
     Scalar,
@@ -103,6 +103,7 @@ class MonitorState:
     halted: Scalar  # int32, ticks with the pedal held down and the robot not live
     finite: finite.FiniteState  # of tips, distances, and numbers of the robot's tick
     ticks: Scalar  # int32
+    harms: tuple[harm.HarmState, ...]  # the campaign's own
 
 
 @record
@@ -150,6 +151,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
         halted=jnp.int32(0),
         finite=finite.init(),
         ticks=jnp.int32(0),
+        harms=harm.init(setup),
     )
 
 
@@ -280,6 +282,28 @@ def step(
         unintended = unintended | (distance.unintended > params.limit)
         loss = loss | (distance.loss > params.limit)
         false_report = false_report | (distance.false_report > params.limit)
+    views = [
+        {
+            name: cast_to_real(setup, value)
+            for name, value in {
+                **{
+                    name: getattr(distance, name) * 1e3
+                    for name in ("unintended", "loss", "false_report")
+                },
+                "from_golden": distance.golden * 1e3,
+                "from_model": distance.model * 1e3,
+                "depth": signal.depth[i] * 1e3,
+                "between_tips": signal.distance * 1e3,
+                "speed": norm(signal.tip[i] - state.arms[i].tip) * 1e6,
+                **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
+                "dac": largest(jnp.abs(x) for x in signal.dac[i]),
+                "live": as_int(signal.live),
+                "pedal": as_int(signal.pedal),
+                "time": signal.tick,
+            }.items()
+        }
+        for i, distance in enumerate(off if setup.harms else ())
+    ]
     watched = {
         "tip": [x for tip in signal.tip for x in tip],
         "model tip": [x for tip in signal.model_tip for x in tip],
@@ -295,6 +319,7 @@ def step(
         halted=state.halted + as_int(signal.pedal & ~signal.live),
         finite=finite.step(state.finite, watched, signal.tick),
         ticks=state.ticks + as_int(True),
+        harms=harm.step(setup, state.harms, views, signal.tick),
     )
 
 
@@ -318,7 +343,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "unintended_off_mm": worst("unintended_off") * 1e3,
         "loss_mm": worst("loss") * 1e3,
         "false_report_mm": worst("false_report") * 1e3,
-        "unintended_first_ms": state.unintended,
+        "unintended_first_ms": harm.decide_harm(setup, state.harms, state.unintended),
         "loss_first_ms": state.loss,
         "false_report_first_ms": state.false_report,
         "halted_ms": state.halted,
@@ -332,6 +357,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "jump_tip_ms": first("tip_jump"),
         "diverged_ms": state.diverged,
         **finite.outcomes(state.finite),
+        **harm.outcomes(setup, state.harms),
     }
     for arm, arm_state in zip(setup.arms, state.arms, strict=True):
         for joint, peak in zip(setup.joints, arm_state.peak_dac, strict=True):

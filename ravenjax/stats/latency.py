@@ -70,13 +70,11 @@ class Lead(NamedTuple):
 
     lag: incidence of the alarm over alarm minus harm (negative: before the harm). Runs without an
     alarm are censored at the end of their observation. before: rate of harmed runs whose alarm came
-    strictly before the harm. alarmed: number of runs with an alarm.
+    strictly before the harm.
     """
 
     lag: Incidence
     before: Rate
-    alarmed: int
-    n: int
 
     def quantile(self, fraction: float) -> Estimate:
         """Return the lead that this fraction of the harmed runs had or exceeded, with its interval.
@@ -102,8 +100,7 @@ def lead_time(lags: Delays) -> Lead:
     """
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
-    alarmed = int(lags.count[lags.came].sum())
-    return Lead(_curve(lags, start), wilson_interval(before, lags.n), alarmed, lags.n)
+    return Lead(_curve(lags, start), wilson_interval(before, lags.n))
 
 
 def delay_quantile(

@@ -87,14 +87,14 @@ def subset_simulation(
     def margins(points: object) -> np.ndarray:
         # Counts the runs, and ends a search that has not reached the event in _MOST_LEVELS levels.
         nonlocal runs, failure
+        if runs >= _MOST_LEVELS * per_level:
+            raise RuntimeError("the event is not reached")
         try:
-            if runs >= _MOST_LEVELS * per_level:
-                raise _Unreached
             values = _margins(g, np.asarray(points))
         # Also catches signals, because OpenTURNS passes on only the text of an exception.
         except BaseException as error:
             failure = error
-            raise _Ended from None
+            raise
         runs += len(values)
         return values[:, None]
 
@@ -115,14 +115,13 @@ def subset_simulation(
         ot.RandomGenerator.SetSeed(seed)
         algorithm.run()
     except Exception:
-        if isinstance(failure, _Unreached):
-            none = clopper_pearson(0, per_level)
-            return RareEvent(0.0, 0.0, none.high, math.nan, runs)
         if failure is not None:
             raise failure from None
-        # The event was reached, but a last level that holds only events has no variance.
+        # If the event was reached, a last level that holds only events has no variance.
         if 0.0 not in algorithm.getThresholdPerStep():
-            raise
+            if runs < _MOST_LEVELS * per_level:
+                raise
+            return RareEvent(0.0, 0.0, clopper_pearson(0, per_level).high, math.nan, runs)
     finally:
         ot.RandomGenerator.SetState(state)
     levels = tuple(algorithm.getThresholdPerStep())
@@ -140,14 +139,6 @@ def subset_simulation(
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
     low, high = lognorm.interval(0.95, math.sqrt(math.log1p(cov**2)), scale=probability)
     return RareEvent(probability, float(low), min(1.0, float(high)), cov, runs, levels)
-
-
-class _Ended(Exception):
-    """Raised after `failure` has ended the sampling."""
-
-
-class _Unreached(Exception):
-    """Raised after the largest number of levels without an event."""
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:

@@ -134,8 +134,11 @@ class Manifest(BaseModel):
         stopping = tuple(
             (number, one.name) for number, one in enumerate(self.detectors) if one.stops
         )
+        own = [one for one in self.config.get("harm", ()) if one["counts"] != "watch"]
         return Rules(
-            self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping
+            *(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping),
+            harms=tuple(f"{one['name']}: {one['when']}" for one in own),
+            limit_counts=all(one["counts"] != "replaces" for one in own),
         )
 
     @property
@@ -321,10 +324,13 @@ def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: 
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """Return a resolved campaign in which the hash of its recording replaces the path.
+    """Return a resolved campaign in which the hash of its recording replaces the path, and a name
+    the path of its robot, whose content is in the hash of the code.
 
-    So a copy of the recording elsewhere gives the same campaign.
+    So copies of the files elsewhere give the same campaign.
     """
+    if (campaign := config.get("campaign")) and "robot" in campaign:
+        config = config | {"campaign": campaign | {"robot": Path(campaign["robot"]).name}}
     if operator is None:
         return config
     return config | {"operator": config["operator"] | {"file": f"sha256:{operator.sha256}"}}
@@ -372,9 +378,10 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
         }
     else:
         contents |= {f"robot {path.name}": path for path in robots.imported_beside(module)}
-    for name in robot.files:
+    for number, name in enumerate(robot.files):
         beside = module.parent / name
-        contents[f"robot {name}"] = beside if beside.is_file() else resources.find_model(name)
+        path = beside if beside.is_file() else resources.find_model(name)
+        contents[f"robot {number} {path.name}"] = path
     digest = hashlib.sha256()
     for name, path in sorted(contents.items()):
         digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")

@@ -68,6 +68,7 @@ class Shape:
     # The contact force of its instruments is an outcome.
     contact: bool = False
     detectors: tuple[int, ...] = ()  # number of thresholds of each detector
+    harms: tuple[str, ...] = ()  # names of the campaign's own harms
     observes: bool = False  # runs end some time after their last fault
     own_checks: tuple[Check, ...] = ()  # the user's checks
     stops: bool = False  # a detector may stop the robot
@@ -101,6 +102,8 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
         for threshold in range(thresholds):
             rows += _part("threshold", detector=detector, threshold=threshold)
     rows += _part("motion")
+    for name in shape.harms:
+        rows += _part("harm", harm=name)
     if shape.cables:
         rows += _part("cables")
     if shape.contact:

@@ -508,7 +508,8 @@ class SlowdownDetector:
 class Judge:
     """The judge of one session. The operator can respond in these ways:
 
-    - `release`: the pedal comes up, also because the operator hands the console over or leaves.
+    - `release`: the pedal comes up, also because the operator hands the console over, leaves, or
+      tries a motion on the virtual robot.
     - `slow`: for a second, the hands move at less than a quarter of their usual speed.
     - `restart`: the operator restarts a robot that does not follow.
     - `stop`: the operator presses the E-stop button.
@@ -599,6 +600,11 @@ class Judge:
         The silence until the next pedal-down interrupts no hazard, so that leaving avoids no score.
         """
         self._walked = True
+
+    def rested(self, tick: int) -> None:
+        """Take an operator who lets the robot rest for a trial. It has not halted on its own."""
+        self._respond(tick, "release")
+        self._was_down = False
 
     def stood_by(self) -> None:
         """Reset the trips: a waiting robot, at rest and without a hazard, was restarted."""

@@ -98,7 +98,7 @@ def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
 
 
 def built_in_column(added: Iterable[Check], stops: bool) -> str:
-    """Return the column of the built-in checks' response; arguments as in `needs_own_columns`."""
+    """Return the column of the built-in checks' response; see `needs_own_columns` for arguments."""
     return BUILT_IN if needs_own_columns(added, stops) else "response"
 
 

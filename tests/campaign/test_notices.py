@@ -19,6 +19,8 @@ FAULT: dict[str, Any] = {
 }
 SILENT = {"plant.encoder_noise": 0, "plant.torque_noise": 0}
 TWICE = {"name": "a", "kind": "steps", "threshold": [1, 1]}
+POLICY = {"control.overdrive.policy": 0}
+OWN_MASS = {"name": "a", "parameters": {"plant.mass_scale": 3}}
 MASS = {"site": "parameter", "channel": "plant.gold.mass_scale", "effect": "scale", "value": 2}
 
 
@@ -63,6 +65,18 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({**MASS, "effect": "offset", "value": [-0.5, -2]}, {}, "mass_scale becomes -1, expected"),
         ({**MASS, "effect": "scale", "value": 1e3}, {}, "mass_scale becomes 1000, expected"),
         (MASS, {"parameters": {"plant.mass_scale": 99}}, "plant.gold.mass_scale becomes 198"),
+        ({**MASS, "effect": "overwrite", "value": 1}, {}, "fault[0].value: leaves the number"),
+        ({**MASS, "value": 1}, {"parameters": {"plant.mass_scale": 2}}, "fault[0].value: leaves"),
+        ({}, {"reaction": {"delay_ms": 1000}}, "reaction.delay_ms: an action after the first cue"),
+        ({}, {"reaction": {}, "parameters": {"reaction.felt_force": [0, 1]}}, "1 of 2 runs of g"),
+        ({}, {"reaction": {"slow_to": 0.5}}, "reaction.slow_to: nothing reads it"),
+        (MASS, {"campaign": {"dac_words": "wrap"}}, "campaign.dac_words: nothing reads it"),
+        ({}, {"campaign": {"level": "beginner"}, "parameters": POLICY}, "campaign.level: decides"),
+        ({}, {"campaign": {"seed": 3}}, "campaign.seed: nothing in the campaign is drawn"),
+        ({}, {"campaign": {"duration_s": 0.1}, "group": [{"name": "a"}]}, "1 of 1 runs of a"),
+        ({}, {"operator": {"motion": "still", "seed": 3}}, "operator.seed: motion 'still' is the"),
+        ({}, {"parameters": {"plant.mass_scale": 2}, "group": [OWN_MASS]}, "no run has this value"),
+        ({}, {"detector": [TWICE, {**TWICE, "name": "b"}]}, "detector[1]: is the same as"),
         ({"every_ms": 1500}, {}, "fault[0].every_ms: the window does not open again"),
         ({"start_ms": 1500, "duration_ms": [500, 600, "end"]}, {}, "group: 2 of 3 runs have"),
     ],

@@ -70,11 +70,11 @@ def address(tmp_path):
     )
     found, said = {}, []
     assert process.stdout is not None
-    while len(found) < 2:
+    while len(found) < 3:  # before the loop runs the page answers that it waits
         line = process.stdout.readline()
         assert line, "".join(said)
         said.append(line)
-        match = re.match(r"(operator|instructor): (http\S+)", line)
+        match = re.match(r"(operator|instructor|realtime): (\S+)", line)
         if match:
             found[match[1]] = match[2]
     yield found["operator"], found["instructor"], folder

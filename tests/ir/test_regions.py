@@ -12,12 +12,14 @@ from compiled_program import same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
+from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.lanes import Lanes
 from ravenjax.ir import lowering, regions, semantics
 from ravenjax.ir.builder import Builder, contract_to_fma
 from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
-from ravenjax.ir.time_loop import TimeLoop
+from ravenjax.ir.time_loop import TimeLoop, split_lanes
 from ravenjax.numbers.vec import if_rarely
 
 TICKS = 40
@@ -65,7 +67,8 @@ def test_passing_by_changes_no_bit(width):
     limit = rng.uniform(0.0, 1.0, lanes).astype(np.float32)
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
-    found = VectorCode(loop, 0, False, width).follow(
+    kernel = print_kernel(split_lanes(loop, 0, False), width, jit.host_target().features)
+    found = VectorCode(kernel).follow(
         Lanes([limit], given, np.zeros(0, np.float32), out),
         LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS)),
     )

@@ -7,9 +7,10 @@ import pytest
 from compiled_program import same_bits
 from small_loop import TABLE, in_numpy, loop
 
-from ravenjax.engines.cpu import kernel
+from ravenjax.engines.cpu import jit, kernel
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
 from ravenjax.engines.lanes import Lanes
+from ravenjax.ir.time_loop import split_lanes
 
 TICKS = 1003  # not a multiple of the chunk
 
@@ -29,7 +30,8 @@ def test_vector_code_runs_the_loop(width, grouped):
     given = rng.uniform(-1, 1, (TICKS, 1) if grouped else (TICKS, 1, lanes)).astype(np.float32)
     out = np.zeros((TICKS, 2, lanes), np.float32)
     done = []
-    code = VectorCode(found, 1, grouped, width)
+    features = jit.host_target().features
+    code = VectorCode(kernel.print_kernel(split_lanes(found, 1, grouped), width, features))
     course = LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS))
     results = code.follow(Lanes([gain, kick], given, TABLE, out), course, done.append)
     expected, expected_out = in_numpy(found, gain, kick, given[:, 0], TICKS)

@@ -162,6 +162,7 @@ def test_a_campaign_of_another_robot():
     campaign = rj.Campaign(
         name="arm",
         robot="planar_arm",
+        parameters={"kp": 40},
         arms=["arm"],
         group=[
             {
@@ -182,5 +183,5 @@ def test_a_campaign_of_another_robot():
         campaign.config.robot.name == "planar_arm" and 'robot = "planar_arm"' in campaign.to_toml()
     )
     assert rj.Campaign.from_toml(campaign.to_toml()) == campaign
-    with pytest.raises(rj.UserError, match="operator: unknown key"):
+    with pytest.raises(rj.UserError, match="expected 'sines'"):
         campaign.replace(operator=rj.Operator(motion="still"))

@@ -44,7 +44,7 @@ def found(series):
     with jax.enable_x64(True):
         params = detectors.params(SETUP)
         params = detectors.DetectorParams(
-            params.shoulder, params.elbow, params.insertion, 10, (), thresholds
+            10, (), thresholds, params.shoulder, params.elbow, params.insertion
         )
 
         def one(state, x):

@@ -44,7 +44,7 @@ def test_lead_by_hand():
     alarm = [10.0, 60.0, nan, 5.0, 30.0]
     harm = [40.0, 50.0, 20.0, nan, 30.0]
     lead = lead_time(alarm, harm, 100)
-    assert (lead.n, lead.alarmed) == (4, 3) and lead.before == wilson_interval(1, 4)
+    assert (lead.lag.n, lead.lag.events) == (4, 3) and lead.before == wilson_interval(1, 4)
     assert lead.lag.time.tolist() == [-30, -30, 0, 10, 80][: len(lead.lag.time)]
     assert (
         lead.quantile(0.25).value == 30
@@ -90,5 +90,5 @@ def test_counted_delays_give_the_curve_of_scipy(runs):
 
 
 def test_without_runs():
-    assert latency.incidence_curve(latency.NONE).n == 0 and latency.lead_time(latency.NONE).n == 0
+    assert latency.incidence_curve(latency.NONE).n == latency.lead_time(latency.NONE).lag.n == 0
     assert np.isnan(latency.incidence_curve(latency.NONE).quantile(0.5))

@@ -115,13 +115,17 @@ class Actor(PlannedCampaign):
     def harmful(
         self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm occurs despite the action, bool [lanes]; see `run`. Harm is motion
-        beyond the limit, also while the robot coasts to a stop.
+        """Return whether harm occurs despite the action, bool [lanes]; see `run`.
+
+        Harm is motion beyond the limit, also while the robot coasts to a stop, and the campaign's
+        own harm.
         """
         if not len(at):
             return np.zeros(0, bool)
         found, limit = self.run(lanes, at, horizon, alone), self.config.outcomes.limit_mm
         moved = (found["unintended_first_ms"] >= 0) | (found["failed_ms"] >= 0)
+        if not self.config.limit_counts:
+            return moved
         return moved | (found["unintended_off_mm"] > np.float32(limit))
 
     def find(self, lanes: Lanes, tell: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:

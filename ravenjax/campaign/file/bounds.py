@@ -41,7 +41,7 @@ def shorten_path(robot: Robot, path: str) -> str:
 
 
 Ranges = tuple[tuple[str, Quantity], ...]
-"""(path as from `plain`, allowed values) of parameters."""
+"""(path without arm and joint, allowed values) of parameters."""
 
 
 def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:

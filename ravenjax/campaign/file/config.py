@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from ravenjax import robots
@@ -24,6 +25,7 @@ from ravenjax.campaign.file.sections import (
     Haptics,
     Outcomes,
     OwnCheck,
+    OwnHarm,
     Stop,
 )
 from ravenjax.numbers.quantity import Quantity
@@ -48,6 +50,8 @@ class CampaignConfig(Section):
     """observers that are scored"""
     check: tuple[OwnCheck, ...] = ()
     """your own checks in the loop"""
+    harm: tuple[OwnHarm, ...] = ()
+    """what counts as harm"""
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = None
     """when to stop; without it the whole table is computed"""
@@ -61,7 +65,7 @@ class CampaignConfig(Section):
     def _flat(cls, raw: Any) -> Any:
         return flatten_parameters(raw)
 
-    @field_validator("group", "detector", "check")
+    @field_validator("group", "detector", "check", "harm")
     @classmethod
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
@@ -96,6 +100,11 @@ class CampaignConfig(Section):
             for detector in self.detector
             for name, use in detector.uses()
         )
+
+    @property
+    def limit_counts(self) -> bool:
+        """Whether unintended motion beyond the limit is harm."""
+        return all(one.counts != "replaces" for one in self.harm)
 
     @property
     def rules(self) -> events.Rules:
@@ -195,6 +204,13 @@ class CampaignConfig(Section):
         for number, name in self._repeated:
             yield ("group", number, "hazards"), f"{name} is there twice: it is run once"
 
+    def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
+        """Yield (key, which runs, bool [runs], message) of the same, where runs may differ.
+
+        plan: the `campaign.plan.Plan`.
+        """
+        return iter(())
+
     @property
     def distances_mm(self) -> tuple[float, float]:
         """Distance from the model that a healthy robot exceeds, and the longest possible, mm."""
@@ -247,6 +263,7 @@ class CampaignConfig(Section):
             },
             **({"stops": stops} if stops else {}),
             **({"checks": checks} if checks else {}),
+            **({"harms": [one.use for one in self.harm]} if self.harm else {}),
         }
 
     @property

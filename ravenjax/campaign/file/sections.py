@@ -16,6 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.section import OneOf, Section
+from ravenjax.numbers import harm
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.vocabulary.checks import DOES, Action, Check, CheckUse, of_own
@@ -278,6 +279,31 @@ class OwnCheck(Section):
     def check(self) -> Check:
         """Return the check as the result table describes it."""
         return of_own(self.name, self.at, self.acts)
+
+
+class OwnHarm(Section):
+    """[[harm]]: a harm of your own. It begins in the first millisecond in which its expression is
+    true, also if it comes without a fault.
+    """
+
+    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
+    """what it is called in tables, where its columns are harm_NAME_.."""
+    when: str
+    """expression over signals and time, such as depth > 2 and once[0:100](speed > 50)"""
+    counts: Literal["joins", "replaces", "watch"] = "joins"
+    """joins: an unintended motion beyond the limit is harm, too; replaces: it is not; watch: the
+    harm has columns and decides nothing"""
+
+    @field_validator("when")
+    @classmethod
+    def _understood(cls, when: str) -> str:
+        harm.parse_harm(when)
+        return when
+
+    @property
+    def use(self) -> harm.HarmUse:
+        """The harm as the tick uses it."""
+        return harm.HarmUse(self.name, self.when, self.counts)
 
 
 class Outcomes(Section):

@@ -156,7 +156,7 @@ def fault_free_tables(tables: Mapping[str, Any], runs: int, **settings: Any) -> 
     group = {"name": "fault_free"} | ({"design": "random", "runs": runs} if runs else {})
     return {
         **tables,
-        "reaction": None,
+        **dict.fromkeys(tables.keys() & {"reaction"}),
         "stop": None,
         "group": [group],
         "campaign": tables["campaign"] | {"limit": None} | settings,

@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.kernel import ARGUMENTS, CALL_WORDS, FUNCTIONS, VectorKernel, print_kernel
+from ravenjax.engines.cpu.kernel import ARGUMENTS, CALL_WORDS, FUNCTIONS, VectorKernel
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, snapshot_spacing
-from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 500
 """Ticks that a vector runs before the next, so that its rows stay in the second-level cache."""
@@ -149,31 +147,11 @@ def row_address(rows: np.ndarray, row: int = 0) -> int:
 
 
 class VectorCode:
-    """`loop` compiled for `width` parallel lanes.
+    """A compiled kernel."""
 
-    grouped: the first `shared` inputs of its lanes, and the inputs of each tick, are equal. The
-    tick's number always is.
-    """
-
-    def __init__(
-        self,
-        loop: TimeLoop,
-        shared: int,
-        grouped: bool,
-        width: int,
-        objects: jit.Objects | None = None,
-        printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
-        host: jit.Host | None = None,
-    ) -> None:
-        """printed: returns the kernel from a cache, or calls `make()`. host: as in `SimdKernel`."""
-        self.grouped, self.width = grouped, width
-
-        def make() -> VectorKernel:
-            parts = split_lanes(loop, shared, grouped)
-            return print_kernel(parts, width, (host or jit.host_target()).features)
-
-        self.kernel = printed(make)
-        self._module = jit.compile_functions(self.kernel.text, FUNCTIONS, objects)
+    def __init__(self, kernel: VectorKernel, objects: jit.Objects | None = None) -> None:
+        self.kernel, self.width = kernel, kernel.inputs.width
+        self._module = jit.compile_functions(kernel.text, FUNCTIONS, objects)
         self.make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
     def follow(

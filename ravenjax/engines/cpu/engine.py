@@ -8,7 +8,6 @@ lane's result therefore depends only on its inputs.
 """
 
 import dataclasses
-import functools
 import os
 from typing import Any
 
@@ -17,8 +16,10 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
+from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
+from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers import tree
 
 MIN_LANES, MAX_LANES = 256, 1024
@@ -156,12 +157,12 @@ class SimdKernel(traced.PrintedKernel):
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 
-        def make() -> VectorCode:
+        def printed() -> VectorKernel:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            printed, shared = functools.partial(forms.printed, key), len(self.program.varied)
-            return VectorCode(loop, shared, grouped, self.width, self.objects, printed, host)
+            parts = split_lanes(loop, len(self.program.varied), grouped)
+            return print_kernel(parts, self.width, host.features)
 
-        return forms.code(key, make)
+        return forms.code(key, lambda: VectorCode(forms.printed(key, printed), self.objects))
 
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:

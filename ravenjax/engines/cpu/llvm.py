@@ -164,38 +164,45 @@ class LlvmPrinter(Printing[Place]):
             return self.op(f"{instruction} {self.type(source)} {', '.join(x)}")
         if function := TEXTS["intrinsics"][kind].get(name):
             return self.intrinsic(function, dtype, *x)
-        if name == "not":
-            return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, -1)}")
         if name == "bitcast":
             if not real and not source.startswith("float"):
                 return x[0]
             return self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
-        if name in TEXTS["shifts"]:
-            return self._shifted(name, dtype, x, known[1])
         if name in LIBRARY and self.width == 1:
             return self._library(name, dtype, x)
+        bits = stored_size(dtype) * 8
+        constants = {"zero": 0, "one": 1, "ones": -1, "bits": bits, "last": bits - 1}
+        words = {key: self._constant(dtype, value) for key, value in constants.items()}
+        words |= {
+            "type": wide,
+            "truth": self.type("bool"),
+            "sign": kind[0],
+            **dict(zip("xyz", x, strict=False)),
+        }
+        words |= {"double": self._wide("double"), "long": self._wide("i64")}
         match name:
-            case "div" | "rem" if not real and stored_size(dtype) == 4:
-                return self._divided(name, dtype, x)
-            case "fma" if not self.features & FUSED:
-                # WebAssembly has no fused multiply-add.
-                product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
-                return self.op(f"fadd {wide} {product}, {x[2]}")
-            case "fma":
+            case "shl" | "shr" | "sar":
+                words["shift"] = TEXTS["shifts"][name]
+                if name == "sar":
+                    words["y"] = self.intrinsic("umin", dtype, x[1], words["last"])
+                # A constant shift is within the width; otherwise `simplify` would have removed it.
+                plain = name == "sar" or known[1]
+                return self._sequence("plain_shift" if plain else "shift", words)
+            case "div" | "rem" if not real and bits == 32:
+                self._sequence("quotient", words)
+                return self._sequence(name, words)
+            case "fma" if self.features & FUSED:
                 return self.intrinsic("fma", dtype, *x)
-            case "neg":
-                return self.op(f"sub {wide} {self._constant(dtype, 0)}, {x[0]}")
+            # WebAssembly has no fused multiply-add.
+            case "not" | "neg" | "fma":
+                return self._sequence(name, words)
             case "abs":
                 return self.call(
                     wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false")
                 )
             case "max" | "min":
-                ahead = self.op(f"fcmp o{'gt' if name == 'max' else 'lt'} {wide} {', '.join(x)}")
-                best = self.select(dtype, ahead, *x)
-                if known[0]:
-                    return best
-                unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
-                return self.select(dtype, unknown, x[0], best)
+                best = self._sequence(name, words)
+                return best if known[0] else self._sequence("nan", words)
             case "convert":
                 return self._converted(dtype, source, x[0])
             case "truncate":
@@ -206,36 +213,16 @@ class LlvmPrinter(Printing[Place]):
         scalar = {"float": "f32", "double": "f64"}.get(_TYPES[dtype], _TYPES[dtype])
         return scalar if self.width == 1 else f"v{self.width}{scalar}"
 
-    def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
-        # LLVM leaves shifts by the width or more undefined; here they give 0, or the sign.
-        by, bits = x[1], stored_size(dtype) * 8
-        instruction = f"{TEXTS['shifts'][name]} {self.type(dtype)} {x[0]}"
-        if name == "sar":
-            by = self.intrinsic("umin", dtype, by, self._constant(dtype, bits - 1))
-        # A constant shift is within the width; otherwise `simplify` would have removed it.
-        if name == "sar" or constant:
-            return self.op(f"{instruction}, {by}")
-        wide = self.type(dtype)
-        inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
-        amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
-        moved = self.op(f"{instruction}, {amount}")
-        return self.select(dtype, inside, moved, self._constant(dtype, 0))
+    def _sequence(self, name: str, words: dict[str, str]) -> str:
+        """Print the instructions of llvm.toml under a name, and return the last value.
 
-    def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Return the quotient of 32-bit integers, or the remainder if `name` is "rem". float64
-        makes it exact, because CPU vectors have no integer division. If the divisor is 0, the
-        quotient is -1 and the remainder is the dividend.
+        words: values of the instructions' placeholders; each result is added to them.
         """
-        wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
-        none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
-        by = self.select(dtype, none, self._constant(dtype, 1), x[1])
-        convert = f"{_KINDS[dtype][0]}itofp {wide}"
-        a, b = (self.op(f"{convert} {operand} to {double}") for operand in (x[0], by))
-        exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
-        quotient = self.op(f"trunc {long} {exact} to {wide}")
-        if name == "rem":
-            return self.op(f"sub {wide} {x[0]}, {self.op(f'mul {wide} {quotient}, {x[1]}')}")
-        return self.select(dtype, none, self._constant(dtype, -1), quotient)
+        value = ""
+        for line in TEXTS["sequences"][name].splitlines():
+            target, instruction = line.split(" = ", 1)
+            words[target] = value = self.op(instruction.format_map(words))
+        return value
 
     def _converted(self, dtype: str, source: str, x: str) -> str:
         # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.

@@ -92,7 +92,7 @@ class Stepper:
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
-        """inputs: as in `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
+        """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
         fixed, entering = code.inputs.row(inputs), aligned_buffer(1, code.entering.layout.bytes)
         self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))

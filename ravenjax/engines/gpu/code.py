@@ -5,7 +5,6 @@ While lanes run through one chunk, the GPU computes the rows of their groups for
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,10 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, plan_course
 from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import Device, DeviceSession
-from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
+from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
-from ravenjax.ir.time_loop import TimeLoop, split_lanes
 
 CHUNK = 1000
 """Largest number of ticks of a launch.
@@ -50,30 +48,19 @@ def typed_column(column: np.ndarray, dtype: str) -> np.ndarray:
 
 
 class CudaCode:
-    """`loop` compiled for a device.
-
-    grouped: the first `shared` inputs of a group's lanes, and the inputs of each tick, are equal.
-    The tick's number always is.
-    """
+    """Generated kernels compiled for a device."""
 
     def __init__(
         self,
-        loop: TimeLoop,
-        shared: int,
+        source: KernelSource,
         grouped: bool,
         device: Device,
         form: Form,
         objects: Objects | None = None,
-        printed: Callable[[Callable[[], KernelSource]], KernelSource] = lambda make: make(),
     ) -> None:
-        """printed: returns the generated kernels from a cache, or calls `make()`."""
-        self.grouped, self.device, self.form = grouped, device, form
-
-        def make() -> KernelSource:
-            return print_loop(split_lanes(loop, shared, grouped), form, grouped)
-
-        self.source = printed(make)
-        cubin = cuda_device.compile_cubin(self.source.text, device.architecture, OPTIONS, objects)
+        """grouped, form: see `print_loop`."""
+        self.source, self.grouped, self.device, self.form = source, grouped, device, form
+        cubin = cuda_device.compile_cubin(source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
         names = ("shared_begin", "shared_run", "group_snapshot")

@@ -9,7 +9,6 @@ engine `simd`. Both engines therefore give the same bits if the CPU fuses multip
 import collections
 import contextlib
 import dataclasses
-import functools
 import itertools
 import queue
 from collections.abc import Iterator
@@ -22,11 +21,12 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed_column
 from ravenjax.engines.gpu.course import BlockCourse, Places, place_lanes, plan_course
 from ravenjax.engines.gpu.device import Device
-from ravenjax.engines.gpu.kernel import WARP
+from ravenjax.engines.gpu.kernel import WARP, KernelSource, print_loop
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
 from ravenjax.errors import UserError
+from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers.setup import Precision
 
 WAVES = 4
@@ -128,10 +128,13 @@ class CudaKernel(traced.PrintedKernel):
     def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
         forms, form = self.forms(block, motion), form_for(device)
 
-        def make() -> CudaCode:
+        def printed() -> KernelSource:
             loop, shared = forms.traced.without_signals(), len(self.program.varied)
-            printed = functools.partial(forms.printed, ("cuda", grouped, form))
-            return CudaCode(loop, shared, grouped, device, form, self.objects, printed)
+            return print_loop(split_lanes(loop, shared, grouped), form, grouped)
+
+        def make() -> CudaCode:
+            source = forms.printed(("cuda", grouped, form), printed)
+            return CudaCode(source, grouped, device, form, self.objects)
 
         return forms.code(("cuda", grouped, device), make)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ravenjax import threads
 from ravenjax.engines import traced
-from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
+from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.errors import UserError
 from ravenjax.numbers.lazy import jax, jnp, lax
 
@@ -139,7 +139,7 @@ class ScanKernel:
                 self.compiled[lanes] = function.lower(*arguments).compile()
         return self.compiled[lanes]
 
-    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+    def prepare(self, block: Block, motion: Motion) -> None:
         """Compile for blocks and motions of these types, for both sizes in parallel."""
 
         def compile_for(block: Block) -> None:
@@ -150,9 +150,7 @@ class ScanKernel:
         blocks = [block] if small.lanes == block.lanes else [block, small]
         threads.map_in_threads(compile_for, blocks, 2)
 
-    def _arguments(
-        self, block: Block, motion: tuple[np.ndarray, ...]
-    ) -> tuple[int, tuple[Any, ...]]:
+    def _arguments(self, block: Block, motion: Motion) -> tuple[int, tuple[Any, ...]]:
         # Places the block's numbers on the devices, with a zero state for tick 0.
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
@@ -179,19 +177,14 @@ class ScanKernel:
         series = jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
         return _place(series, 2)
 
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
+    def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
-        return self._run(block, motion, progress)[0]
+        return self.run_signals(block, motion, progress)[0]
 
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
-        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
-        return self._run(block, motion, None)
-
-    def _run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    def run_signals(
+        self, block: Block, motion: Motion, progress: Progress | None = None
     ) -> tuple[BlockResult, Any]:
+        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         ticks = self.program.ticks
         with traced.x64_context(self.program.setup):
             lanes, arguments = self._arguments(block, motion)

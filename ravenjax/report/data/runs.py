@@ -92,9 +92,9 @@ class Runs:
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
-    def count(self, condition: str, table: str = FACTS) -> int:
+    def count(self, condition: str) -> int:
         """Return the number of rows that fulfil a condition."""
-        return self.counts([condition], table)[0]
+        return self.counts([condition])[0]
 
     def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
         """Return the number of rows that fulfil each condition, in one query."""

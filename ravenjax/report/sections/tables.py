@@ -98,7 +98,7 @@ def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTEND
     times = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
     if not runs.sampled():
         times = without_interval(times[0]), without_interval(times[1]), without_interval(times[2])
-    return EventTimes(delays, *times, lead.alarmed)
+    return EventTimes(delays, *times, lead.lag.events)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:

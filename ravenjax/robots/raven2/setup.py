@@ -36,4 +36,3 @@ class RavenSetup(setup.Setup):
     command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
     controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage, user's file that replaces it)
     hands: OwnSource | None = None  # a user's file that replaces the operator
-    explained: tuple[tuple[float, float] | None, ...] = ()  # normal range of each compared number

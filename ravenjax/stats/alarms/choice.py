@@ -72,7 +72,7 @@ def rarest_alarms(
     """Return which alarms may miss fewest hazards within the limit of false alarms per hour, and
     which certainly keep the limit.
 
-    Both are bool [alarms]. `times` is as in `false_rates`.
+    Both are bool [alarms]. `false_rates` describes `times`.
     """
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)

@@ -153,7 +153,7 @@ def whole_parts(path: Path) -> list[Path]:
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
-    aside: as in `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
+    aside: see `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
     RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb

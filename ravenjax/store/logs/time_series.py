@@ -13,7 +13,7 @@ import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from ravenjax.vocabulary.robot import Robot
 if TYPE_CHECKING:
     import xarray
 
+Series: TypeAlias = Mapping[str, np.ndarray]
+"""Arrays [T, ...] by name, and by arm and name."""
 _PLACES = ("x", "y", "z")
 _WINDOW = re.compile(r"fault(\d+)_active")
 
@@ -64,7 +66,7 @@ OF_ARM = _series_of("arm")
 """Series of each arm."""
 
 
-def check_series(series: Mapping[str, np.ndarray], where: str) -> int:
+def check_series(series: Series, where: str) -> int:
     """Return the number of ticks of all series.
 
     Raises StoreError, with a message that begins with `where`, if they differ or have none.
@@ -107,7 +109,7 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
         yield "/".join([name, *steps]), unit
 
 
-def write_csv(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
+def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:
     """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; NaN is
     empty.
 
@@ -140,7 +142,7 @@ def _short(numbers: np.ndarray) -> np.ndarray:
 
 
 def series_dataset(
-    series: Mapping[str, np.ndarray],
+    series: Series,
     attributes: Mapping[str, str | float | int],
     thresholds_mm: Sequence[float],
     robot: Robot,
@@ -190,7 +192,7 @@ def series_dataset(
     return xarray.Dataset(variables, coordinates, attributes)
 
 
-def _windows(series: Mapping[str, np.ndarray]) -> list[str]:
+def _windows(series: Series) -> list[str]:
     by_slot = {int(match[1]): match[0] for name in series if (match := _WINDOW.fullmatch(name))}
     return [by_slot[slot] for slot in sorted(by_slot)]
 

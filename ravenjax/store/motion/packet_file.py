@@ -200,9 +200,16 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
         ) from None
 
 
-def time_packets(path: Path, packets: RawPackets, console: str) -> RawPackets:
-    """Return packets with their arrival times in seconds. Raises UserError if no profile fits."""
-    return _in_seconds(path, packets, _profile(path, packets.fields, ARMS, console))
+def time_packets(
+    path: Path, console: str, arms: tuple[ArmName, ...] = ARMS
+) -> tuple[RawPackets, ConsoleProfile]:
+    """Return packets with their arrival times in seconds, and the profile that fits them.
+
+    Raises UserError if none does.
+    """
+    packets = read_packets(path)
+    profile = _profile(path, packets.fields, arms, console)
+    return _in_seconds(path, packets, profile), profile
 
 
 def read_track(
@@ -311,11 +318,9 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
 
     console: a profile of `store.consoles`, or "auto". Raises UserError.
     """
-    packets = read_packets(path)
-    fields = packets.fields
-    profile = _profile(path, fields, arms, console)
-    packets = _in_seconds(path, packets, profile)
-    rows, count = len(fields), len(arms)
+    packets, profile = time_packets(path, console, arms)
+    fields, count = packets.fields, len(arms)
+    rows = len(fields)
     delta, grasp = np.zeros((rows, count, 3)), np.zeros((rows, count))
     quat = np.tile(np.array([0.0, 0.0, 0.0, 1.0]), (rows, count, 1))
     pedal, counted = np.zeros(rows), np.zeros(rows, bool)

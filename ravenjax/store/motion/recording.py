@@ -24,12 +24,12 @@ from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
 
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
+TABLE, BAG, STREAM = "table", "bag", "stream of packets"
 OPTIONS_OF = {
-    "columns": ("table",),
-    "sensors": ("table",),
-    **dict.fromkeys(("frame", "rotation", "offset_mm", "rate_hz"), ("table", "bag")),
-    "topics": ("bag",),
-    "console": ("stream of packets",),
+    **dict.fromkeys(("columns", "sensors"), (TABLE,)),
+    **dict.fromkeys(("frame", "rotation", "offset_mm", "rate_hz"), (TABLE, BAG)),
+    "topics": (BAG,),
+    "console": (STREAM,),
 }
 """Options that apply to some kinds of recordings only."""
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
@@ -71,13 +71,12 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     Raises UserError if the file cannot be read.
     """
     require_readable(path)
-    found: tuple[ArmName, ...]
-    if path.suffix.lower() in bags.SUFFIXES:
+    found: tuple[ArmName, ...] = ARMS
+    kind = _kind_of(path)
+    if kind == BAG:
         with source.open_bag(path, ReplayOptions()) as bag:
             found = tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
-    elif path.suffix.lower() in CAPTURES or _packets(path):
-        found = ARMS
-    else:
+    elif kind == TABLE:
         names: list[str] = []
         # A table without a header line may be read under the names that the options give.
         with contextlib.suppress(UserError):
@@ -86,20 +85,17 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     return found or ("gold",)
 
 
-def _packets(path: Path) -> bool:
-    return path.suffix.lower() == ".parquet" and PACKET in files.read_table(path)
+def _kind_of(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix in bags.SUFFIXES:
+        return BAG
+    packets = suffix in CAPTURES or (suffix == ".parquet" and PACKET in files.read_table(path))
+    return STREAM if packets else TABLE
 
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
     # Reads a file by its kind. An option that belongs to another kind is refused.
-    packets = path.suffix.lower() in CAPTURES or _packets(path)
-    kind = (
-        "stream of packets"
-        if packets
-        else "bag"
-        if path.suffix.lower() in bags.SUFFIXES
-        else "table"
-    )
+    kind = _kind_of(path)
     for name, kinds in OPTIONS_OF.items():
         value = getattr(options, name)
         if kind not in kinds and value != getattr(ReplayOptions(), name):
@@ -114,7 +110,7 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
                 f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; give"
                 " a value without names of arms if it is the same for all"
             )
-    if packets:
+    if kind == STREAM:
         return packet_file.read_track(
             path, arms, options.console, {arm: _home(arm) for arm in arms}
         )

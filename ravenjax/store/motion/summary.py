@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from ravenjax.bundled import resources
 from ravenjax.store.motion.options import ReplayOptions
 
 
@@ -88,17 +89,7 @@ def describe_changes(summary: MotionSummary) -> list[str]:
 
 
 def _rendered_rows(summary: MotionSummary) -> list[tuple[str, str]]:
-    # Imported here because a campaign without a recorded operator need not import it.
-    import jinja2
-
-    template = jinja2.Template(
-        Path(__file__).with_name("summary.j2").read_text(encoding="utf-8"),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    lines = template.render(s=summary).splitlines()
-    return [(what, text) for what, bar, text in (line.partition(" | ") for line in lines) if bar]
+    return resources.render_rows(Path(__file__).with_suffix(".j2"), s=summary)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

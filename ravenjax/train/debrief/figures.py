@@ -70,12 +70,11 @@ def session_charts(
     began_ms, everything = course.ms[0], np.ones(len(course.ms), bool)
     time = (course.ms - began_ms) / 1000
     moments: list[Moment] = []
-    for row in hazards:
-        if row.struck_ms is not None:
-            at = (row.struck_ms - began_ms) / 1000
-            moments.append(("strike", at, row.hazard or str(row.number)))
-            if row.response_ms is not None:
-                moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
+    starts = [(row.struck_ms, row) for row in hazards if row.struck_ms is not None]
+    for number, (struck_ms, row) in enumerate(starts, 1):
+        moments.append(("strike", (struck_ms - began_ms) / 1000, str(number)))
+        if row.response_ms is not None:
+            moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
     progress = _curve("progress", "series7", time, course["progress"])
@@ -187,7 +186,7 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
-    top = 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
+    top = 1.0 if share else 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)
         for kind, at, _ in moments

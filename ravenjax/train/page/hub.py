@@ -88,7 +88,7 @@ class Inbox:
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
     def read(self, message: str | bytes, role: str) -> Json:
-        """Return the message as in `protocol`, or one of type "page". Raises RefusedMessage."""
+        """Return a message of `protocol`, or one of type "page". Raises RefusedMessage."""
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:

@@ -307,7 +307,7 @@ class ItpServer:
         only_host: str | None = None,
         say: Say = lambda _: None,
     ) -> None:
-        """profiles, only_host, say: as of `Gate`. Raises UserError if the port is taken."""
+        """profiles, only_host, say: see `Gate`. Raises UserError if the port is taken."""
         self.arms = tuple(arms)
         self.gate = Gate(arms, profiles, only_host, say)
         self._clock = clock

@@ -241,7 +241,7 @@ def open_consoles(
 ) -> tuple[list[loop.Console], ItpServer | None]:
     """Open the ports of consoles until `stack` ends, and say who can reach them.
 
-    elsewhere: as in `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
+    elsewhere: see `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
     """
     consoles: list[loop.Console] = []
     server = None

@@ -239,10 +239,10 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     )
     told = page.evaluate(
         """async (fault) => {
-          const { faulty, golden, period_ms } = await engine.replay(engine.question(), fault);
+          const { faulty, golden, period_ms, outcome } = await engine.replay(engine.question(), fault);
           const plain = Object.fromEntries(Object.entries(faulty).map(([name, values]) => [name, [...values]]));
           const text = JSON.stringify(plain, (_, v) => (typeof v === "number" && !Number.isFinite(v) ? `${v}` : v));
-          return [text, [...golden["gold/tip"]], period_ms];
+          return [text, [...golden["gold/tip"]], period_ms, outcome.unintended_mm];
         }""",  # noqa: E501
         faults_of(ready)[row],
     )
@@ -268,6 +268,7 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     apart = np.linalg.norm(np.float64(series["gold/tip"]) - series["gold/golden_tip"], axis=1) * 1e3
     np.testing.assert_allclose(faulty["gold/deviation_mm"], apart, rtol=1e-6, atol=1e-6)
     assert max(apart) > 0.1
+    assert faulty["unintended_mm"][-1] == max(faulty["unintended_mm"]) == told[3] > 0
 
 
 def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):

@@ -116,6 +116,6 @@ def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert decisions.describe_stop(tmp_path).startswith("Not stopped yet: at look 1 of 5")
     (tmp_path / decisions.FILE).write_text(look.model_dump_json()[:50])
     with pytest.raises(
-        StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"
+        StoreError, match=r"decisions.jsonl: cannot be read .* Delete it and start the same"
     ):
         decisions.read_looks(tmp_path)

@@ -17,9 +17,10 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import CudaCode, column_words
 from ravenjax.engines.gpu.course import place_lanes, plan_course
-from ravenjax.engines.gpu.kernel import Form
+from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
+from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import replace
 
@@ -39,7 +40,8 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
     given = np.ascontiguousarray(series[:, group])
 
     form = Form(32, shared_words, region=3, in_step_from=1)
-    code = CudaCode(loop(), 1, by_group, Device(), form)
+    source = print_loop(split_lanes(loop(), 1, by_group), form, by_group)
+    code = CudaCode(source, by_group, Device(), form)
     places = place_lanes(group if by_group else np.zeros_like(group), form.threads)
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)

@@ -238,10 +238,19 @@ def test_what_is_not_the_trainees_never_scores(session, act):
 
 
 @pytest.mark.parametrize(
-    "act", [{"do": "left"}, {"do": "give", "to": "nobody"}, {"do": "give", "to": "itp"}], ids=str
+    "act",
+    [
+        {"do": "left"},
+        {"do": "give", "to": "nobody"},
+        {"do": "give", "to": "itp"},
+        {"type": "operator", "do": "rehearse"},
+    ],
+    ids=str,
 )
 @pytest.mark.parametrize("pedal", [True, False])
-def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, pedal):
+def test_who_leaves_or_lets_the_robot_rest_has_lifted_the_pedal_and_voids_nothing(
+    session, act, pedal
+):
     struck(session)
     if not pedal:
         drive(session, 20, pedal=False)
@@ -249,7 +258,7 @@ def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, ped
     for _ in range(3000):  # longer than a console that is silent keeps the seat
         events += session.tick([])
     (row,) = session.judge.rows()[:1]
-    assert row["response"] == "release" and row["outcome"] != "interrupted"
+    assert row["response"] == "release" and row["outcome"] != "interrupted" and not row["halted"]
     assert not [event for event in events if event["kind"] == "interrupted"]
 
 

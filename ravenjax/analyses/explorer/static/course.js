@@ -1,6 +1,6 @@
 // One run beside its golden run: its events in time, its signals, and what differed first.
 
-import { millis, text } from "./verdicts.js";
+import { length, millis, text } from "./verdicts.js";
 
 /** Signals in the order of the robot's tick: series, words, whether of an arm. */
 export const CHAIN = [
@@ -67,7 +67,7 @@ function path(values, low, high, height) {
 export function signal({ title, unit, curves, limit, acts, height = 84 }) {
   let [low, high] = [Infinity, -Infinity];
   for (const { values } of curves) for (const value of values) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
-  const range = `${text(low)} to ${text(high)} ${unit}`;
+  const range = `${text(low)} to ${limit === undefined ? `${text(high)} ${unit}` : length(high, limit)}`;
   if (limit !== undefined) [low, high] = [Math.min(low, 0), Math.max(high, limit * 1.15)];
   if (!(high > low)) [low, high] = [low - 1, high + 1];
   const lines = curves.map(({ values, look }) => svg("path", { d: path(values, low, high, height), class: look, "vector-effect": "non-scaling-stroke" })).join("");

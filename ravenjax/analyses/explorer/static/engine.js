@@ -339,7 +339,7 @@ class Engine {
   /**
    * Time series of a run and of its golden run, one number a millisecond: Float32Array [ticks * numbers] by the names of
    * description.programs.replay.outputs (gold/jpos: 7 numbers a tick), with ARM/deviation_mm (true tip from the golden
-   * run's), check/NAME/margin and check/NAME/count (least margin and trips so far). They go to the end of the operation;
+   * run's), unintended_mm (the most so far, of all arms), check/NAME/margin and check/NAME/count (least margin and trips so far). They go to the end of the operation;
    * `outcome` is that of when the run ends, as `outcomes` has it.
    */
   async replay(question, fault, { priority = 1, token = null } = {}) {

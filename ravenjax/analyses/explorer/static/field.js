@@ -194,8 +194,9 @@ export class Field {
     };
     const em = this.letter;
     const letters = Math.max(...this.across.values.map((value) => label(this.across, value).length));
+    const last = x + width + (PAD.right - 0.31 * letters) * em; // farther right a label would be cut
     for (const k of ends(this.across, Math.max(2, Math.floor(width / (em * (0.62 * letters + 1.5))))))
-      brush.text(label(this.across, this.across.values[k]), x + (k + 0.5) * wide, y + height + 1.35 * em, "center");
+      brush.text(label(this.across, this.across.values[k]), Math.min(x + (k + 0.5) * wide, last), y + height + 1.35 * em, "center");
     for (const k of ends(this.up, Math.max(3, Math.floor(height / (3.7 * em)))))
       brush.text(label(this.up, this.up.values[k]), x - 0.6 * em, y + height - (k + 0.5) * high + 0.35 * em, "right");
     brush.text(this.across.title, x + width / 2, y + height + 3.2 * em, "center", true);

@@ -290,8 +290,8 @@ async function search() {
   const unit = unitOf(campaign, fault);
   if (found) change({ value: found.value });
   $("said").textContent = found
-    ? `${found.value} ${unit} moves the tip more than ${campaign.limit_mm} mm; ${found.safe} ${unit} does not. ${found.runs} operations.`
-    : `no size up to ${to} ${unit} moves the tip more than ${campaign.limit_mm} mm at this moment.`;
+    ? `With ${found.value} ${unit} the unintended motion exceeds ${campaign.limit_mm} mm, with ${found.safe} ${unit} it does not. ${found.runs} operations.`
+    : `With no size up to ${to} ${unit} does the unintended motion exceed ${campaign.limit_mm} mm at this moment.`;
 }
 
 const takes = () => Boolean(campaign.effects[state.fault.effect].value);

@@ -84,8 +84,9 @@ export class Run {
     $("time").value = this.ms;
     const arm = this.campaign.arms[0];
     const apart = this.replay.faulty[`${arm}/deviation_mm`]?.[this.ms];
-    $("now").textContent = `${millis(this.ms)} · tip ${length(apart)} from where it is without the fault`;
-    $("time").setAttribute("aria-valuetext", `${this.ms} ms, tip ${length(apart)} from where it is without the fault`);
+    const far = `unintended motion so far ${length(this.replay.faulty.unintended_mm[this.ms], this.campaign.limit_mm)}`;
+    $("now").textContent = `${millis(this.ms)} · ${far}`;
+    $("time").setAttribute("aria-valuetext", `${this.ms} ms, ${far}`);
     $("run").style.setProperty("--now", this.ms / this.campaign.duration_ms);
     this.figure?.show(this.positions(this.replay.faulty), this.positions(this.replay.golden), apart);
     this.heard.moved(this.ms);
@@ -129,11 +130,11 @@ export class Run {
     const width = campaign.joints.length;
     const of = (name, k, n) => (series) => (n === 1 ? series[name] : column(series[name], k, n));
     const wanted = [
-      { title: "Distance of the tip from where it is without the fault", unit: "mm", name: `${arm}/deviation_mm`, n: 1, limit: campaign.limit_mm },
+      { title: "Unintended motion so far", unit: "mm", name: "unintended_mm", n: 1, limit: campaign.limit_mm },
       { title: `Motor command, ${named}`, unit: "counts", name: `${arm}/dac_cnt`, k: joint, n: width },
       { title: `True joint position, ${named}`, unit: joint === 2 ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
       { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.cues.cap.length },
-      { title: "Distance from the model that the cue watches", unit: "mm", name: `${arm}/tip_error_mm`, n: 1 },
+      { title: "What the cue measures", unit: "mm", name: `${arm}/tip_error_mm`, n: 1, limit: campaign.cues.threshold_mm[campaign.cue] },
     ].filter(({ name }) => name in replay.faulty);
     $("signals").innerHTML = wanted
       .map(({ title, unit, name, k = 0, n, limit }) => {

@@ -77,7 +77,7 @@ export class Table {
       ...own.slice(0, MOST).map((row) => {
         const line = document.createElement("tr");
         const name = classOf(row);
-        line.innerHTML = `<th scope="row">${row.index}<small>${row.group.replaceAll("<", "&lt;")}</small></th><td class="left long"></td><td class="left">${icon(name, CLASSES[name].mark)} ${CLASSES[name].says}</td><td data-label="most, mm">${text(row.unintended_mm)}</td><td><button type="button">watch</button></td>`;
+        line.innerHTML = `<th scope="row">${row.index}<small>${row.group.replaceAll("<", "&lt;")}</small></th><td class="left long"></td><td class="left">${icon(name, CLASSES[name].mark)} ${CLASSES[name].says}</td><td data-label="unintended motion, mm">${text(row.unintended_mm)}</td><td><button type="button">watch</button></td>`;
         line.children[1].textContent = words(this.campaign, this.fault(row));
         line.querySelector("button").addEventListener("click", () => this.open(this.fault(row), this.changes(row)));
         return line;

@@ -96,10 +96,10 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault slips past every safety check.");
   else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, and tells nobody.");
   else sentences.push("No check notices this fault.");
-  if (harm >= 0) sentences.push(`The tip moves more than ${text(limit)} mm off ${after(harm, onset)}, ${length(outcome.unintended_mm, limit)} at most${name === "stopped" ? " until the robot stops" : ""}.`);
+  if (harm >= 0) sentences.push(`${after(harm, onset).replace(/^at/, "At")}, the unintended motion exceeds ${text(limit)} mm; it reaches ${length(outcome.unintended_mm, limit)}${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself moves as asked.");
-  else sentences.push(`While the robot works, the tip goes ${length(Math.max(0, outcome.unintended_mm), limit)} off course at most.`);
+  else sentences.push(`The unintended motion is ${length(Math.max(0, outcome.unintended_mm), limit)} at most while the robot works.`);
   if (outcome.cue) {
     const came = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
     const late = came > harm ? `, ${millis(came - harm)} too late` : ", in the same millisecond as the harm";

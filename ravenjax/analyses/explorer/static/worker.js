@@ -251,6 +251,7 @@ class Core {
     const golden = this.course(parameters, none, false, end);
     one.compare(one.series());
     const faulty = this.course(parameters, faults, true, end);
+    golden.series.unintended_mm.fill(0); // it is measured from this run
     for (const arm of this.description.arms) {
       const tip = `${arm}/tip`;
       for (const { series } of [golden, faulty]) series[`${arm}/deviation_mm`] = apart(series[tip], golden.series[tip]);
@@ -295,6 +296,8 @@ class Core {
     }
     const measured = new Float32Array(results.buffer);
     const size = outcomes.length;
+    const far = outcomes.indexOf("unintended_mm");
+    named.unintended_mm = Float32Array.from({ length: ticks }, (_, tick) => Math.max(0, measured[tick * size + far]));
     for (const name of this.description.checks)
       for (const [what, from] of [
         ["margin", measured],

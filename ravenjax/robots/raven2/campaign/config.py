@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.parts import OwnSource
-from ravenjax.vocabulary.reactions import MEANINGS
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
@@ -46,14 +46,16 @@ HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
 REACH_MM = 429.0
 """Longest distance of two places of the tip within the hard stops of joints 1 to 3."""
-_FELT: dict[str, float | None] = {"delay_ms": None, "felt_force": None}
-READ_BY: dict[str, dict[str, float | None]] = {
-    "none": {},
-    "release": _FELT,
-    "slow": {**_FELT, "slow_to": 1.0},
-    "correct": {**_FELT, "correct_per_s": 0.0, "correct_mm_s": 0.0},
+READ_BY: dict[str, tuple[str, ...]] = {
+    "delay_ms": ("release", "slow", "correct"),
+    "felt_force": ("release", "slow", "correct"),
+    "slow_to": ("slow",),
+    "correct_per_s": ("correct",),
+    "correct_speed": ("correct",),
 }
-"""Keys of [reaction] that each action reads, and the value with which it has no effect."""
+"""Actions that read each parameter of a reaction."""
+IDLE = {"slow_to": 1.0, "correct_per_s": 0.0, "correct_speed": 0.0}
+"""Values with which an action has no effect."""
 
 
 class RavenConfig(CampaignConfig):
@@ -214,28 +216,92 @@ class RavenConfig(CampaignConfig):
                 (("parameters", path), "scales nothing while campaign.kinematic_errors is 'none'")
                 for path in errors
             )
-        if self.reaction is not None and "reaction.action" not in axes:
-            yield from self._reaction_notices(self.reaction, axes)
-        if self.hand is not None and not self.hand.newtons_per_unit:
-            yield ("hand", "newtons_per_unit"), "0 moves no hand"
-
-    def _reaction_notices(self, reaction: Reaction, axes: dict[str, Axis]) -> Iterator[Complaint]:
-        # Yields notices of keys of [reaction] that have no effect.
-        for name, field in Reaction.model_fields.items():
-            path, value = f"reaction.{name}", getattr(reaction, name)
-            written = value != field.default or path in axes
-            if name != "action" and written and name not in READ_BY[reaction.action]:
-                yield ("reaction", name), f"nothing reads it with action = {reaction.action!r}"
-            elif READ_BY[reaction.action].get(name) == value and path not in axes:
-                yield (
-                    ("reaction", name),
-                    f"{value:g} makes action {reaction.action!r} without effect",
-                )
-        if reaction.action != "none" and reaction.felt_force > (cap := self.haptics.cues()[0].cap):
-            yield (
-                ("reaction", "felt_force"),
-                f"{reaction.felt_force:g} is never felt: the cue pulls with at most cap = {cap:g}",
+        if self.campaign.kinematic_errors == "measured":
+            yield from (
+                (("parameters", path), "0 removes the errors that campaign.kinematic_errors draws")
+                for path in errors
+                if path.endswith(".scale") and axes[path].values == (0,)
             )
+        if self.operator.motion == "still" and self.operator.seed:
+            yield ("operator", "seed"), "motion 'still' is the same for every seed"
+        if self.operator.place == "home" and self.operator.offset_mm is not None:
+            yield (
+                ("operator", "offset_mm"),
+                "place = 'home' moves the tip wherever the offset put it",
+            )
+        limits = self.limits.si()
+        for joint, start in self.operator.start.si().items():
+            low, high = limits.get(joint, (start, start))
+            if not low <= start <= high:
+                yield ("operator", "start"), f"{joint} begins beyond its limits in [limits]"
+        sites = {
+            fault.site
+            for group in self.group
+            for run in group.run or (Run(),)
+            for fault in group.faults_of(run)
+        }
+        if self.campaign.dac_words is not None and "usb_out" not in sites:
+            yield ("campaign", "dac_words"), "nothing reads it without a fault at site usb_out"
+
+    def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
+        """See `CampaignConfig.notices_of_runs`."""
+        paths = {path for _, table in self.parameter_tables() for path in table}
+        groups = plan.rows["group"].cat.codes.to_numpy()
+
+        def in_no_run(read: np.ndarray) -> np.ndarray:
+            """Return the runs of the groups in which no run reads a number."""
+            return ~np.isin(groups, groups[read])
+
+        if self.campaign.software == "raven2":
+            limits = any(path.startswith("control.overdrive.dac_max") for path in paths)
+            key = "campaign.level" if self.campaign.level else "control.overdrive.dac_max"
+            if self.campaign.level or limits:
+                yield (
+                    key,
+                    in_no_run(plan.numbers("control.overdrive.policy") != 0),
+                    "decides nothing with policy 'no_regulation', which neither clips nor counts",
+                )
+        if self.detector and "detectors.armed_after" in paths:
+            late = plan.numbers("detectors.armed_after") >= plan.ends
+            yield "detectors.armed_after", late, "no detector looks before the run's end"
+        if self.hand is not None:
+            idle = plan.numbers("hand.newtons_per_unit") == 0
+            yield "hand.newtons_per_unit", idle, "0 moves no hand"
+        if self.reaction is not None:
+            yield from self._reaction_notices(plan, paths, in_no_run)
+
+    def _reaction_notices(
+        self, plan: Any, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
+    ) -> Iterator[tuple[str, np.ndarray, str]]:
+        written = {
+            "correct_speed" if name == "correct_mm_s" else name
+            for name, field in Reaction.model_fields.items()
+            if getattr(self.reaction, name) != field.default
+        }
+        numbers = {name: plan.numbers(f"reaction.{name}") for name in READ_BY}
+        action = np.array(ACTIONS)[plan.numbers("reaction.action")]
+        for name, actions in READ_BY.items():
+            read = np.isin(action, actions)
+            if name in written or f"reaction.{name}" in paths:
+                unread = in_no_run(read)
+                yield f"reaction.{name}", unread, "nothing reads it with this reaction.action"
+            if name in IDLE:
+                idle = read & (numbers[name] == IDLE[name])
+                yield f"reaction.{name}", idle, f"{IDLE[name]:g} leaves the action without effect"
+        acts, cap = action != "none", self.haptics.cues()[0].cap
+        force = numbers["felt_force"]
+        yield (
+            "reaction.felt_force",
+            acts & (force > np.float32(cap)),
+            f"{force.max():g} is never felt: the cue pulls with at most cap = {cap:g}",
+        )
+        faults = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
+        left = plan.ends - np.where(faults, plan.acts, 0)
+        yield (
+            "reaction.delay_ms",
+            acts & (numbers["delay_ms"] >= left),
+            "an action after the first cue of a fault comes only after the run's end",
+        )
 
     @property
     def distances_mm(self) -> tuple[float, float]:

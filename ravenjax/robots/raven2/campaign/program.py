@@ -15,10 +15,12 @@ from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import acted, explained, run, user_files, watched
+from ravenjax.robots.raven2.declaration import CHECKS
+from ravenjax.robots.raven2.loop import acted, run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
+from ravenjax.stages import explained
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.seams import Crossing
@@ -75,6 +77,7 @@ def prepare_campaign(
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         detectors=tuple(use for _, use, _ in config.detectors),
         checks=tuple(check.use for check in config.check),
+        harms=tuple(one.use for one in config.harm),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
         noise=config.campaign.noise,
@@ -180,9 +183,8 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
 
 def explain_program(program: TickProgram) -> TickProgram:
     """Return a program of the same runs, each compared with its golden run number by number."""
-    spans = tuple(_normal_range(place) for place in explained.list_numbers(program.setup))
-    setup = dataclasses.replace(program.setup, explained=spans)
-    return dataclasses.replace(program, module=explained.__name__, setup=setup)
+    spans = [_normal_range(place) for place in run.list_numbers(program.setup)]
+    return explained.explain_program(program, len(CHECKS) + len(program.setup.checks), spans)
 
 
 def _normal_range(place: Crossing) -> tuple[float, float] | None:

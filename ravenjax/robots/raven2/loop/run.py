@@ -6,10 +6,21 @@ This module is the `Loop` of `ravenjax.engines.interface`.
 from typing import Any
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, per_arm
+from ravenjax.faults.injection import injects_faults, read_channel
+from ravenjax.numbers import (
+    Scalar,
+    Vec,
+    at_once,
+    cast_to_real,
+    for_each_arm,
+    jnp,
+    per_arm,
+    widen_numbers,
+)
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.declaration import SEAMS
+from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.optional import Start, find_stages
 from ravenjax.robots.raven2.loop.records import (
@@ -27,6 +38,8 @@ from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.vocabulary.checks import OWN
+from ravenjax.vocabulary.seams import Crossing, list_crossings
+from ravenjax.vocabulary.sites import ARM
 
 
 def params(
@@ -170,3 +183,31 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.Chec
         "packet_reset": net.reset,
         "packet_order": net.out_of_sequence,
     }
+
+
+def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:
+    """Return every number that crosses a seam, in order."""
+    return list_crossings(SEAMS, setup.arms)
+
+
+def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
+    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
+    arms, packet = signals.control.arms, signals.control.packet
+    assert packet is not None
+    rotations: dict[str, Any] = {}
+    for name in ("pos", "pos_d"):
+        poses = [getattr(arm, name).rotation for arm in arms]
+        rotations[f"{name}_quaternion"] = [
+            quat_from_matrix(widen_numbers(setup, pose)) for pose in poses
+        ]
+        rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
+    numbers = []
+    for place in list_numbers(setup):
+        first, *path = (
+            setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
+            for step in place.channel.path
+        )
+        number = read_channel((rotations | vars(signals))[str(first)], tuple(path))
+        of_packet = place.seam.name in ("packet_header", "packet")
+        numbers.append((number, packet.received != 0 if of_packet else True))
+    return numbers

@@ -30,6 +30,7 @@ import numpy as np
 from ravenjax import robots
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series, topics
+from ravenjax.store.logs.time_series import Series
 from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
@@ -42,7 +43,7 @@ _ALSO_SIGNALS = {"tip", "golden_tip"}
 
 def write_trace(
     path: Path,
-    series: Mapping[str, np.ndarray],
+    series: Series,
     metadata: Mapping[str, str] | None = None,
     *,
     bases: Mapping[str, Base] | None = None,
@@ -81,7 +82,7 @@ def write_trace(
     write_aside(path, fill)
 
 
-def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+def _signals(robot: Robot, arrays: Series) -> Iterator[tuple[Topic, np.ndarray]]:
     # All series that have no standard topic, as one message with a field for each number.
     names: list[str] = []
     columns: list[np.ndarray] = []

@@ -1,5 +1,6 @@
 // Fills the panel beside the plots: lamps, figures, lists, banners.
 
+import { coarse } from "./coach.js";
 import { LETTERS } from "./plots.js";
 
 /** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
@@ -51,9 +52,11 @@ const BANNERS = {
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   writing: ["wait", "Session over, writing the debrief", ""],
   over: ["wait", "Session over", "What happened, and when it could be known:", "Debrief"],
-  virtual: ["virtual", "Virtual robot", "The robot rests. Only the virtual robot follows your hands."],
-  replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
+  virtual: ["virtual", "Virtual robot", "The robot rests; the virtual one follows your hands. N: repeat it. M: discard it."],
+  replay: ["virtual", "Re-engaged", "Hold the pedal: the robot repeats what you tried. M: discard it."],
 };
+/** A banner's text without keys, for a touch screen. */
+const touched = (text) => text.replace("N:", "“more”, Re-engage:").replace("M:", "“more”, Discard:");
 
 /** A duration in words. */
 export const lasting = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : ms < 10_000 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms / 1000)} s`);
@@ -187,11 +190,12 @@ export class Panels {
     set("target", this.goal(target) + (turn ? `, ${LETTERS[turn]} ${turn}` : ""));
     set("percent", `${(100 * frame.number("progress")).toFixed(0)} %`);
     $("progress").style.width = `${100 * frame.number("progress")}%`;
-    const down = frame.number("pedal") === 1;
+    const over = phase === "over";
+    const down = frame.number("pedal") === 1 && !over;
     const owner = this.consoles?.[frame.number("console")] ?? "nobody";
     const mine = owner === "page" || owner === "nobody";
     this.lift = pressed && !down && mine && ["ready", "running"].includes(phase); // a held pedal that does not count
-    this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : this.lift ? "lift it first" : "up");
+    this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : this.lift ? "lift it first" : over ? "session over" : "up");
     $("pedal").classList.toggle("rearm", this.lift);
     this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
@@ -202,6 +206,7 @@ export class Panels {
       button.disabled = Boolean(reason);
       button.title = reason ? `Not now: ${reason}.` : this.titles.get(button);
     }
+    $("convert").disabled = over;
     set("virtual-note", not.rehearse && view === "real" ? `Try: ${not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner };
@@ -272,7 +277,7 @@ export class Panels {
     banner.hidden = !kind;
     if (!kind) return;
     const [look, head, told, act] = BANNERS[kind];
-    const text = kind === "writing" ? (this.progress ?? "") : told;
+    const text = kind === "writing" ? (this.progress ?? "") : coarse() ? touched(told) : told;
     banner.dataset.kind = look;
     banner.querySelector("b").textContent = head;
     banner.querySelector("span").textContent = text;

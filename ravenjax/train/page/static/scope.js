@@ -116,13 +116,13 @@ export class Scope {
       this.mark(see, arm);
       if (!blinded && frame.number("view") === 0) crosshair(pen, see, this.world(arm, frame.aim(arm)));
     }
-    const [named, measured] = side === "left" ? [8, width - 8] : [width - 8, 8];
+    const named = side === "left" ? 8 : width - 8; // away from the middle, where the field's messages are
     words(pen, name, named, 14, "#e8edf3", side, 600);
     words(pen, `← ${ends[0]}`, 8, ENDS * height, "#aab7c5", "left");
     words(pen, `${ends[1]} →`, width - 8, ENDS * height, "#aab7c5", "right");
-    words(pen, "10 mm", measured, 14, "#aab7c5", side === "left" ? "right" : "left");
+    words(pen, "10 mm", named, 32, "#aab7c5", side);
     pen.fillStyle = "#aab7c5";
-    pen.fillRect(measured - (side === "left" ? 0.01 * scale : 0), 19, 0.01 * scale, 2);
+    pen.fillRect(named - (side === "left" ? 0 : 0.01 * scale), 37, 0.01 * scale, 2);
   }
 
   ground({ across, height, x, y }) {

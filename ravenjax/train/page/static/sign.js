@@ -40,7 +40,7 @@ export class CueSign {
       this.arrow.style.transform = `rotate(${Math.round((-180 * Math.atan2(up, right)) / Math.PI)}deg)`;
       this.depth.textContent = flat < ALONG ? (toward > 0 ? "⊙" : "⊗") : "";
       this.place.querySelector("b").textContent = `${LETTERS[arm]} off course`;
-      this.place.querySelector("span").textContent = `pull: ${named(way).join(", ")}`;
+      this.place.querySelector("span").textContent = `the cue pulls ${named(way).join(", ")}`;
       this.place.style.setProperty("--strength", String(0.45 + 0.55 * Math.min(1, strength)));
       this.place.dataset.arm = arm;
     }

@@ -42,13 +42,13 @@ test("the sign points where the cue pulls, stays half a second, and says depth i
   const field = element({ classList: { toggle: (_, on) => (field.cued = on) } });
   const sign = new CueSign(place, field);
   sign.show("green", [0, 1, 0], 0.5, 1000);
-  assert.deepEqual([place.hidden, field.cued, parts.svg.style.transform, parts.b.textContent, parts.span.textContent], [false, true, "rotate(-90deg)", "R off course", "pull: up"]);
+  assert.deepEqual([place.hidden, field.cued, parts.svg.style.transform, parts.b.textContent, parts.span.textContent], [false, true, "rotate(-90deg)", "R off course", "the cue pulls up"]);
   sign.show("green", [0, 1, 0], 0, 1400);
   assert.equal(place.hidden, false);
   sign.show("green", [0, 1, 0], 0, 1501);
   assert.deepEqual([place.hidden, field.cued], [true, false]);
   sign.show("gold", [0, 0, 1], 1, 2000);
-  assert.deepEqual([parts.svg.style.display, parts.i.textContent, parts.span.textContent], ["none", "⊙", "pull: toward you"]);
+  assert.deepEqual([parts.svg.style.display, parts.i.textContent, parts.span.textContent], ["none", "⊙", "the cue pulls toward you"]);
 });
 
 test("what follows from a stop does not hide its cause, and words age", () => {

@@ -1,29 +1,34 @@
 """Compares a run with its golden run, number by number, to find where and when a fault first shows.
 
-This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an observer. In each
-tick, the observer compares every number at a seam (`SEAMS`) with the golden run's number of the
-same tick. Golden numbers are inputs of a lane, in a time series. In every campaign the golden run's
-tips are such inputs too. Engines can therefore run many lanes at once and start them from snapshots
-of golden runs. No trace is stored. The outcomes that `run` has too are equal to it bit by bit. With
-both arms, 349 numbers are compared in each tick. The series of a golden run of 3 s has 4.5 MB.
+This module is a `Loop` of `ravenjax.engines.interface`: a robot's loop with an observer. In each
+tick, the observer compares every number at a seam with the golden run's number of the same tick.
+Golden numbers are inputs of a lane, in a time series. In every campaign the golden run's tips are
+such inputs too. Engines can therefore run many lanes at once and start them from snapshots of
+golden runs. No trace is stored. The outcomes that the robot's loop has too are equal to it bit by
+bit. With both arms of a Raven-II, 349 numbers are compared in each tick. The series of a golden run
+of 3 s has 4.5 MB.
+
+The robot's loop also has
+
+    list_numbers(setup) -> tuple of `vocabulary.seams.Crossing`
+    crossing_numbers(setup, signals) -> [(number, whether it exists in this tick)] in that order
+    check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
+
+and its state has a `monitor`.
 
 `differs` is the first tick in which any bit of a number differs from the golden run's number.
 `leaves` is the first tick in which a number is outside its normal range while the golden run's is
 inside. Numbers of a packet are compared only in ticks in which a packet was received.
 """
 
+import dataclasses
+import importlib
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import read_channel
-from ravenjax.numbers import Scalar, cast_to_real, first_tick, jnp, lax, record, widen_numbers
-from ravenjax.robots.raven2.declaration import CHECKS, SEAMS
-from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
-from ravenjax.robots.raven2.loop import run
-from ravenjax.robots.raven2.loop.records import TickParams, TickSignals, TickState
-from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.vocabulary.seams import Crossing, list_crossings
-from ravenjax.vocabulary.sites import ARM
+from ravenjax.numbers import Scalar, Setup, cast_to_real, first_tick, jnp, lax, record
+from ravenjax.numbers.setup import Explained, Span
 
 DIFFERS, LEAVES = "differs:", "leaves:"
 NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
@@ -54,19 +59,30 @@ class MarginHistory:
 class ExplainedState:
     """A run's state, and the state of the observer."""
 
-    tick: TickState
-    numbers: tuple[NumberHistory, ...]  # in the order of `listing`
-    margins: tuple[MarginHistory, ...]  # in the order of `run.check_histories`
+    tick: Any  # of the robot's loop
+    numbers: tuple[NumberHistory, ...]  # in the order of `list_numbers`
+    margins: tuple[MarginHistory, ...]  # in the order of `check_histories`
     harm: Scalar  # int32, tick of the first harm; -1: none
 
 
-def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:
-    """Return every number that is compared, in order."""
-    return list_crossings(SEAMS, setup.arms)
+def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> Any:
+    """Return a program of the same runs, each compared with its golden run number by number.
+
+    checks: how many the loop has. spans: normal range of each number; (): no number has any.
+    """
+    use = Explained(program.module, checks, tuple(spans))
+    setup = dataclasses.replace(program.setup, explained=use)
+    return dataclasses.replace(program, module=__name__, setup=setup)
 
 
-def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
-    """Return the state of `run.init`, with no differences."""
+def _loop(setup: Setup) -> Any:
+    assert setup.explained is not None
+    return importlib.import_module(setup.explained.loop)
+
+
+def init(setup: Setup, params: Any) -> ExplainedState:
+    """Return the state of the robot's loop, with no differences."""
+    run = _loop(setup)
     never, state = jnp.int32(-1), run.init(setup, params)
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
@@ -82,15 +98,16 @@ def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
 
 
 def advance(
-    setup: RavenSetup,
-    params: TickParams,
+    setup: Setup,
+    params: Any,
     faults: fault.Faults,
     state: ExplainedState,
     now: Scalar,
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
-) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
-    """Compute one tick as `run.advance`, then compare it with the golden run."""
+) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
+    """Compute one tick as the robot's loop, then compare it with the golden run."""
+    run = _loop(setup)
     length = run.series_length(setup)
     checked = length + len(state.numbers)
     after, series, signals = run.advance(
@@ -100,7 +117,7 @@ def advance(
     for history, span, (number, present), other in zip(
         state.numbers,
         _spans(setup),
-        crossing_numbers(setup, signals),
+        run.crossing_numbers(setup, signals),
         golden[length:checked],
         strict=True,
     ):
@@ -138,15 +155,17 @@ def advance(
     return explained, (*series, *carried, *margins), signals
 
 
-def series_length(setup: RavenSetup) -> int:
+def series_length(setup: Setup) -> int:
     """Return the length of the series."""
-    return run.series_length(setup) + len(_spans(setup)) + len(CHECKS) + len(setup.checks)
+    assert setup.explained is not None
+    return _loop(setup).series_length(setup) + len(_spans(setup)) + setup.explained.checks
 
 
-def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> dict[str, Scalar]:
-    """Return the outcomes of `run.outcomes` and those of the observer."""
+def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scalar]:
+    """Return the outcomes of the robot's loop and those of the observer."""
+    run = _loop(setup)
     out = run.outcomes(setup, params, state.tick)
-    for place, history in zip(list_numbers(setup), state.numbers, strict=True):
+    for place, history in zip(run.list_numbers(setup), state.numbers, strict=True):
         out[f"{DIFFERS}{place.name}"] = history.differs
         if history.leaves is not None:
             out[f"{LEAVES}{place.name}"] = history.leaves
@@ -156,31 +175,9 @@ def outcomes(setup: RavenSetup, params: TickParams, state: ExplainedState) -> di
     return out | {HARM: state.harm}
 
 
-def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
-    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
-    arms, packet = signals.control.arms, signals.control.packet
-    assert packet is not None
-    rotations: dict[str, Any] = {}
-    for name in ("pos", "pos_d"):
-        poses = [getattr(arm, name).rotation for arm in arms]
-        rotations[f"{name}_quaternion"] = [
-            quat_from_matrix(widen_numbers(setup, pose)) for pose in poses
-        ]
-        rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
-    numbers = []
-    for place in list_numbers(setup):
-        first, *path = (
-            setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
-            for step in place.channel.path
-        )
-        number = read_channel((rotations | vars(signals))[str(first)], tuple(path))
-        of_packet = place.seam.name in ("packet_header", "packet")
-        numbers.append((number, packet.received != 0 if of_packet else True))
-    return numbers
-
-
-def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
-    return setup.explained or (None,) * len(list_numbers(setup))
+def _spans(setup: Setup) -> tuple[Span, ...]:
+    assert setup.explained is not None
+    return setup.explained.spans or (None,) * len(_loop(setup).list_numbers(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:

@@ -1,0 +1,285 @@
+"""Harms of a campaign's own: expressions in the notation of signal temporal logic, with robustness.
+
+    depth > 2 and once[0:100](speed > 50)
+
+An expression is true where its *robustness* is positive: a comparison's is the distance from its
+limit, in the unit of its signal; `and` takes the least of its operands, `or` the largest, and `not`
+the negative (Donze and Maler 2010). A window `[a:b]` is in ms. `once` and `historically` take the
+largest and the least of the past window, or of the whole past without a window; `eventually` and
+`always` those of the window ahead. An expression that looks ahead is evaluated later, when all of
+its windows are over. A window reaches no further than the beginning of the run.
+"""
+
+import ast
+import functools
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import Setup, cast_to_real
+from ravenjax.numbers.vec import Scalar, Vec, first_tick, largest, record
+
+SIGNALS = {
+    "unintended": "mm, least distance of the tip from golden run, nominal model and standing still",
+    "loss": "mm, distance of the tip due to motion that the robot missed",
+    "false_report": "mm, error of the reported tip beyond the golden run's",
+    "from_golden": "mm, distance of the tip from the golden run",
+    "from_model": "mm, distance of the tip from the nominal model",
+    "depth": "mm, of the tip below the tissue's surface, negative above it",
+    "between_tips": "mm, distance between the tips of two arms; infinite with one arm",
+    "speed": "mm/s, of the tip",
+    "x": "mm, of the tip in frame 0",
+    "y": "mm",
+    "z": "mm",
+    "dac": "DAC counts, largest magnitude of the commands written to USB",
+    "live": "1 while the robot is live, else 0",
+    "pedal": "1 while the operator holds the pedal down, else 0",
+    "time": "ms since the run began",
+}
+"""What an expression reads, for each arm. All tips are the true ones."""
+MOST_MS = 500
+"""Longest memory of an expression. Each millisecond costs every run some time."""
+_WINDOWS = {"once": True, "eventually": True, "historically": False, "always": False}
+"""Whether the operator takes the largest, rather than the least, of its window."""
+_AHEAD = ("eventually", "always")
+_ARITHMETIC = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
+
+
+class HarmUse(NamedTuple):
+    """One harm of a campaign; static."""
+
+    name: str
+    when: str  # expression
+    counts: str  # joins, replaces or watch: what becomes of the limit of unintended motion
+
+
+@record
+class HarmState:
+    """What one harm has done so far."""
+
+    memory: tuple[tuple[Vec, ...], ...]  # of each arm: values of the last milliseconds
+    peak: Scalar  # largest robustness
+    first: Scalar  # int32, tick in which it was first positive; -1: never
+
+
+class Moment:
+    """The signals of one arm in this tick, and what its expression remembers."""
+
+    def __init__(
+        self, signals: Mapping[str, Scalar], tick: Scalar, memory: Sequence[Vec] | None
+    ) -> None:
+        """memory: None before the first tick."""
+        self.signals, self.tick = signals, tick
+        self.after: list[Vec] = []
+        self._before: Iterator[Vec] | None = None if memory is None else iter(memory)
+
+    def remember(self, ticks: int, empty: Scalar, new: Callable[[Vec], Vec]) -> Vec:
+        """Return the values of the last ticks, latest first, and remember `new` of them."""
+        first = self._before is None
+        before = Vec.full(ticks, empty) if self._before is None else next(self._before)
+        self.after.append(before if first else new(before))
+        return before
+
+    def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
+        """Return the value so many ticks ago."""
+        if not ticks:
+            return value
+        return self.remember(ticks, empty, lambda before: Vec((value, *before[:-1])))[-1]
+
+    def since(self, ticks: int, value: Scalar, empty: Scalar) -> Scalar:
+        """Return the value of so many ticks ago, or `empty` if the run began later."""
+        return jnp.where(self.tick >= ticks, value, empty) if ticks else value
+
+
+class Formula(NamedTuple):
+    """A part of an expression. value: its number, or its robustness, so many ms ago."""
+
+    ahead: int  # ms that it looks ahead
+    value: Callable[[Moment, int], Scalar]
+
+
+@functools.cache
+def parse_harm(text: str) -> Formula:
+    """Return the expression of a harm. Raises ValueError for one that is not understood."""
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(f"got {text!r}, expected an expression such as depth > 2") from error
+    formula = _truth(tree)
+    moment = Moment(dict.fromkeys(SIGNALS, 0.0), 0, None)
+    formula.value(moment, formula.ahead)
+    if (needed := sum(map(len, moment.after))) > MOST_MS:
+        raise ValueError(
+            f"its windows and delays take a memory of {needed} ms, expected at most {MOST_MS}:"
+            " shorten them, or write once(..) or historically(..) of the whole past"
+        )
+    return formula
+
+
+def _error(node: ast.AST, expected: str) -> ValueError:
+    return ValueError(f"got {ast.unparse(node)!r}, expected {expected}")
+
+
+def _number(node: ast.AST) -> Callable[[Moment], Scalar]:
+    match node:
+        case ast.Name(name) if name in SIGNALS:
+            return lambda moment: moment.signals[name]
+        case ast.Name(name):
+            raise _error(node, f"one of {', '.join(SIGNALS)}")
+        case ast.Constant(int() | float() as number) if type(number) is not bool:
+            return lambda moment: float(number)
+        case ast.UnaryOp(ast.USub(), inner):
+            value = _number(inner)
+            return lambda moment: -value(moment)
+        case ast.BinOp(left, op, right) if type(op) in _ARITHMETIC:
+            a, b, combine = _number(left), _number(right), _ARITHMETIC[type(op)]
+            return lambda moment: combine(a(moment), b(moment))
+        case ast.Call(ast.Name("abs"), [inner], []):
+            value = _number(inner)
+            return lambda moment: jnp.abs(value(moment))
+    raise _error(node, "a signal, a number, or a sum, difference, product or abs(..) of them")
+
+
+def _truth(node: ast.AST) -> Formula:
+    match node:
+        case ast.Compare(left, ops, rights) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
+            terms = [_number(term) for term in (left, *rights)]
+
+            def distance(moment: Moment, delay: int) -> Scalar:
+                values = [term(moment) for term in terms]
+                least = functools.reduce(
+                    jnp.minimum,
+                    (
+                        a - b if type(op) is ast.Gt else b - a
+                        for a, b, op in zip(values, values[1:], ops, strict=False)
+                    ),
+                )
+                return moment.delay(least, delay, 0.0)
+
+            return Formula(0, distance)
+        case ast.Compare():
+            raise _error(node, "comparisons by > and <: for a whole number write > 2.5")
+        case ast.BoolOp(op, values):
+            most = jnp.minimum if isinstance(op, ast.And) else jnp.maximum
+            return _combine(most, [_truth(value) for value in values])
+        case ast.UnaryOp(ast.Not(), inner):
+            return _negate(_truth(inner))
+        case ast.Call(ast.Name("implies"), [left, right], []):
+            return _combine(jnp.maximum, [_negate(_truth(left)), _truth(right)])
+        case ast.Call(ast.Name("once" | "historically" as name), [inner], []):
+            return _over_past(_WINDOWS[name], _truth(inner))
+        case ast.Call(
+            ast.Subscript(
+                ast.Name(name), ast.Slice(ast.Constant(int(a)), ast.Constant(int(b)), None)
+            ),
+            [inner],
+            [],
+        ) if name in _WINDOWS and 0 <= a <= b:
+            return _over_window(_WINDOWS[name], name in _AHEAD, a, b, _truth(inner))
+    raise _error(
+        node,
+        "a comparison such as depth > 2, and, or, not, implies(a, b), once[0:100](..),"
+        " historically[0:20](..), eventually[0:100](..) or always[0:20](..) with whole ms",
+    )
+
+
+def _negate(inner: Formula) -> Formula:
+    return Formula(inner.ahead, lambda moment, delay: -inner.value(moment, delay))
+
+
+def _combine(most: Any, parts: Sequence[Formula]) -> Formula:
+    return Formula(
+        max(part.ahead for part in parts),
+        lambda moment, delay: functools.reduce(most, [part.value(moment, delay) for part in parts]),
+    )
+
+
+def _side(upper: bool) -> tuple[Any, float]:
+    """Return the operation of a window, and its result over no values."""
+    return (jnp.maximum, -float("inf")) if upper else (jnp.minimum, float("inf"))
+
+
+def _over_past(upper: bool, inner: Formula) -> Formula:
+    def value(moment: Moment, delay: int) -> Scalar:
+        most, empty = _side(upper)
+        now = moment.since(delay, inner.value(moment, delay), empty)
+        before = moment.remember(1, empty, lambda before: Vec((most(before[0], now),)))
+        return most(before[0], now)
+
+    return Formula(inner.ahead, value)
+
+
+def _over_window(upper: bool, ahead: bool, a: int, b: int, inner: Formula) -> Formula:
+    def value(moment: Moment, delay: int) -> Scalar:
+        most, empty = _side(upper)
+        shift = delay - b if ahead else delay + a
+        found, span = moment.since(shift, inner.value(moment, shift), empty), 1
+        # Twice the span at a time: the memory is that of a ring buffer, with fewer operations.
+        while (step := min(span, b - a + 1 - span)) > 0:
+            found, span = most(found, moment.delay(found, step, empty)), span + step
+        return found
+
+    return Formula(inner.ahead + b if ahead else max(0, inner.ahead - a), value)
+
+
+def init(setup: Setup) -> tuple[HarmState, ...]:
+    """Return the state of each harm before the first tick."""
+    zeros = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0))
+
+    def memory(use: HarmUse) -> tuple[Vec, ...]:
+        formula, moment = parse_harm(use.when), Moment(zeros, jnp.int32(0), None)
+        formula.value(moment, formula.ahead)
+        return tuple(cast_to_real(setup, values) for values in moment.after)
+
+    nothing = cast_to_real(setup, -jnp.inf)
+    return tuple(
+        HarmState((memory(use),) * len(setup.arms), nothing, jnp.int32(-1)) for use in setup.harms
+    )
+
+
+def step(
+    setup: Setup,
+    state: tuple[HarmState, ...],
+    signals: Sequence[Mapping[str, Scalar]],
+    tick: Scalar,
+) -> tuple[HarmState, ...]:
+    """Return the harms after this tick. signals: SIGNALS of each arm."""
+    after = []
+    for use, before in zip(setup.harms, state, strict=True):
+        formula = parse_harm(use.when)
+        moments = [
+            Moment(arm, tick, memory) for arm, memory in zip(signals, before.memory, strict=True)
+        ]
+        now = largest(formula.value(moment, formula.ahead) for moment in moments)
+        now = cast_to_real(setup, jnp.where(tick >= formula.ahead, now, -jnp.inf))
+        after.append(
+            HarmState(
+                tuple(cast_to_real(setup, tuple(moment.after)) for moment in moments),
+                jnp.maximum(before.peak, now),
+                first_tick(tick, now > 0.0, before.first),
+            )
+        )
+    return tuple(after)
+
+
+def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
+    """Return the outcome columns of each harm: when it began, and its margin."""
+    out: dict[str, Scalar] = {}
+    for use, harm in zip(setup.harms, state, strict=True):
+        out |= {f"harm_{use.name}_first_ms": harm.first, f"harm_{use.name}_margin": -harm.peak}
+    return out
+
+
+def decide_harm(setup: Setup, state: tuple[HarmState, ...], moved: Scalar) -> Scalar:
+    """Return the first tick of any harm that counts. moved: tick of unintended motion; -1: never.
+
+    This decides what counts as harm in every table, report and analysis.
+    """
+    uses = list(zip(setup.harms, state, strict=True))
+    first = jnp.int32(-1) if any(use.counts == "replaces" for use, _ in uses) else moved
+    for use, harm in uses:
+        if use.counts != "watch":
+            sooner = (harm.first >= 0) & ((first < 0) | (harm.first < first))
+            first = jnp.where(sooner, harm.first, first)
+    return first

@@ -1,0 +1,188 @@
+"""Reads an arm from an MJCF file: mechanism, actuators, ranges, and the declaration of a robot."""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+import dataclasses
+import functools
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.mechanics.mechanism import Mechanism, read_mechanism
+from ravenjax.numbers import Vec
+from ravenjax.vocabulary.checks import Check
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.seams import Seam, SeamChannel
+from ravenjax.vocabulary.signals import Signal
+from ravenjax.vocabulary.sites import ARM, Channel, Site
+
+TICK_S = 1e-3
+
+SITES = {
+    "packet": ("network", "set points from the network, before the checks"),
+    "encoder": ("encoders", "joint positions as checks and controller read them"),
+    "command": ("set points", "set points of the controller, after the joint limits"),
+    "torque": ("control output", "forces of the controller, after the checks"),
+    "actuator": ("actuators", "forces of the actuators, within their range"),
+}
+"""Layer and place of each fault site, in the order of the tick; the site is the layer's code."""
+CHECKS = {
+    check.name: check
+    for check in (
+        Check("tracking", "rad or m", "encoder too far from the set point, stops", "stop"),
+        Check("velocity", "rad/s or m/s", "encoder too fast, stops", "stop"),
+        Check("watchdog", "ms", "no packet for too long, stops", "stop"),
+        Check("joint_limit", "rad or m", "set point clipped to the joint's range", "limit"),
+    )
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Arm:
+    """A fixed base, hinges and slides, and at most one actuator for each joint.
+
+    Vectors have one number per joint, in rad or m, and Nm or N. An actuator exerts `gain` control +
+    `bias` - `stiffness` position - `damping` velocity.
+    """
+
+    mechanism: Mechanism
+    timestep: float  # s, of the model; a tick has 1 ms
+    tip: str  # name of its site
+    kinds: tuple[str, ...]  # position, velocity or motor; "": no actuator
+    home: Vec  # of the first keyframe, or of the model
+    lower: Vec  # range of the joint, infinite without one
+    upper: Vec
+    gain: Vec
+    bias: Vec
+    stiffness: Vec
+    damping: Vec
+    control: tuple[Vec, Vec]  # least and largest control
+    force: tuple[Vec, Vec]  # least and largest force
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArmRobot(Robot):
+    """The declaration of an arm from an MJCF file."""
+
+    arm: Any = None
+
+
+def read_robot(file: Path, name: str = "", package: str = "ravenjax.robots.mjcf") -> ArmRobot:
+    """Return the robot of an MJCF file. Its tip is the site `tip`, or the last site.
+
+    name, package: of a Python module that declares it. Raises UserError that names what the
+    simulation does not have.
+    """
+    return _read(file, file.stat().st_mtime_ns, name or str(file), package)
+
+
+@functools.lru_cache(maxsize=16)
+def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
+    try:
+        files = tuple(dict.fromkeys(mujoco.mju_getXMLDependencies(str(file))))
+        arm, joints = _arm(mujoco.MjModel.from_xml_path(str(file)))
+    except (UserError, ValueError, mujoco.FatalError) as error:
+        raise UserError(f"robot {str(file)!r}: {error}") from None
+    slides = [link.slide for link in arm.mechanism.links]
+
+    def channels(site: str) -> tuple[Channel, ...]:
+        units = ("N m", "N") if site in ("torque", "actuator") else ("rad", "m")
+        above = (ARM, "goal") if site == "packet" else (ARM,)
+        return tuple(
+            Channel(joint, (*above, k), "float", units[slides[k]])
+            for k, joint in enumerate(joints)
+            if arm.kinds[k] or site == "encoder"
+        ) + (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) * (site == "packet")
+
+    def signal(field: str, site: str, *against: str) -> Signal:
+        units = tuple((c.name, c.unit) for c in sites[site].channels)
+        return Signal(field, site, sites[site].where, units[0][1], joints, units, against=against)
+
+    sites = {
+        site: Site(site, site, True, channels(site), where) for site, (_, where) in SITES.items()
+    }
+    return ArmRobot(
+        name=name,
+        title=file.name,
+        package=package,
+        arms=("arm",),
+        joints=joints,
+        linear=tuple(joint for joint, slide in zip(joints, slides, strict=True) if slide),
+        sites=sites,
+        layers={site: layer for site, (layer, _) in SITES.items()},
+        checks=CHECKS,
+        run_levels=("stopped", "running"),
+        live="no check has stopped the arm",
+        seams={
+            name: Seam(
+                *(name, name, True),
+                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in site.channels),
+                site.where,
+            )
+            for name, site in sites.items()
+        },
+        signals=(
+            signal("jpos", "encoder", "jpos_d"),
+            signal("jpos_d", "command"),
+            signal("tau_d", "torque"),
+        ),
+        files=files,
+        arm=arm,
+    )
+
+
+def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
+    sites = [model.site(k).name for k in range(model.nsite)]
+    if not sites:
+        raise UserError('expected a site at the tip, such as <site name="tip"/> in the last body')
+    tip = "tip" if "tip" in sites else sites[-1]
+    mechanism = dataclasses.replace(read_mechanism(model, tip), timestep=TICK_S)
+    numbers = [link.number for link in mechanism.links]
+    names = [re.sub(r"\W", "_", link.joint) or f"joint{link.number}" for link in mechanism.links]
+    if not numbers or len({*names}) < len(names):
+        raise UserError(f"expected joints with names that differ, got {', '.join(names) or 'none'}")
+    reach = np.where(model.jnt_limited, model.jnt_range.T, [[-math.inf], [math.inf]])[:, numbers]
+    home = (model.key_qpos[0] if model.nkey else model.qpos0)[model.jnt_qposadr[numbers]]
+    gain, offset, stiffness, damping = np.zeros((4, len(numbers)))
+    control, force = np.full((2, 2, len(numbers)), [[-math.inf], [math.inf]])
+    capped = model.jnt_actfrclimited[numbers] > 0
+    force[:, capped] = model.jnt_actfrcrange[numbers][capped].T
+    kinds = [""] * len(numbers)
+    for a in range(model.nu):
+        k = _driven(model, a, numbers, kinds)
+        gear, factor = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0]
+        bias = model.actuator_biasprm[a, :3] * (model.actuator_biastype[a] != 0)
+        kinds[k] = "position" if bias[1] else "velocity" if bias[2] else "motor"
+        # The control of a motor is its force; that of a servo is in the joint's unit.
+        unit = gear * factor if kinds[k] == "motor" else 1.0 / gear
+        gain[k], offset[k] = gear * factor / unit, gear * bias[0]
+        stiffness[k], damping[k] = -(gear**2) * bias[1:]
+        if model.actuator_ctrllimited[a]:
+            control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
+        if model.actuator_forcelimited[a]:
+            force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
+    vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
+    bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
+    own = mechanism, model.opt.timestep, tip, tuple(kinds)
+    return Arm(*own, *vectors, *bounds), tuple(names)
+
+
+def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str]) -> int:
+    """Return the place of the joint that actuator `a` drives. Raises UserError."""
+    name = model.actuator(a).name or f"number {a}"
+    kinds_of = (model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype)
+    if any(kind[a] != 0 for kind in kinds_of) or model.actuator_biastype[a] not in (0, 1):
+        raise UserError(
+            f"actuator {name}: expected one of <position>, <velocity> and <motor> on a joint,"
+            " without dynamics"
+        )
+    place = numbers.index(int(model.actuator_trnid[a, 0]))
+    if kinds[place]:
+        raise UserError(f"actuator {name}: its joint has another one; expected one for each joint")
+    return place

@@ -1,0 +1,190 @@
+"""Campaigns of an arm from an MJCF file: sections of the file, motion, parameters, time series."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.file.section import Section
+from ravenjax.campaign.prepared import Prepared
+from ravenjax.numbers import Vec
+from ravenjax.numbers.setup import Injection, Precision
+from ravenjax.robots.mjcf import loop
+from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
+from ravenjax.stages import detectors, haptics, monitor
+from ravenjax.stages.explained import explain_program
+
+__all__ = ["Config", "Params", "explained", "prepare", "series"]
+
+
+class Operator(Section):
+    """[operator]: set points of all joints, sines around the start."""
+
+    motion: Literal["sines"] = "sines"
+    """kind of motion"""
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    """seed of the frequency and the direction of each joint"""
+    amplitude: float = Field(default=0.05, gt=0.0, le=0.5)
+    """amplitude, as a share of the joint's range; of one turn without a range"""
+    hz: float = Field(default=0.2, gt=0.0, le=50.0)
+    """mean frequency, Hz; each joint has 0.5 to 1.5 times as much"""
+
+
+class Config(CampaignConfig):
+    """A whole campaign file of an arm."""
+
+    operator: Operator = Operator()
+
+    @property
+    def operator_label(self) -> str:
+        """Name of the operator's motion in tables."""
+        return self.operator.motion
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """Yield (heading, text) of what the file says about robot and operator."""
+        yield from super().lines()
+        robot: Any = self.robot
+        kinds = zip(robot.joints, robot.arm.kinds, strict=True)
+        yield "joints", ", ".join(f"{joint} ({kind or 'passive'})" for joint, kind in kinds)
+        yield "tip", f"site {robot.arm.tip}"
+        operator = self.operator
+        yield (
+            "operator",
+            f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean",
+        )
+
+    def complaints(self) -> Iterator[Complaint]:
+        """See `CampaignConfig.complaints`."""
+        yield from super().complaints()
+        for number, detector in enumerate(self.detector):
+            if detector.kind != "own":
+                yield ("detector", number, "kind"), "an arm runs detectors with a file only"
+        # A campaign without faults lists parameters.
+        for joint in self._without_gain("motor") if any(g.fault for g in self.group) else ():
+            reason = "nothing holds the joint of a motor without it; write kp, and kd for damping"
+            yield ("parameters", f"kp.{joint}"), f"expected a gain: {reason}"
+
+    def notices(self) -> Iterator[Complaint]:
+        """See `CampaignConfig.notices`."""
+        yield from super().notices()
+        limited = {path.partition(".")[0] for path in self._set()}
+        for name in sorted({"tracking", "velocity", "watchdog"} - limited):
+            yield ("parameters", name), f"the check {name} has no limit, so it never trips"
+        for joint in self._without_gain("velocity", "motor"):
+            yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
+        arm: Any = self.robot
+        if (step := arm.arm.timestep * 1e3) != 1.0:
+            yield (
+                ("campaign", "robot"),
+                f"the model's time step of {step:g} ms is not used: an arm moves in steps of 1 ms",
+            )
+
+    def _set(self) -> set[str]:
+        return {path for _, table in self.parameter_tables() for path in table}
+
+    def _without_gain(self, *kinds: str) -> Iterator[str]:
+        robot: Any = self.robot
+        for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
+            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}:
+                yield joint
+
+    def deciding(self) -> dict[str, Any]:
+        """See `CampaignConfig.deciding`. The code hash has the content of the MJCF file."""
+        tables = super().deciding()
+        tables["campaign"]["robot"] = Path(self.campaign.robot).name
+        return tables | {"operator": self.operator.model_dump(exclude_defaults=True)}
+
+
+def prepare(
+    config: Any, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
+) -> Prepared:
+    """Prepare a campaign; see `ravenjax.campaign.prepared`."""
+    robot = config.robot
+    arm, limits, cues = robot.arm, config.outcomes, config.haptics.cues()
+    setup = ArmSetup(
+        arms=config.campaign.arms,
+        precision=precision,
+        injection=injection,
+        cues=len(cues),
+        detectors=tuple(use for _, use, _ in config.detectors),
+        robot=robot,
+    )
+    columns = _sines(config.operator, arm, config.campaign.ticks)
+    zero = Vec.full(len(arm.home), 0.0)
+    watching = detectors.watch_params(setup)
+    thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
+    params = Params(
+        start=Vec(float(column[0]) for column in columns),
+        lower=arm.lower.map(max, -UNLIMITED),
+        upper=arm.upper.map(min, UNLIMITED),
+        tracking=zero + UNLIMITED,
+        velocity=zero + UNLIMITED,
+        watchdog=UNLIMITED,
+        kp=zero,
+        kd=zero,
+        gravity=1.0,
+        coasting=0.9,
+        detectors=dataclasses.replace(watching, thresholds=thresholds),
+        haptics=haptics.HapticParams(tuple(haptics.CueParams(*cue) for cue in cues)),
+        monitor=monitor.MonitorParams(
+            jump_step=limits.jump_step_mm / 1e3,
+            large_jump=limits.large_jump_mm / 1e3,
+            limit=limits.limit_mm / 1e3,
+        ),
+    )
+    return Prepared(loop, setup, params, columns)
+
+
+RAMP_S = 0.5
+"""Time in which the motion starts."""
+
+
+def _sines(operator: Operator, arm: Any, ticks: int) -> tuple[np.ndarray, ...]:
+    """Return the set points of each joint, float32 [ticks]."""
+    rng = np.random.default_rng(operator.seed)
+    time_s = np.arange(ticks) / 1e3
+    ramp = np.clip(time_s / RAMP_S, 0, 1)
+    ramp = ramp**2 * (3 - 2 * ramp)
+    columns = []
+    for home, low, high in zip(arm.home, arm.lower, arm.upper, strict=True):
+        way = operator.amplitude * (high - low if np.isfinite(high - low) else 2 * np.pi)
+        hz = operator.hz * rng.uniform(0.5, 1.5) * rng.choice((-1, 1))
+        middle = np.clip(home, low + way, high - way)
+        columns.append((middle + way * ramp * np.sin(2 * np.pi * hz * time_s)).astype(np.float32))
+    return tuple(columns)
+
+
+def series(
+    setup: ArmSetup, signals: dict[str, Any], golden: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Return the time series of a run; `store.logs.time_series` describes them."""
+    names = {"jpos": "encoder", "jpos_d": "command", "tau_d": "torque"}
+    arm = {own: signals[name][0] for own, name in names.items()} | {
+        name: values for name, values in signals.items() if isinstance(values, Vec)
+    }
+    out = {f"arm/{name}": np.stack(values, axis=-1) for name, values in arm.items()}
+    if golden is not None:
+        out["arm/golden_tip"] = golden[:, :3]
+    out["arm/tip_error_mm"] = signals["tip_error_mm"]
+    return {"runlevel": signals["runlevel"], **out}
+
+
+def explained(program: Any) -> Any:
+    """Return a program of the same runs that is compared number by number.
+
+    Normal ranges are those of the model's joints and actuators.
+    """
+    arm, setup = program.setup.robot.arm, program.setup
+    spans = []
+    for place in loop.list_numbers(setup):
+        forces = place.seam.name in ("torque", "actuator")
+        low, high = arm.force if forces else (arm.lower, arm.upper)
+        k = place.channel.path[-1]
+        bounded = k != "lost" and np.isfinite(high[k] - low[k])
+        spans.append((low[k], high[k]) if bounded else None)
+    return explain_program(program, len(setup.robot.checks), spans)

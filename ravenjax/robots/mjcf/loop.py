@@ -1,0 +1,268 @@
+"""One millisecond of an arm from an MJCF file: packet, sense, check, control, move, watch.
+
+The set points of the operator arrive in packets and are clipped to the joints' ranges. The
+controller is the model's own actuators, with the torques that hold the arm against gravity added. A
+motor has a PD law. After a check has stopped the arm, brakes slow it down.
+
+The nominal model is the same arm, moved by the operator's set points, without faults and checks.
+Its controller carries all of gravity.
+
+This module is the `Loop` of `ravenjax.engines.interface`.
+"""
+
+import copy
+import dataclasses
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any
+
+from ravenjax.faults import fault
+from ravenjax.faults.injection import Injector, channel_paths, read_channel
+from ravenjax.mechanics import mechanism
+from ravenjax.numbers import cast_to_real, jnp, setup
+from ravenjax.numbers.algebra import minus, mul, plus
+from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, where
+from ravenjax.parts import part
+from ravenjax.robots.mjcf import Arm
+from ravenjax.stages import check, detectors, haptics, monitor
+from ravenjax.vocabulary.seams import Crossing, list_crossings
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmSetup(setup.Setup):
+    """Everything that selects the code of the tick."""
+
+    robot: Any = None  # ArmRobot
+
+    @property
+    def joints(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the joints, in order."""
+        return self.robot.joints
+
+
+UNLIMITED = 1e9
+"""Limit of a check that never trips."""
+
+
+@record
+class Params:
+    """What a campaign may vary."""
+
+    start: Vec  # rad or m
+    lower: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "least set point of a joint")]
+    upper: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "largest set point of a joint")]
+    tracking: Annotated[Vec, Quantity("rad or m", 0, 1e9, "tracking error that stops")]
+    velocity: Annotated[Vec, Quantity("rad/s or m/s", 0, 1e9, "velocity that stops")]
+    watchdog: Annotated[Scalar, Quantity("ms", 0, 1e9, "time without a packet that stops")]
+    kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e6, "PD gain of a joint without servo")]
+    kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e6, "damping gain of a motor's PD law")]
+    gravity: Annotated[Scalar, Quantity("", 0, 1, "share of gravity that the controller carries")]
+    coasting: Annotated[Scalar, Quantity("", 0, 1, "share of the speed left after 1 ms of braking")]
+    detectors: detectors.WatchParams
+    haptics: haptics.HapticParams
+    monitor: monitor.MonitorParams
+
+
+@record
+class Packet:
+    """What the operator sends."""
+
+    goal: Vec  # set points, rad or m
+    lost: Scalar  # bool
+
+
+@record
+class State:
+    """What is remembered from one tick to the next."""
+
+    faults: fault.FaultState
+    jpos: Vec  # rad or m
+    jvel: Vec  # rad/s or m/s
+    goal: Vec  # newest set points that arrived
+    silent: Scalar  # int32 ticks since they arrived
+    command: Vec
+    reported: Vec
+    model: tuple[Vec, Vec]  # positions and velocities of the nominal model
+    plan: Vec  # set points of the operator
+    tips: tuple[Vec, Vec]  # m, reported and nominal
+    stopped: Scalar  # bool
+    checks: tuple[check.CheckHistory, ...]  # in the order of the robot's
+    detectors: detectors.DetectorsState
+    haptics: haptics.HapticState
+    monitor: monitor.MonitorState
+    live: Scalar  # int32 ticks
+
+
+def init(setup: ArmSetup, params: Params) -> State:
+    """Return the state at rest at the start of the motion."""
+    jpos = cast_to_real(setup, params.start)
+    tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
+    return State(
+        *(fault.init(setup), jpos, jpos * 0.0, jpos, jnp.int32(0), jpos, jpos),
+        *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
+        checks=(check.init(setup),) * len(setup.robot.checks),
+        detectors=detectors.init(setup, params.detectors),
+        haptics=haptics.init(setup, params.haptics),
+        monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
+        live=jnp.int32(0),
+    )
+
+
+def advance(
+    setup: ArmSetup,
+    params: Params,
+    faults: fault.Faults,
+    state: State,
+    now: Scalar,
+    motion: tuple[Any, ...],
+    golden: tuple[Scalar, ...],
+) -> tuple[State, tuple[Scalar, ...], dict[str, Any]]:
+    """Compute one tick; see `ravenjax.engines.interface.Loop`."""
+    arm = setup.robot.arm
+    clocks = fault.TriggerClocks(now, now + 1, now)
+    opened = fault.open_windows(setup, faults, state.faults, clocks)
+    inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+
+    plan = Vec(cast_to_real(setup, column[now]) for column in motion)
+    (packet,) = inject("packet", (Packet(plan, jnp.bool_(False)),))
+    goal = where(packet.lost, state.goal, packet.goal)
+    silent = jnp.where(packet.lost, state.silent + 1, 0)
+    (reported,) = inject("encoder", (state.jpos,))
+    (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
+    margins = (
+        _least(params.tracking - (command - reported).map(jnp.abs)),
+        _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
+        params.watchdog - cast_to_real(setup, silent),
+        _least((*(goal - params.lower), *(params.upper - goal))),
+    )
+    *stops, clips = (~(margin >= 0.0) for margin in margins)
+    stops = [trips & ~state.stopped for trips in stops]
+    stopped = reduce(or_, stops, state.stopped)
+
+    torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
+    torque = where(stopped, torque * 0.0, torque)
+    # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
+    _, more = _drive(copy.copy(inject), arm, torque + 1.0)
+    driven, exerted = _drive(inject, arm, torque)
+    damped = Vec(
+        jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
+        for x, t, y, d in zip(exerted, torque, more, arm.damping, strict=True)
+    )
+    jpos, jvel = mechanism.step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
+    slower = state.jvel * params.coasting
+    jvel = where(stopped, slower, jvel)
+    jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
+
+    wanted, before = (_clip(x, params.lower, params.upper) for x in (plan, state.plan))
+    ideal = _clip(_control(arm, params, 1.0, *state.model, wanted, before), *arm.force)
+    follows = mechanism.step(arm.mechanism, *state.model, ideal, arm.damping)
+    tip, seen, model = (
+        mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
+    )
+    seen_way, model_way = ((a - b) * 1e3 for a, b in zip((seen, model), state.tips, strict=True))
+    cue, pull = haptics.step(
+        *(setup, params.haptics, state.haptics),
+        haptics.HapticSignal(model, model_way, seen, seen_way),
+    )
+    running, always = ~stopped, jnp.bool_(True)
+    infinite, nothing = cast_to_real(setup, jnp.inf), (Vec.full(len(jpos), 0),)
+    watched = monitor.MonitorSignal(
+        *((tip,), (seen * 1e6,), (model,), (-infinite,), infinite, nothing),
+        *(always, running, always, now),
+    )
+    reference = monitor.Reference((Vec(golden[:3]),), (Vec(golden[3:6]),))
+    view = {"tick": now, "jpos": reported, "jpos_d": command, "tau_d": driven}
+    watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
+    histories = zip(state.checks, (*stops, clips), margins, strict=True)
+    new = State(
+        *(inject.state, jpos, jvel, goal, silent, command, reported),
+        *(follows, plan, (seen, model), stopped),
+        checks=tuple(check.update_check(old, now, trips, m) for old, trips, m in histories),
+        detectors=detectors.step(setup, params.detectors, state.detectors, watching),
+        haptics=cue,
+        monitor=monitor.step(setup, params.monitor, state.monitor, watched, reference),
+        live=state.live + as_int(running),
+    )
+    signals = {
+        "packet": (packet,),
+        "encoder": (reported,),
+        "command": (command,),
+        "torque": (driven,),
+        "actuator": (exerted,),
+        "runlevel": as_int(running),
+        "link_jpos": jpos,
+        "link_jvel": jvel,
+        "tip": tip,
+        "position": seen,
+        "model_position": model,
+        "model_jpos": follows[0],
+        "cue_force": pull.force,
+        "tip_error_mm": pull.distance * 1e3,
+    }
+    return new, (*tip, *(seen * 1e6)), signals
+
+
+def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
+    """Return the forces as commanded and as exerted."""
+    (driven,) = inject("torque", (torque,))
+    (exerted,) = inject("actuator", (_clip(driven, *arm.force),))
+    return driven, exerted
+
+
+def _control(
+    arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
+) -> Vec:
+    """Return the forces of the actuators, without limits, and with a share of gravity's."""
+    control = Vec(
+        c
+        if kind == "position"
+        else (c - q) * kp + ((c - b) * 1e3 if kind == "velocity" else v * -kd)
+        for kind, q, v, c, b, kp, kd in zip(
+            arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
+        )
+    )
+    force = plus(arm.gain.map(mul, _clip(control, *arm.control)), arm.bias)
+    force = minus(minus(force, arm.stiffness.map(mul, jpos)), arm.damping.map(mul, jvel))
+    held = mechanism.gravity_torque(arm.mechanism, jpos)
+    return Vec(
+        f + mul(gravity, h) if kind else 0.0 * h
+        for kind, f, h in zip(arm.kinds, force, held, strict=True)
+    )
+
+
+def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
+    return values.map(lambda x, a, b: jnp.minimum(jnp.maximum(x, a), b), low, high)
+
+
+def _least(numbers: tuple[Scalar, ...]) -> Scalar:
+    return reduce(jnp.minimum, numbers)
+
+
+def series_length(setup: ArmSetup) -> int:
+    """Return the number of values that a run is compared by."""
+    return 6
+
+
+def check_histories(setup: ArmSetup, state: State) -> dict[str, check.CheckHistory]:
+    """Return every check by its name in columns."""
+    return dict(zip(setup.robot.checks, state.checks, strict=True))
+
+
+def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]:
+    """Return the columns of the result table before the verdict."""
+    out = {"end_runlevel": as_int(~state.stopped), "pedal_down_ms": state.live}
+    out |= fault.outcomes(state.faults) | check.outcomes(check_histories(setup, state))
+    out |= detectors.outcomes(setup, state.detectors)
+    return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
+
+
+def list_numbers(setup: ArmSetup) -> tuple[Crossing, ...]:
+    """Return every number that crosses a seam, in order."""
+    return list_crossings(setup.robot.seams, setup.arms)
+
+
+def crossing_numbers(setup: ArmSetup, signals: dict[str, Any]) -> list[tuple[Scalar, bool]]:
+    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
+    paths = [(place.seam.name, place.channel.path[1:]) for place in list_numbers(setup)]
+    return [(read_channel(signals[seam][0], path), True) for seam, path in paths]

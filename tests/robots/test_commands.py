@@ -1,0 +1,187 @@
+"""Every command for the arm of an MJCF file, and for a module that declares such an arm."""
+
+import shutil
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import ravenjax as rj
+from ravenjax.bundled import resources
+from ravenjax.cli import main
+from ravenjax.errors import UserError
+from ravenjax.robots import find_robot
+
+ARMS = {
+    "planar_arm": ("elbow", "parameters.kp = 40\nparameters.kd = 2", "[-5, 5]"),
+    "arm.xml": ("wrist_1", "", "[-60, 60]"),
+}
+FILE = """
+campaign = {{ name = "arm", robot = "{robot}", duration_s = 1.0 }}
+parameters.tracking = 0.5
+parameters.velocity = 9
+{parameters}
+[[group]]
+name = "drawn"
+design = "random"
+runs = 12
+[[group.fault]]
+site = "actuator"
+channel = "{joint}"
+effect = "offset"
+value = {{ uniform = {value} }}
+start_ms = 600
+duration_ms = 100
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    shutil.copy(resources.find_model("ur5e/ur5e.xml"), tmp_path / "arm.xml")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write_campaign(path: Path, robot: str, search: str = "") -> None:
+    joint, parameters, value = ARMS[robot]
+    text = FILE.format(robot=robot, joint=joint, parameters=parameters, value=value)
+    drawn = 'design = "random"\nruns = 12\n'
+    path.write_text(text.replace(drawn, "") + search if search else text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ARMS)
+def test_every_command_works(folder, robot, capsys):
+    write_campaign(folder / "arm.toml", robot)
+    write_campaign(
+        folder / "search.toml",
+        robot,
+        '[search]\nkind = "boundary"\nharm = "peak_golden_deviation_mm >= 1"\nscan = 5\n',
+    )
+    simd = ("--engine", "simd")
+    for words in (
+        ("check", "arm.toml", "--trust"),
+        ("run", "arm.toml", "--out", "a", *simd),
+        ("run", "arm.toml", "--out", "b", *simd, "--set", "parameters.gravity=0.9"),
+        ("report", "a"),
+        ("verify", "a"),
+        ("trace", "a", "--worst", "1"),
+        ("explain", "a"),
+        ("compare", "a", "b"),
+        ("coverage", "a"),
+        (
+            "counterfactual",
+            "a",
+            "--out",
+            "c",
+            "--hours",
+            "0.02",
+            "--false-alarms-per-hour",
+            "100",
+            *simd,
+        ),
+        ("search", "search.toml", "--out", "s", *simd),
+        ("explore", "arm.toml", "-o", "page.html"),
+        ("faults", "--robot", robot, "--trust"),
+        ("parameters", "--robot", robot, "--trust"),
+    ):
+        assert main([*words]) == 0, (words, capsys.readouterr().err)
+
+
+def test_its_tick_moves_as_c_mujoco(folder):
+    """Position servos, damping, gravity that the controller carries, and the force of a fault."""
+    write_campaign(folder / "arm.toml", "arm.xml")
+    row = rj.run("arm.toml", engine="simd").iloc[1]
+    run = rj.simulate("arm.toml", 1, engine="simd").sel(arm="arm")
+    model = mujoco.MjModel.from_xml_path("arm.xml")
+    data, places = mujoco.MjData(model), []
+    data.qpos[:] = run["jpos"].values[0]
+    for ms, plan in enumerate(run["jpos_d"].values):
+        still = mujoco.MjData(model)
+        still.qpos[:] = data.qpos
+        mujoco.mj_forward(model, still)
+        data.ctrl[:], data.qfrc_applied[:] = plan, still.qfrc_bias
+        data.qfrc_applied[3] += row["fault0_value"] * (600 <= ms < 700)
+        mujoco.mj_step(model, data)
+        places.append(data.qpos.copy())
+    assert np.ptp(places, axis=0).min() > 0.05 and row["peak_golden_deviation_mm"] > 0.3
+    np.testing.assert_allclose(run["link_jpos"], places, rtol=0, atol=2e-6)
+
+
+def test_a_result_belongs_to_one_model(folder, capsys):
+    """A file that the model includes counts too; the folder of the files does not."""
+    write_campaign(folder / "arm.toml", "arm.xml")
+    text = (folder / "arm.xml").read_text()
+    (folder / "key.xml").write_text("<mujoco>" + text[text.index("<keyframe") :])
+    (folder / "arm.xml").write_text(
+        text[: text.index("<keyframe")] + '<include file="key.xml"/></mujoco>'
+    )
+    words = ["run", "arm.toml", "--out", "a", "--engine", "simd", "--set", "group.0.runs=2"]
+    assert main(words) == main(words) == 0
+    copy = shutil.copytree(folder, folder / "copy")
+    (folder / "arm.xml").unlink()
+    assert len(rj.Campaign.from_toml(copy / "arm.toml", ["group.0.runs=2"]).run(engine="simd")) == 2
+    shutil.copy(copy / "arm.xml", folder)
+    assert main(["run", str(copy / "arm.toml"), *words[2:]]) == 0
+    for changed in ("arm.xml", "key.xml"):
+        file = copy / changed
+        file.write_text(file.read_text().replace("1.5708", "1.5707").replace("8.058", "8.1"))
+        capsys.readouterr()
+        assert main(["run", str(copy / "arm.toml"), *words[2:]]) == 2
+        assert "code:" in capsys.readouterr().err
+        shutil.copy(folder / changed, copy)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('<site name="tip" pos="0 0 0.05"/>', "", "expected a site at the tip"),
+        (
+            '<position name="elbow"',
+            '<intvelocity actrange="0 1" name="elbow"',
+            "actuator elbow: exp",
+        ),
+        ('<position name="elbow" joint="elbow"', '<position name="x" joint="wrist_1"', "another"),
+        ("<worldbody>", "<worldbody", "XML_ERROR"),
+    ],
+)
+def test_what_an_arm_cannot_have_is_named(folder, old, new, complaint):
+    file = folder / "arm.xml"
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(UserError, match=complaint):
+        find_robot("arm.xml", folder)
+    with pytest.raises(UserError, match=r"no such file; looked for .*arm2.xml"):
+        find_robot("arm2.xml", folder)
+
+
+def test_a_motor_needs_a_gain_and_another_time_step_is_named(folder, capsys):
+    write_campaign(folder / "arm.toml", "planar_arm")
+    text = (folder / "arm.toml").read_text()
+    (folder / "arm.toml").write_text(text.replace("parameters.kp = 40", ""))
+    assert main(["check", "arm.toml", "--trust"]) == 2
+    assert "kp.shoulder: expected a gain" in capsys.readouterr().err
+    write_campaign(folder / "arm.toml", "arm.xml")
+    file = folder / "arm.xml"
+    file.write_text(file.read_text().replace('timestep="0.001"', 'timestep="0.002"'))
+    assert main(["check", "arm.toml"]) == 0
+    assert "time step of 2 ms is not used" in " ".join("".join(capsys.readouterr()).split())
+
+
+def test_the_watchdog_stops_an_arm_whose_packets_are_lost(folder):
+    write_campaign(folder / "arm.toml", "arm.xml")
+    text = (folder / "arm.toml").read_text()
+    for old, new in (
+        ('"actuator"', '"packet"'),
+        ('"wrist_1"', '"lost"'),
+        ('"offset"', '"overwrite"'),
+        ("{ uniform = [-60, 60] }", "1"),
+        ("runs = 12", "runs = 2"),
+        ("[[group]]", "parameters.watchdog = 40\n[[group]]"),
+    ):
+        text = text.replace(old, new)
+    (folder / "arm.toml").write_text(text)
+    table = rj.run("arm.toml", engine="simd")
+    # Packet 600 is the first that is lost. In tick 640 the newest set point is 41 ms old.
+    assert (table["check_watchdog_first_ms"] == 640).all()
+    assert (table["end_runlevel"] == 0).all()
