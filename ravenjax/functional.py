@@ -1,4 +1,4 @@
-"""The tick of a campaign as pure functions of one run, for `jit`, `vmap`, `grad` and `shard_map`.
+"""Provides a campaign's tick as pure functions of one run, for `jit`, `vmap`, `grad`, `shard_map`.
 
     from ravenjax import functional
 

@@ -72,9 +72,7 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
 
 
 def _position(word: Scalar, lower: Scalar) -> Scalar:
-    """Return the index (int32) of the set bit of `word` below which exactly `lower` (int32) bits
-    are set.
-    """
+    """Return the index (int32) of the set bit below which `lower` (int32) bits are set."""
     _, halves, eights, fours, pairs = _sums(word)
     position = jnp.int32(0)
     for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):

@@ -100,9 +100,7 @@ class Calibration:
 
     @property
     def told(self) -> np.ndarray:
-        """Return the posterior standard deviations divided by the prior ones; 1: the log told
-        nothing.
-        """
+        """Return posterior over prior standard deviations; 1: the log determined nothing."""
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:

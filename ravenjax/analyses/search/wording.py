@@ -6,9 +6,7 @@ from typing import Any
 
 
 def short_axis_name(name: str) -> str:
-    """Return a short name of an axis: the field of a fault ("value (fault 1)") or a parameter's
-    path.
-    """
+    """Return a short name of an axis: a fault's field ("value (fault 1)") or a parameter's path."""
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name

@@ -235,9 +235,7 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings that affect the outcomes of all runs, for run ids. Keys at their
-        default are left out.
-        """
+        """Return settings for run ids: those that affect all runs and are not at their default."""
         # Because defaults are left out, a key that is added later does not change existing ids.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         stops = [
