@@ -1,6 +1,4 @@
-"""Divides rows into windows whose golden runs fit in memory, and windows into blocks. Joins the
-results into parts.
-"""
+"""Divides rows into windows that fit in memory, and these into blocks. Joins results to parts."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple

@@ -1,5 +1,4 @@
-"""Reads the file of `[parameters] from = "my_robot.toml"`, which describes robots, such as a
-calibrated one.
+"""Reads the file of `[parameters] from = "my_robot.toml"`, such as a calibrated robot.
 
 The file has a table [parameters], and a table [campaign] with the settings for which its numbers
 are valid. If the campaign also sets a parameter, the campaign's value is used.

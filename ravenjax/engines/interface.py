@@ -1,8 +1,7 @@
 """Defines the engine interface: an engine runs the tick of many robots.
 
 An engine advances *blocks* over all ticks of a run. A block has some number of *lanes*, one robot
-per lane. A lane's result depends only on its inputs. It is the same in every block, with any number
-of threads.
+per lane. A lane's result depends only on its inputs. Blocks and threads do not change it.
 """
 
 from __future__ import annotations

@@ -86,9 +86,7 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return (parameter, shift) of each parameter that moved by at least UNLIKELY prior
-        deviations.
-        """
+        """Return (parameter, shift) where the shift is at least UNLIKELY prior deviations."""
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 

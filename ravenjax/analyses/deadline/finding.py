@@ -1,5 +1,4 @@
-"""Finds the deadlines of all faults and actions side by side: on a grid of ticks, then by
-bisection.
+"""Finds the deadlines of all faults and actions: on a grid of ticks, then by bisection.
 
 The grid shows whether an action fails at one tick and succeeds at a later one. The bisection begins
 at the last tick of the grid at which the action prevents the harm. Runs of the bisection end

@@ -1,8 +1,7 @@
 """Calibrates a monitor on scores of operations: some operators determine the scale of each score,
 some the threshold, and some test the monitor.
 
-The number of an operator decides the operator's use. So additional operators do not change how
-earlier ones are used.
+The number of an operator decides its use, so additional operators do not change earlier ones.
 """
 
 import math

@@ -155,9 +155,7 @@ def paths_overlap(robot: Robot, path: str, other: str) -> bool:
     components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
-        """Return arm, numbers and component of a path. A path without one of these means all of
-        them.
-        """
+        """Return arm, numbers and component of a path; a missing part means all of them."""
         parts = path.split(".")
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]

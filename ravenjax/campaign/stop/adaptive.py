@@ -1,5 +1,4 @@
-"""Runs a campaign with a rule [stop]: it ends at the first look at which its rates are precise
-enough.
+"""Runs a campaign with a rule [stop]: it ends at the first look with sufficiently precise rates.
 
 The decisions depend only on finished rows. Therefore an interrupted campaign repeats the same
 decisions and gives the same bytes. `decisions.jsonl` in the result folder records each look.

@@ -1,5 +1,4 @@
-"""Runs a compiled time loop on one GPU, one chunk of ticks after another, and transfers the
-numbers.
+"""Runs a compiled time loop on one GPU, chunk after chunk of ticks, and transfers the numbers.
 
 While lanes run through one chunk, the GPU computes the rows of their groups for the next chunk.
 """

@@ -2,8 +2,7 @@
 block runs.
 
 All threads of a block begin in the same tick: the first tick that any of its lanes needs. The block
-stops when its last lane ends. Until its fault acts, a lane equals its golden run. After its end, it
-waits.
+stops when its last lane ends. Until its fault acts, a lane equals its golden run.
 """
 
 import dataclasses

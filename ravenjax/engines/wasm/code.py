@@ -1,8 +1,7 @@
 """Compiles LLVM IR to a WebAssembly module. The module uses 128-bit vectors, has no fused
 multiply-add, and imports only its memory.
 
-LLVM writes an object file. `link_module` does what a linker does: it makes a loadable module of
-this file.
+LLVM writes an object file. `link_module` makes a loadable module of it, like a linker.
 """
 
 import io
