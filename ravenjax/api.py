@@ -102,7 +102,7 @@ def explain(
     left its normal range (-1: never); harm_ms, start of the run's hazard (-1: no hazard); left_ms,
     harm_ms minus leaves_ms (NaN if either is missing). attrs name the engine.
 
-    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of a run id,
+    campaign: see `run`, or a result folder. runs: index, run id, or the beginning of a run id,
     or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
     cannot be read.
     """
@@ -127,8 +127,8 @@ def counterfactual(
     """Select a small set of additional checks that would have detected the faults that evade the
     robot's checks.
 
-    Returns one row per candidate, as in `counterfactual.csv`; column `chosen` marks the selected
-    set. attrs: "sentences" (the findings) and "files" (the written files). campaign: as for `run`,
+    Returns the rows of `counterfactual.csv`, one per candidate; column `chosen` marks the selected
+    set. attrs: "sentences" (the findings) and "files" (the written files). campaign: see `run`,
     or a result folder. out: folder for the table, a figure, and a campaign with the selected checks
     as detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
     UserError and StoreError.

@@ -1,4 +1,4 @@
-"""The tick of a campaign as pure functions of one run, for `jit`, `vmap`, `grad` and `shard_map`.
+"""Provides a campaign's tick as pure functions of one run, for `jit`, `vmap`, `grad`, `shard_map`.
 
     from ravenjax import functional
 
@@ -133,8 +133,8 @@ class Model:
         """Compute a run with a compiled engine, which is much faster and gives the campaign's bits.
 
         It can be called inside `jit`. `vmap` computes all runs in one call. There are no
-        derivatives. `golden` as in `rollout`; with it, `series` is None. `signals` is always None.
-        engine: as `ravenjax run --engine` takes it.
+        derivatives. `golden` is the argument of `rollout`; with it, `series` is None. `signals` is
+        always None. engine: a name for `ravenjax run --engine`.
         """
         program, length = self._with(params), self.program.loop.series_length(self.setup)
         kernel = select_engine(engine, self.setup.precision).compile(program, LANES)

@@ -1,1 +1,1 @@
-"""Contains analyses of a campaign or of a recording, one per folder."""
+"""Analyses campaigns and recordings; each folder holds one analysis."""

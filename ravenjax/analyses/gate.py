@@ -2,10 +2,11 @@
 
 A margin states how much worse an event may become. An event whose rate has an interval passes if
 the whole 95 % interval lies within the margin, fails if no part of it does, and is undecided
-otherwise. Intervals are those of `ravenjax compare`: over distinct faults, paired (Bonett and Price
-2012), clustered where a fault has several pairs. Enumerated faults have no interval, so their
-difference itself is judged. The change in false cues per hour treats both results as independent.
-Its interval is the square-and-add of exact Poisson intervals (Zou and Donner 2008).
+otherwise. Intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price
+2012), and clustered if a fault has several pairs. For enumerated faults there is no interval, so
+the gate compares the difference alone with the margin. False cues per hour are compared as two
+independent results. The interval of their difference combines two exact Poisson intervals by
+square-and-add (Zou and Donner 2008).
 """
 
 import contextlib

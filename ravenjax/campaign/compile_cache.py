@@ -1,11 +1,10 @@
-"""Caches traces and compiled code on disk, so that a campaign that was compiled once starts at
-once.
+"""Caches traces and compiled code on disk. A campaign that was compiled before then starts quickly.
 
-Two processes may use the folder at the same time. A damaged file counts as absent. When the folder
-grows too large, the files that were used longest ago are deleted.
+Two processes may use the folder at the same time. The cache ignores damaged files. When the folder
+grows too large, the cache deletes the files that were used longest ago.
 
-What is stored is executed. So the folder and its files must belong to the user, or to root, and
-nobody else may write into it.
+ravenjax executes the stored code. Therefore the folder and its files must belong to the user or to
+root, and nobody else may write into the folder.
 """
 
 import contextlib
@@ -104,7 +103,7 @@ def _size_mb() -> int:
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
     """Return the engine of that name, using this cache for traces and compiled code.
 
-    ticks: as in `selection.select_engine`. Raises UserError.
+    ticks: see `selection.select_engine`. Raises UserError.
     """
     enable_cache()
     return selection.select_engine(name, precision, object_cache(), ticks)

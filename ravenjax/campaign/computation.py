@@ -1,9 +1,9 @@
-"""Computes rows of a plan with an engine, in parallel blocks, each together with its golden runs.
+"""Computes rows of a plan with an engine, in parallel blocks of runs and their golden runs.
 
 Up to the first tick in which a fault may act, a run equals its golden run. Where enough runs share
-a golden run, they start from snapshots of it. Rows are returned in order, one window at a time. The
-blocks of the next window are already being computed by then, so no thread waits for the slowest
-one. The golden runs of the next window are computed while the last blocks of the current one run.
+a golden run, they start from snapshots of it. Rows are returned in order, one window at a time.
+While one window ends, the next window's golden runs and blocks are already being computed, so no
+thread waits for the slowest block.
 """
 
 from __future__ import annotations

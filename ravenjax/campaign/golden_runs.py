@@ -1,9 +1,8 @@
-"""Holds the golden runs that runs are compared with, and plans which runs start from their
-snapshots.
+"""Holds the golden runs of a plan, and decides which runs start from snapshots of them.
 
-Up to the first tick in which a fault may act, a run equals its golden run bit by bit. Where enough
-runs share a golden run, it is computed once more with snapshots, and the runs start from these.
-Where each run has a golden run of its own, this would save nothing.
+Up to the first tick in which a fault may act, a run equals its golden run bit by bit. If enough
+runs share a golden run, the golden run is computed once more with snapshots, and the runs start
+from these. If each run has a different golden run, snapshots would save nothing.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Reads a campaign file: parses TOML, applies overrides, builds `CampaignConfig`, then checks
 `semantics`.
 
-Nothing is compiled, and no tick is imported, before that. All complaints are reported in one error,
-each with file, line, key, what was found and what was expected.
+Reading compiles nothing and imports no tick. One error reports all complaints. Each complaint has
+file, line, key, what was found and what was expected.
 """
 
 from __future__ import annotations

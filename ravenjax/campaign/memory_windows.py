@@ -1,6 +1,4 @@
-"""Cuts rows into blocks, in windows whose golden runs fit in memory, and joins the results to
-parts.
-"""
+"""Divides rows into windows that fit in memory, and these into blocks. Joins results to parts."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple

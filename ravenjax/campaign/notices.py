@@ -1,8 +1,8 @@
-"""Finds what a campaign declares in vain: what has no effect, is never reached, or is always on.
+"""Finds declarations of a campaign that have no effect, are never reached, or are always on.
 
-Such values are valid, so they are no errors. The terminal, `check`, the manifest and the report
-show them as notices. `of_config` looks at the sections of the file. `of_plan` also looks at the
-parameters and faults of each run.
+Such declarations are valid, so they are not errors. The terminal, `check`, the manifest and the
+report show notices about them. `of_config` examines the sections of the file. `of_plan` also
+examines the parameters and faults of each run.
 """
 
 from collections.abc import Iterator

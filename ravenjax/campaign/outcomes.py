@@ -25,10 +25,7 @@ MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm"
 
 
 def of_golden(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the outcome columns that are also needed of the golden run.
-
-    These are the columns that are stored, and first alarms.
-    """
+    """Return the outcome columns that a golden run needs: its stored columns, and first alarms."""
     return tuple(
         name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
     )

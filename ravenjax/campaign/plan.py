@@ -1,6 +1,4 @@
-"""Turns a validated campaign into its fault table, the settings that select code, and arrays of
-inputs.
-"""
+"""Turns a validated campaign into a fault table, settings that select code, and input arrays."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ from ravenjax.store.motion.summary import MotionSummary
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything that a campaign computes, before anything is compiled."""
+    """Everything that a campaign will compute; nothing is compiled yet."""
 
     config: CampaignConfig
     rows: pd.DataFrame  # the fault table, one row per run
@@ -52,7 +50,7 @@ class Plan:
         return len(self.rows)
 
     def row_fields(self, rows: slice | np.ndarray) -> dict[str, Any]:
-        """Return the fields with one entry per run, for some rows alone."""
+        """Return the fields with one entry per run, for some rows only."""
         return {
             "rows": self.rows.iloc[rows],
             "faults": {name: values[rows] for name, values in self.faults.items()},
@@ -71,7 +69,7 @@ class Plan:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """The first tick in which each run is not observed, see `span`; int32 [runs]."""
+        """The first tick after each run's observed time, see `span`; int32 [runs]."""
         return span.last_observed_ticks(
             self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks
         )

@@ -1,7 +1,7 @@
-"""Reads `[parameters] from = "my_robot.toml"`: a separate file of robots, such as a calibrated one.
+"""Reads the file of `[parameters] from = "my_robot.toml"`, such as a calibrated robot.
 
-The file has a table [parameters], and a table [campaign] with the keys for which its numbers hold.
-A parameter that the campaign itself sets takes precedence over the file.
+The file has a table [parameters], and a table [campaign] with the settings for which its numbers
+are valid. If the campaign also sets a parameter, the campaign's value is used.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Defines what a robot provides to a campaign: everything that `plan` cannot know.
+"""Defines what a robot must provide to a campaign, because `plan` does not know the robot.
 
 A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its
-part `campaign` is a module of the package, or the one module itself. That module has
+part `campaign` is a module of the package, or the one module. That module defines
 
     prepare(config, varied, injection, precision) -> Prepared
     series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}
@@ -25,8 +25,8 @@ part `campaign` is a module of the package, or the one module itself. That modul
 
 golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
 It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
-Its outcomes are the columns of `ravenjax.store.schema`; the monitor, the checks and the faults
-provide most of them.
+Its outcomes become columns of `ravenjax.store.schema`. The monitor, the checks and the faults
+provide most of these outcomes.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Counts the progress of a campaign, reports it, and writes progress.json of a result folder.
 
-progress.json is replaced atomically, at most once a second. Errors in writing it never delay or end
-a campaign. If a start was killed, its last progress.json stays, with the process that wrote it
+progress.json is replaced atomically, at most once a second. An error while writing it never delays
+or ends a campaign. If the process is killed, its last progress.json remains. It names the process
 (`pid`, `host`) and the time (`updated`).
 """
 

@@ -21,7 +21,7 @@ def format_toml(content: Mapping[str, Any]) -> str:
 
 
 def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any:
-    """Return the table with this content. headed: each table in it has a header of its own."""
+    """Return the table with this content. headed: each table in it gets a separate header."""
     import tomlkit
 
     for key, value in content.items():

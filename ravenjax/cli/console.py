@@ -33,7 +33,7 @@ Overrides = Annotated[
         name="--set",
         consume_multiple=True,
         negative="",
-        help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
+        help="key.path=value, such as campaign.duration_s=5 or group.0.runs=100",
     ),
 ]
 Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]

@@ -43,7 +43,7 @@ def trace(
 
     if bool(run_ids) == (worst is not None):
         raise UserError(
-            "which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N"
+            "which runs? Give run ids or indices, such as `ravenjax trace DIR 17`, or --worst N"
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)

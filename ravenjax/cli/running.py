@@ -182,7 +182,7 @@ def fault_free(
 
     Robot, cues and detectors are the same; the operator's motion has other seeds. Each motion
     is a result folder in FOLDER/fault_free, which the report of FOLDER includes. Existing hours
-    count, and an interrupted command continues. Exit codes as of `run`.
+    count, and an interrupted command continues. `run` has the same exit codes.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def search(
     """Search for the smallest harmful fault, the deciding inputs, or the probability of a rare
     event.
 
-    Finished runs are always kept, and the same command continues. Exit codes as of `run`.
+    Finished runs are always kept, and the same command continues. `run` has the same exit codes.
 
     Parameters
     ----------

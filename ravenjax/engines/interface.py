@@ -1,8 +1,7 @@
 """Defines the engine interface: an engine runs the tick of many robots.
 
-An engine advances *blocks*: some number of lanes, one robot per lane, over all ticks of a run. A
-lane's result depends only on its inputs, so it is the same in any block of any size, with any
-number of threads.
+An engine advances *blocks* over all ticks of a run. A block has some number of *lanes*, one robot
+per lane. A lane's result depends only on its inputs. Blocks and threads do not change it.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ class Loop(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class TickProgram:
-    """What a campaign's kernel is compiled from. Every field affects the generated code."""
+    """The settings from which a campaign's kernel is compiled. Every field affects the code."""
 
     # Dotted name of the module that is the robot's `Loop`, because a program is sent between
     # processes.
@@ -229,7 +228,7 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the engine, as `--engine` takes it."""
+        """Name of the engine, for `--engine`."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""The lanes that a compiled time loop runs, and the snapshots that they start from."""
+"""Holds the lanes that a compiled time loop runs, and the snapshots from which they start."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Base class for printing a program in any language.
+"""Defines the base class for printing a program in a language, such as LLVM IR.
 
-Numbers are read where they are first needed, and results are written once they are computed. A
-language defines the text of constants, loads, stores, operations and regions. A result never
-overwrites the old content of its place before that has been read.
+A printer reads each number where the number is first needed, and writes each result as soon as it
+is computed. A subclass defines the text of constants, loads, stores, operations and regions. The
+old content of a place is always read before a result overwrites it.
 """
 
 from abc import ABC, abstractmethod

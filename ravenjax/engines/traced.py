@@ -1,9 +1,8 @@
-"""Traces the tick of one robot for a program: its beginning, step and end as straight-line
-programs.
+"""Traces the tick of one robot into three straight-line programs: beginning, step and end.
 
-Tracing takes seconds of Python, so traces are cached with the code that was made from them. The
-cache in this process serves a campaign in several steps, or campaigns that need the same code. The
-cache on disk serves the next process, which then need not import JAX.
+Tracing takes seconds, so traces are cached together with the code that was made from them. The
+cache in memory serves later campaigns of this process that need the same code. The cache on disk
+serves other processes, which then need not import JAX.
 """
 
 import contextlib
@@ -170,7 +169,7 @@ def trace_function(
     """Return the program of a function with arguments of these shapes, and the shapes of its
     results.
 
-    functions: as for `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
+    functions: see `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
     """
     with leaks_refused():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
@@ -223,6 +222,6 @@ def lane_inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
 
 
 def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
-    """Return the lanes' ends, int32 [lanes], if each lane has its own; else nothing."""
+    """Return (the lanes' ends, int32 [lanes],) if lanes end at different ticks, else ()."""
     assert not program.ends or block.ends is not None
     return () if block.ends is None or not program.ends else (block.ends.astype(np.int32),)

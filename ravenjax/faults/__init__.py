@@ -1,4 +1,4 @@
-"""Faults for the arrays of any robot or simulator, as pure functions.
+"""Injects faults into arrays of any robot or simulator, with pure functions.
 
     from ravenjax import faults
 

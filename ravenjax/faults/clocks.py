@@ -1,10 +1,10 @@
-"""Computes before a run when fault windows are open, for whole columns of faults, with NumPy.
+"""Computes with NumPy, before a run, when the fault windows of many faults are open.
 
-A clock counts up by at most one per tick. The time starts at 0 in tick 0, and the packets at 1 in
-tick 0. The pedal clock starts at 0 in each phase in which the pedal is down. A fault's window
-follows the rule of `window`. It is not open before the clock reads `start`. From then on, take the
-reading minus `start`, modulo `every` if `every` is not 0. The window is open while the result is
-less than `duration`. This module does not depend on the robot.
+The clock of a trigger rises by at most one per tick. Time is 0 in tick 0. The number of packets is
+1 in tick 0. Pedal time starts at 0 whenever the pedal goes down. A window opens when its clock
+reaches `start`. From then on, take the reading minus `start`, modulo `every` if `every` is not 0.
+The window is open while this number is less than `duration` (see `window`). This module does not
+depend on the robot.
 """
 
 import dataclasses
@@ -44,8 +44,7 @@ class Arrivals(Protocol):
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
-
-        For a packet that arrives after the run's end, the tick is any one after that end.
+        For a packet after the run's end, any later tick is returned.
         """
         ...
 

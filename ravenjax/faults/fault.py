@@ -1,4 +1,4 @@
-"""A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
+"""Defines a fault as numbers, its state, and its window on the trigger's clock, for any robot."""
 
 from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES

@@ -1,9 +1,8 @@
 """Injects faults into the signals at the seams of a tick; for any robot.
 
 Sites and channels are declared in `ravenjax.vocabulary.sites`. A campaign's `Setup.injection` names
-the sites that it uses, and only these add code to the tick. At a site, each slot gathers its
-channel by selects, applies its effect once, and scatters the result back by selects. Every other
-channel keeps its bits.
+the sites that it uses, and only these add code to the tick. At a site, each fault slot selects its
+channel, applies its effect once, and writes the result back. Every other channel keeps its bits.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""The hazards of the library: one row for each, in one TOML file per layer.
+"""Reads the hazard library: one TOML file per layer, with one row per hazard.
 
 A row states what was published (target, kind, values, timing, expected outcome, impact, source).
 Its cases state how the simulator runs the hazard; a row without cases states why it cannot. The

@@ -48,7 +48,7 @@ def of_site(site: str) -> list[Hazard]:
 
 
 def layer_table() -> list[tuple[str, ...]]:
-    """Return one row per layer of the loop: description, sites, and number of hazards."""
+    """Return one row per layer of the loop: name, description, sites, and number of hazards."""
     return [
         (
             layer,

@@ -1,8 +1,9 @@
 """Finds operations that are only needed in rare cases, so that generated code can skip them.
 
-A `rarely` operation is a `select` whose condition seldom holds. Operations that lead only to the
-second operands of `rarely` operations with the same condition form that condition's region. It is
-printed as a block that is entered if any lane needs it. The `select` itself stays.
+A `rarely` operation is a `select` whose condition seldom holds. If the results of operations are
+only used in the second operands of `rarely` operations with one condition, these operations form
+the condition's region. The region is printed as a block that is entered if any lane needs it. The
+`select` remains outside.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -73,7 +73,7 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return x and the positive constant c of a term c x; itself and None for any other."""
+        """Return (x, c) of a product c x with a constant c > 0; (self, None) of any other term."""
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):

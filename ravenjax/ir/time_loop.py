@@ -1,4 +1,4 @@
-"""A program with state that runs tick after tick, split by what its numbers depend on.
+"""Splits a program that runs tick after tick by what its numbers depend on.
 
 Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
 neither. Each is computed no more often than that requires:
@@ -9,7 +9,8 @@ held     differs between lanes, constant in time: computed once per lane, before
 lane     both: computed once per tick and lane.
 
 Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
-of the state is shared until it depends on something of a lane. It is dropped if nothing needs it.
+of the state is shared unless it depends on a number that differs between lanes. It is dropped if
+nothing needs it.
 """
 
 import dataclasses

@@ -208,7 +208,7 @@ class CampaignResults:
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
         """Plot how the fault of one run propagated over time. The run is computed again.
 
-        run: as for `simulate`.
+        run: see `simulate`.
         """
         from ravenjax.notebook import explaining
 

@@ -1,4 +1,4 @@
-"""Number types that the code of a tick is written in: scalars, vectors, records and paths.
+"""Defines the number types for the code of a tick: scalars, vectors, records and paths.
 
 The names that most stages need can be imported from here.
 """

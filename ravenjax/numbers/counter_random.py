@@ -1,4 +1,5 @@
-"""Random numbers by counter: a (key, tick, channel) gives the same number on every engine.
+"""Generates random numbers by counter: a (key, tick, channel) gives the same number on every
+engine.
 
 A run's noise therefore does not depend on its batch, chunk or worker. A run and its golden run
 share a key, so they share every draw. Only 32-bit integer multiplications, xors and shifts are

@@ -1,6 +1,6 @@
 """Runs the code of a user's file, and collects what it takes from its own folder.
 
-These files count as the part's content.
+The part's content is the user's file and these files. Campaigns store a hash of this content.
 """
 
 import builtins
@@ -51,7 +51,7 @@ class Reader:
             _READERS.remove(self)
 
     def content(self, name: str) -> bytes:
-        """Return a file beside the part, which then is content of the part. Raises OSError."""
+        """Return a file beside the part, and add it to the part's content. Raises OSError."""
         if self._known is None:
             self.taken[name] = (self.folder / name).read_bytes()
         elif name in self._known:
@@ -94,7 +94,8 @@ class Reader:
         if self not in _READERS:
             if path.is_file():
                 raise ImportError(
-                    f"import {name} at the top of the file, so that its text counts as content"
+                    f"import {name} at the top of the file: ravenjax must read all code of a part"
+                    " before it runs"
                 )
             return None
         try:
@@ -114,8 +115,8 @@ _READERS: list[Reader] = []
 def load(name: str) -> Any:
     """Return the arrays of a NumPy file (.npy: one; .npz: a dict) in the part's folder.
 
-    The file's content counts as the part's content: a campaign with other weights is a different
-    campaign. Call `load` at the top level of the file. Raises UserError if the file does not exist.
+    The part's content includes this file: a campaign with other weights is a different campaign.
+    Call `load` at the top level of the file. Raises UserError if the file does not exist.
     """
     if not _READERS:
         raise UserError(

@@ -16,7 +16,7 @@ _DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"Creation
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as its file name says (.svg, .png, .pdf), without a date."""
+    """Write a figure in the format of the file name (.svg, .png, .pdf), without a date."""
     import matplotlib
 
     from ravenjax.document.figure_style import STYLE

@@ -1,8 +1,9 @@
-"""Robots: one folder for each, which declares arms, joints, sites and checks, and holds the tick.
+"""Holds the robots. The folder of a robot declares arms, joints, sites and checks, and contains the
+tick.
 
-`find_robot` returns the declaration of a robot by name. Other robots live in a module beside the
-campaign, in the current folder, or wherever Python finds it. Such a module declares ROBOT, and a
-campaign names the module: `[campaign] robot = "my_lab.arm"`.
+`find_robot` returns the declaration of a robot by name. A user's robot is a module beside the
+campaign, in the current folder, or on Python's path. Such a module declares ROBOT, and a campaign
+names the module: `[campaign] robot = "my_lab.arm"`.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""Records the history of a built-in check: first trip, number of trips, and smallest margin."""
+"""Records for each built-in check: first trip, number of trips, and smallest margin."""
 
 from collections.abc import Mapping
 

@@ -1,7 +1,8 @@
-"""Detectors: observers that score every millisecond, and alarm above a threshold.
+"""Computes detectors: observers that score every millisecond, and raise an alarm above a threshold.
 
 Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
-E-stop a millisecond later. There are five kinds; each takes the worse of the arms:
+E-stop a millisecond later. There are five kinds. The score of a tick is the higher score of the two
+arms:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
   predicts how motors and joints 1-3 move; here the virtual robot is that model. Three steps within

@@ -1,13 +1,14 @@
-"""Times at which the console's packets reach the robot; the length of each is drawn on its arrival.
+"""Computes when the console's packets reach the robot.
 
-The length of a packet is a number of control cycles. The original's network thread takes every
-datagram as it arrives and adds its increments to the desired position. The control cycle reads the
-sum or, with a console that sends positions, the last one (raven2: network_layer.cpp, local_io.cpp).
-Datagrams that arrive in one cycle thus act as one packet, and this clock makes them one packet: a
-burst is a single packet with all the motion since the packet before. A gap is a packet that lasts
-long.
+The length of a packet is the number of control cycles until the next one. It is drawn when the
+packet arrives. The original's network thread takes every datagram as it arrives and adds its
+increments to the desired position. The control cycle reads the sum or, with a console that sends
+positions, the last one (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one
+cycle thus act as one packet, and this clock makes them one packet: a burst is a single packet with
+all the motion since the packet before. A gap is a packet that lasts long.
 
-Simplified: lengths are independent. In recordings short ones follow long ones, and gaps recur.
+Simplification: lengths are independent. In recordings short packets follow long ones, and gaps
+recur.
 """
 
 from collections.abc import Sequence

@@ -1,11 +1,11 @@
 """Remembers when packets were sent, one bit per tick, so that an older one can be sent again.
 
-If the intervals between packets vary, the number of packets sent since does not give the tick in
-which an older packet was sent. A network that delivers older packets must therefore remember these
-ticks. It uses words of 32 bits that shift by one in each tick. The packet after which n others were
-sent is the set bit that has n set bits below it. It is found by sums over pairs, fours, eights and
-halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel; selecting the
-position of a bit with a given count).
+A network fault may deliver an older packet, so the tick in which that packet was sent must be
+known. Intervals between packets vary, so this tick cannot be computed from the number of packets.
+The history is a row of 32-bit words that shift by one bit in each tick. The packet after which n
+others were sent is the set bit that has n set bits below it. This bit is found by sums over pairs,
+fours, eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in
+parallel; selecting the position of a bit with a given count).
 """
 
 from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax
@@ -72,7 +72,7 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
 
 
 def _position(word: Scalar, lower: Scalar) -> Scalar:
-    """Return the index (int32) of the set bit with `lower` (int32) set bits below it."""
+    """Return the index (int32) of the set bit below which `lower` (int32) bits are set."""
     _, halves, eights, fours, pairs = _sums(word)
     position = jnp.int32(0)
     for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):

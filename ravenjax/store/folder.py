@@ -1,6 +1,6 @@
-"""A campaign's result folder: manifest.json and parts/.
+"""Manages a campaign's result folder: manifest.json and parts/.
 
-It is checked before any computing, and can be resumed after any interruption.
+The folder is checked before anything is computed. A campaign can be resumed after any interruption.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a part aside without overwriting anything; return a sentence that says so.
+    """Move a part aside without overwriting anything. Return a sentence for the user.
 
     Raises StoreError if the disk refuses.
     """

@@ -159,7 +159,7 @@ class Manifest(BaseModel):
 
     @property
     def wanted(self) -> tuple[range, ...]:
-        """The rows that this folder should hold, as ranges in order."""
+        """The ranges of rows that this folder should hold, in order."""
         return (
             (range(self.runs),)
             if self.rows is None
@@ -200,7 +200,7 @@ def find_differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
 
 
 class Change(NamedTuple):
-    """A leaf in which two nested values differ."""
+    """A value in which two nested tables differ."""
 
     path: str  # dotted
     first: str | None  # as JSON; None: absent
@@ -208,7 +208,7 @@ class Change(NamedTuple):
 
 
 def find_changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
-    """Return every leaf in which two nested values differ, by path."""
+    """Return every value in which two nested tables differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
     return [
@@ -389,7 +389,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
-    """Return the leaves of nested tables by dotted path. Lists of other things are leaves."""
+    """Return the values of nested tables by dotted path. A list of values is one value."""
     flat: dict[str, str] = {}
     if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
         for number, entry in enumerate(tree):

@@ -1,1 +1,1 @@
-"""Training sessions: run the campaigns' tick once a millisecond, driven by a person."""
+"""Runs training sessions: a person drives the robot in real time, one tick a millisecond."""

@@ -1,22 +1,22 @@
 """Judges a session tick by tick: the effect of each hazard, the response, the score.
 
-docs/outcomes.md defines the outcomes and the terms of checks and motion. Effects are measured
-against the golden run, which starts at the robot's state when the hazard is armed. The columns
-`unintended_mm` to `false_report_first_ms` equal the result table's, from the activation on.
+docs/outcomes.md defines the outcomes. Effects are differences from the golden run, which starts
+from the robot's state when the hazard is armed. From the activation on, the columns `unintended_mm`
+to `false_report_first_ms` have the same meaning as in a campaign's result table.
 
-A person at the console can first know of the hazard at `knowable_ms`. By then the tip is `SEEN_MM`
-off, the robot has left pedal-down on its own, or a check has raised an alarm. A reaction counts
-from its *origin*: `knowable_ms`, or the onset of the cue if that is earlier. Nobody could have
-prevented what happens until `ACTS_MS` after the origin.
+At `knowable_ms` a person at the console can first know of the hazard: the tip is `SEEN_MM` off its
+course, the robot has left pedal-down without being asked, or a check has raised an alarm. Reaction
+times are measured from the *origin*: the start of the cue or `knowable_ms`, whichever is earlier.
+Until `ACTS_MS` after the origin nobody could have prevented anything.
 
-The first right response within the time allowed counts. Without one, the first other response
-counts. A slow-down counts only where it is a right response, because hands also slow down on
-arrival. A hazard is decided when harm is done, a right response is given, or the time is up. If
-somebody else ends it before, it is interrupted.
+The judge takes the first right response within the time allowed. If there is none, it takes the
+first other response. It ignores a slow-down that the scenario does not list as right, because hands
+also slow down near a target. A hazard is decided when harm is done, when the person gives a right
+response, or when the time is up. If somebody ends it before, it is interrupted.
 
-The score gives up to 50 points for the response: all of them up to `FASTEST_MS`, half at the end of
-the time allowed, and none without a right response. Up to 50 points are for the patient: the share
-of the distance to harm that remains at the end, from when a person could first have acted.
+The score has two parts of up to 50 points. A right response gives all 50 points up to `FASTEST_MS`,
+and half of them at the end of the time allowed. The other part is for the patient: the share of the
+distance to harm that remains at the end, from when a person could first have acted.
 """
 
 from __future__ import annotations
@@ -589,7 +589,7 @@ class Judge:
         self.disarmed(tick)
 
     def lifted(self, tick: int, why: str) -> None:
-        """Take a pedal that comes up without the operator's foot. It is not a release."""
+        """Record that the pedal went up without the operator's foot. This is no release."""
         self._pedal = False
         if why != "silent" or not self._walked:
             self.interrupted(tick, why)

@@ -1,4 +1,4 @@
-"""Runs a whole session with its processes, from the scenario to the debrief.
+"""Runs a whole training session in three processes, from the scenario to the debrief.
 
 - realtime: this process and one thread. It reads consoles, ticks, and writes rows and events.
 - page: reads the rows and events, serves the browser and sends commands (optional).

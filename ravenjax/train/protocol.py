@@ -1,16 +1,18 @@
 """Defines what a session's parts exchange: frames, commands, events, and the scene in numbers.
 
 A *frame* is one millisecond of a session as a row of named float32 numbers, for the page, the
-recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, which
-float32 holds exactly: four and a half hours of ticks. Lengths are m and angles rad unless a suffix
-says otherwise. `tip`, `position` and `force` are in the arm's frame 0.
+recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, because
+float32 holds these exactly; so a session lasts at most four and a half hours. Lengths are in m and
+angles in rad unless a name's suffix gives another unit. `tip`, `position` and `force` are in the
+arm's frame 0.
 
 *Commands* and *events* are plain dicts, sent as JSON; docs/how-to/training-messages.md lists them.
-The session takes the commands that have arrived at the beginning of a tick, so it depends only on
-a list of (tick, command).
+At the beginning of each tick the session takes the commands that have arrived, so it depends only
+on a list of (tick, command).
 
-The *scene* is in plain numbers, for code that runs every millisecond. It has where the jaws close,
-which a person takes for the tip of an instrument. The software's tip is the axis of the jaws.
+The *scene* consists of plain numbers, for code that runs every millisecond. It contains the point
+where the jaws close, because people see this point as the tip of an instrument. The software's tip
+is the axis of the jaws.
 """
 
 from __future__ import annotations

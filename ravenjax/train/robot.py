@@ -1,6 +1,7 @@
-"""The parts of the Raven-II that sessions use, and its kinematics on plain numbers.
+"""Collects the parts of the Raven-II that sessions use, and computes its kinematics on plain
+numbers.
 
-Other modules of `train` import them from here, except those that compile a tick or draw the arms.
+Only modules that compile a tick or draw the arms import the robot's modules directly.
 """
 
 # ruff: noqa: F401

@@ -1,8 +1,8 @@
-"""The operator's tasks: reach targets (also in levels), transfer an object, follow a line, or none.
+"""Defines the operator's tasks: reach targets (also in levels), transfer an object, follow a line.
 
-All positions are in world coordinates, m. A task lies around the middle of the tips' start
-positions. Tips in a frame are in frame 0 of their arm. Tasks do not affect the robot: pegs and
-objects stay in place, without contact.
+All positions are in world coordinates, m. A task is centred between the tips' start positions. A
+frame gives each tip in frame 0 of its arm. Tasks do not affect the robot: pegs and objects stay in
+place, without contact.
 """
 
 import itertools
@@ -206,11 +206,10 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
 
 
 class PegTask(Task):
-    """One object, transferred repeatedly. Two arms take turns.
-
-    It is kinematic, without contact. The jaws of the true links that close within `tolerance_mm` of
-    the object take it along, and release it when they open. Over its peg the object is placed.
-    Elsewhere it drops to the tissue, from where it must be fetched.
+    """The operator transfers one object repeatedly; two arms take turns. The object has no contact
+    forces. Jaws of the true links that close within `tolerance_mm` of the object carry it until
+    they open. If they open over the object's peg, the object is placed. Elsewhere it drops to the
+    tissue, and the operator must fetch it.
     """
 
     def __init__(self, settings: PegTransfer, field: Field) -> None:

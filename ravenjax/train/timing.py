@@ -1,4 +1,4 @@
-"""Measures how well this machine keeps time: in an empty loop, and in a session."""
+"""Measures how punctual the ticks are on this machine, in an empty loop and in a session."""
 
 import tempfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a check is: its name, the unit of its margin, its input, and what it does when it trips.
+"""Defines a check: its name, the unit of its margin, its input, and what it does when it trips.
 
 A robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
 """
@@ -98,7 +98,7 @@ def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
 
 
 def built_in_column(added: Iterable[Check], stops: bool) -> str:
-    """Return the column of the built-in checks' response; arguments as in `needs_own_columns`."""
+    """Return the column of the built-in checks' response; see `needs_own_columns` for arguments."""
     return BUILT_IN if needs_own_columns(added, stops) else "response"
 
 

@@ -1,4 +1,4 @@
-"""Names and kinds of detectors: observers that compute a score and change nothing.
+"""Names the kinds of detectors: observers that compute a score and change nothing.
 
 `ravenjax.stages.detectors` computes the scores.
 """

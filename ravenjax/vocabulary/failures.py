@@ -1,4 +1,4 @@
-"""Reasons why a run has no valid outcome: the number that was the first to be no longer finite.
+"""Names the reasons why a run has no valid outcome: which number first became infinite or NaN.
 
 A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
 infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the

@@ -1,7 +1,8 @@
-"""Which values a fault effect may have at a channel.
+"""Decides which values a fault effect may have at a channel.
 
-A value must fit the channel's number type, so that the stored value is what the campaign file says.
-A DAC word has 16 bits. A larger value is accepted only if the campaign says that it is meant.
+A value must fit the channel's number type, so that the stored value equals the value in the
+campaign file. A DAC word has 16 bits. A larger value is accepted only if the campaign allows it
+explicitly.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""How many control cycles a packet of the console lasts: distributions and measurements.
+"""Defines how many control cycles a console's packet lasts: distributions and measurements.
 
 docs/explanation/simulated.md says what the public recordings show; `analysis/validation/packets.py`
 repeats the measurements. In recording_gold_joints123 a repeated desired position is visible,

@@ -1,4 +1,4 @@
-"""What an operator who feels the haptic cue does.
+"""Defines what an operator does who feels the haptic cue.
 
 `ravenjax.robots.raven2.console.reaction` implements the reactions.
 """

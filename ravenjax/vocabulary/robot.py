@@ -1,4 +1,5 @@
-"""What a robot declares as data, without JAX: the names of campaign files and result tables.
+"""Defines what a robot declares as data, without JAX: the names in campaign files and result
+tables.
 
 The code of a robot (its tick, its sections of a campaign file, its time series) is imported from
 its package only when it is needed.

@@ -1,7 +1,8 @@
-"""Seams of any robot: the signals from one part of the tick to the next, and their numbers.
+"""Defines the seams of a robot: the signals from one part of the tick to the next, and their
+numbers.
 
-At a fault site (`ravenjax.vocabulary.sites`) a fault can act. At a seam its effect can be observed.
-Most seams are both. A robot declares its seams in the order of its tick.
+A fault acts at a fault site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam.
+Most seams are also fault sites. A robot declares its seams in the order of its tick.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
-"""Names of the signals that users' files may read from a robot, as data; for any robot.
+"""Describes the signals of a robot that users' files may read.
 
-A robot declares the fields of its view that a monitor can use (`Robot.signals`).
+A robot declares those signals that a monitor can use (`Robot.signals`).
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""What a fault site is: a seam of a robot's tick with its channels; for any robot.
+"""Defines a fault site for any robot: a seam of the robot's tick, with channels.
 
 A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
 declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in

@@ -86,7 +86,7 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return (unknown, shift) where the fit moved it by UNLIKELY prior deviations or more."""
+        """Return (parameter, shift) where the shift is at least UNLIKELY prior deviations."""
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
@@ -98,7 +98,7 @@ class Calibration:
 
     @property
     def told(self) -> np.ndarray:
-        """Return the ratio of standard deviations after and before the log; 1: nothing learnt."""
+        """Return posterior over prior standard deviations; 1: the log determined nothing."""
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:

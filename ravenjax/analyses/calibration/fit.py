@@ -1,10 +1,10 @@
 """Fits parameters to a log by Gauss-Newton on long stretches of closed loop, and estimates their
 covariance.
 
-The residual is measured minus replayed joints, scaled by the part of it that no step can remove.
-This residual is correlated in time. So each joint's squares count only for its number of
-independent samples, by the integrated autocorrelation time. Beliefs before the log are normal, and
-each enters as one more squared residual.
+The residual is measured minus replayed joints, divided by its noise: the part that no change of the
+parameters removes. Residuals are correlated in time. Each joint's sum of squares is therefore
+weighted by its number of independent samples, from the integrated autocorrelation time. Priors are
+normal distributions, and each adds one squared residual.
 """
 
 from collections.abc import Callable
@@ -125,8 +125,8 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def _weight(residual: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Return the weight of each residual [n, 7]. A joint's squares over its mean square, at least
-    FINEST, add up to its number of independent samples.
+    """Return the weight of each residual [n, 7]. With these weights, a joint's sum of squares is
+    about its number of independent samples. Its mean square is taken as FINEST or more.
     """
     count = there.sum(axis=0).clip(1)
     scale = np.sqrt((residual**2).sum(axis=0) / count)

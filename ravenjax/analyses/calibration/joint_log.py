@@ -8,18 +8,18 @@ A log may leave joints out. Columns are used in this order of preference.
 - `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
   robot's PD law, for joints without an integral.
 
-A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). Time is `time_s`, or
-another unit of it; without it the samples are `period_ms` apart. If there is a column `runlevel`,
-the longest stretch in raven2's pedal-down is the log.
+A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The column of times is
+`time_s`, or has another unit; without it the samples are `period_ms` apart. If there is a column
+`runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. It has one of these sources.
+A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one of these topics.
 
-- raven2's `raven_2/raven_state`: jpos and jpos_d of both arms in its slots, all multiplied by
-  180/pi, the insertion too.
+- raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
+  fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of one arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). So the measured joints of an arm are taken to be those that follow its
-  setpoint.
+  src/raven/local_io.cpp). Therefore this module assigns to each arm the measurements that follow
+  the arm's setpoint.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class JointLog(NamedTuple):
 
 
 class LogOptions(ReplayOptions):
-    """How a log is read. Its options are those of the command line."""
+    """Options of the command line for reading a log."""
 
     def written(self, key: str, value: object) -> str:
         """Return how a user writes an option of the command `calibrate`."""
@@ -185,7 +185,9 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired and measured joints [n, 7]: home and NaN for a joint that lacks one."""
+    """Return desired and measured joints [n, 7]. Where one is missing, the desired joint is at home
+    and the measured one is NaN.
+    """
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
         motors, targets = _quantity(samples, "mpos"), _quantity(samples, "mpos_d")

@@ -69,7 +69,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot before the log; its delay is the usual one if it is estimated, else none."""
+    """Return a robot with prior parameters, and the usual delay if it is estimated."""
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 

@@ -1,9 +1,9 @@
 """Computes one cycle of a Raven's position loop on the virtual robot: encoders, PID on motor
 angles, DAC, mechanics.
 
-All replays of a recorded robot use this definition. The controller is raven2's: motor angles as
-encoders read them, optionally low-passed as in the fork of 2015, with DAC counts truncated to whole
-numbers.
+All replays of a recorded robot use this loop. The controller is raven2's. It reads motor angles
+from encoders, optionally with the low-pass filter of the fork of 2015, and truncates DAC commands
+to whole numbers.
 """
 
 from collections.abc import Callable

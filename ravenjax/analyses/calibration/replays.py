@@ -1,9 +1,9 @@
 """Replays one log with many parameters side by side, on the fastest engine of the machine's
 processor.
 
-This module is a `ravenjax.engines.interface.Loop`, which every engine runs. The motion's seven
-columns are the desired joints, one row per cycle. The output series has the joint positions that
-the motors' encoders give.
+This module has the form of `ravenjax.engines.interface.Loop`, so every engine can run it. The
+motion's seven columns are the desired joints, one row per cycle. The output series holds the joint
+positions that are computed from the motors' encoders.
 """
 
 import dataclasses

@@ -1,6 +1,4 @@
-"""Makes the tables and figures of a calibration: following errors of the robots, and the parameters
-before and after the log.
-"""
+"""Makes the tables and figures of a calibration: following errors, parameters, intervals."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""Measures what checks are worth: diagnostic coverage of harmful faults, and pairs of faults."""
+"""Measures the diagnostic coverage of checks, and the harm of pairs of faults."""

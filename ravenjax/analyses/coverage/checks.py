@@ -1,8 +1,9 @@
 """Diagnostic coverage: the share of harmful faults that a check detects.
 
-IEC 61508-4 defines it as the rate of detected dangerous failures over that of all dangerous ones.
-Here a fault is dangerous if its run has an unintended motion. A fault that a check made harmless is
-not: only a run without that check, or in which it watches, shows what the fault would have done.
+IEC 61508-4 defines diagnostic coverage as the rate of detected dangerous failures divided by the
+rate of all dangerous failures. Here a fault is dangerous if its run has an unintended motion. If a
+check makes a fault harmless, the fault is not dangerous. Run without the check, or let the check
+only watch, to see what the fault would have done.
 """
 
 import functools
@@ -68,7 +69,7 @@ class Coverage(NamedTuple):
 
 
 class SmallestSets(NamedTuple):
-    """The smallest sets of sources that detect all that every source together detects."""
+    """The smallest sets of sources that detect as many faults as all sources together."""
 
     criterion: str  # name of a field of Coverage
     faults: int
@@ -79,8 +80,8 @@ class CoverageTable(NamedTuple):
     """The coverage of every source over all harmful faults and over those of each site.
 
     harmful: one row a run: row, run_id, group, site, distinct, effect_ms, harm_ms, deadline_ms and
-    the time at which each source detects the fault. A time is -1 if it never comes; deadline_ms is
-    so if a stop comes too late at any time, or if its deadline is unknown.
+    the time at which each source detects the fault. A time is -1 if the event never happens.
+    deadline_ms is -1 if no stop is early enough, or if the deadline is unknown.
     """
 
     harmful: pd.DataFrame

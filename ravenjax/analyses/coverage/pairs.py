@@ -1,10 +1,9 @@
-"""Double faults: what two faults do together that neither does alone.
+"""Finds pairs of faults that do together what neither fault does alone.
 
-A campaign has runs with two faults, and runs with each of these alone. A minimal *cut set* is a set
-of faults that harm, none of which can be left out. Order 1 is a fault that harms alone, order 2 a
-pair that harms although neither does alone. Faults can also undo each other: then a pair is
-harmless although one of them harms alone. A fault tree cannot show this, because it only adds
-causes.
+The campaign has runs with two faults, and runs with each of them alone. A minimal *cut set* is a
+set of faults that harm together, while no smaller part of the set harms. A cut set of order 1 is a
+single harmful fault, one of order 2 a pair. Faults can also cancel: a pair may be harmless although
+one of its faults harms alone. A fault tree cannot show such a pair.
 """
 
 from collections import Counter

@@ -1,8 +1,8 @@
-"""Finds deadlines for all faults and actions at a time: on a grid of ticks, then by bisection.
+"""Finds the deadlines of all faults and actions: on a grid of ticks, then by bisection.
 
-The grid shows whether an action fails at some tick although it succeeds later. The bisection begins
-at the last tick of the grid that prevents the harm. Its runs end `HORIZON_MS` after the action, and
-a run of full length confirms each deadline.
+The grid shows whether an action fails at one tick and succeeds at a later one. The bisection begins
+at the last tick of the grid at which the action prevents the harm. Runs of the bisection end
+`HORIZON_MS` after the action. A run of full length confirms each deadline.
 """
 
 import contextlib
@@ -114,7 +114,7 @@ class Actor(PlannedCampaign):
     def harmful(
         self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm comes although the action is taken, bool [lanes]; see `run`.
+        """Return whether harm occurs despite the action, bool [lanes]; see `run`.
 
         Harm is motion beyond the limit, also while the robot coasts to a stop, and the campaign's
         own harm.

@@ -1,6 +1,6 @@
 """Writes the shapes of the robot and its surroundings as JSON, for a page that draws them.
 
-The page computes the places of bodies from joint positions by the model's tree.
+The page computes the poses of the bodies from joint positions and the model's tree of bodies.
 """
 
 # MuJoCo's compiled module carries no types.

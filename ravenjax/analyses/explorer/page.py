@@ -1,4 +1,4 @@
-"""Writes one HTML page on which a browser computes a campaign's robot, without a network."""
+"""Writes an HTML page with which a browser simulates a campaign's robot, without a network."""
 
 import base64
 import json
@@ -46,7 +46,7 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """Return the page as text. `table`: as from `words.list_runs`. Raises UserError."""
+    """Return the page as text. `table`: value of `words.list_runs`. Raises UserError."""
     parts = resources.files("ravenjax.analyses.explorer")
     data = {
         "campaign": words.describe_campaign(config),

@@ -1,4 +1,4 @@
-"""Writes what a page shows as JSON: names of sites, effects and checks, ranges, and the runs."""
+"""Writes as JSON what a page shows: names of sites, effects and checks, ranges, and runs."""
 
 import contextlib
 import json

@@ -1,1 +1,1 @@
-"""Defines monitors: checks as data, their calibration, and a search for missing checks."""
+"""Defines monitors (checks as data), calibrates them, and searches for missing checks."""

@@ -1,8 +1,7 @@
 """Calibrates a monitor on scores of operations: some operators determine the scale of each score,
 some the threshold, and some test the monitor.
 
-Operators are assigned to these three uses by their number and not by their scores. So additional
-operators do not change the use of earlier ones.
+The number of an operator decides its use, so additional operators do not change earlier ones.
 """
 
 import math
@@ -79,7 +78,7 @@ def units_for(calibrating: int) -> int:
 def require_hours(hours: float) -> None:
     """Raise UserError if the hours are not a valid length of time."""
     if not math.isfinite(hours):
-        raise UserError(f"--hours {hours}: expected a number above 0, as 20")
+        raise UserError(f"--hours {hours}: expected a number above 0, such as 20")
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
@@ -95,10 +94,10 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     units = int(hours / (robots * target.length_h) + 1e-9)
     if units < fewest:
         least = fewest * robots * target.length_h
-        fewer = f". With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else ""
+        fewer = f", or --robots 1 --hours {np.ceil(least / robots):g}" if robots > 1 else ""
         raise UserError(
-            f"{hours:g} h are enough for {units} operators. {target.per_hour:g} false alarms an"
-            f" hour with {target.confidence:.0%} confidence need {fewest}: write --hours"
+            f"{hours:g} h allow {units} operators, but at most {target.per_hour:g} false alarms an"
+            f" hour with {target.confidence:.0%} confidence need {fewest} operators: write --hours"
             f" {np.ceil(least):g} or more{fewer}"
         )
     return units

@@ -1,9 +1,9 @@
 """Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
 
-Only the first operation of each operator, result folder or log is tested. Its other operations
+The test uses only the first operation of each operator, result folder or log. Later operations
 share the operator's motion or the robot, so they are not independent of the first. Each term's
-score has a test of its own, and so has the joint score. Holm's adjustment keeps the level of
-all tests together.
+score is tested separately, and so is the joint score. Holm's method keeps the error rate of all
+tests together at the stated level.
 """
 
 import csv
@@ -42,7 +42,7 @@ def check_exchangeability(
     one row per millisecond. Raises StoreError and UserError.
     """
     if not 0 < level < 1:
-        raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
+        raise UserError(f"--level {level:g}: expected a number between 0 and 1, such as 0.05")
     if not sources:
         raise UserError("there are no operations to test: give result folders or logs")
     monitor, record = writing.read_monitor(folder)

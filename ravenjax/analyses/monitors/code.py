@@ -1,10 +1,10 @@
 """Generates a monitor as a Python file for campaigns and as C99 for a robot's own software.
 
-Both are generated from the same terms. Every number is read as a float, and NaN is read as 0. This
-also keeps an engine from fusing the read with the subtraction that follows. The C code does the
-operations of the Python file in the same order, and rounds each to float separately. They are
-subtractions, divisions and comparisons: there is no sum of products that a compiler could fuse. So
-any compiler that keeps IEEE arithmetic gives the same bits; -ffast-math does not keep it.
+Both files come from the same terms. They read every number as a float, and NaN as 0. Reading NaN as
+0 also keeps an engine from fusing the read with the subtraction that follows. The C code does the
+same operations as the Python file in the same order, and rounds each result to float. It only
+subtracts, divides and compares, so a compiler has no sum of products to fuse. Therefore every
+compiler with IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence

@@ -56,7 +56,7 @@ class Segments:
             return Segments(field or "?", tuple(map(float, edges.split(","))))
         except ValueError:
             raise ValueError(
-                f"segments {text!r}: expected a field and ascending numbers, as tick=1000,5000"
+                f"segments {text!r}: expected a field and ascending numbers, such as tick=1000,5000"
             ) from None
 
 
@@ -86,7 +86,7 @@ class Monitor:
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value at which each term alarms, in its unit; [terms, segments]."""
+        """Return the value above which each term alarms, in its unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 

@@ -1,10 +1,10 @@
 """Computes many fault-free operations and keeps only their scores. Each operator has a different
-motion, and each operation of an operator a different robot.
+motion, and each operation of an operator has a different robot.
 
-A detector's input in a fault-free run does not depend on a golden run, because the run is its own
-golden run. So each operation is computed once, without comparison, and only its row of outcomes is
-kept. Memory does not grow with the number of operations, and a GPU computes all robots of an
-operator side by side.
+A fault-free run equals its golden run, so a detector's input does not depend on a golden run. Each
+operation is therefore computed once, without a comparison, and only its row of outcomes is kept.
+Memory does not grow with the number of operations, and a GPU computes all robots of an operator
+side by side.
 """
 
 import dataclasses
@@ -63,12 +63,15 @@ class OperatorScores:
 
 
 def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """Return the fault-free campaign of an operator: `config` without its groups."""
-    drawn = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
+    """Return `config` as a fault-free campaign whose runs have the design's length. If the design
+    has several robots, or a parameter has a list, the campaign draws the robots at random. Groups,
+    [reaction] and [stop] are left out.
+    """
+    random = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
     return validate_tables(
         fault_free_tables(
             config.model_dump(mode="json"),
-            design.robots * drawn,
+            design.robots * random,
             name="fault_free",
             duration_s=design.length_s,
             observe_ms=None,
@@ -77,7 +80,7 @@ def operator_campaign(config: CampaignConfig, design: OperationDesign) -> Campai
 
 
 def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
-    """Return the campaign with the motion of one operator, and with robots of its own."""
+    """Return the campaign with the motion and the random seed of one operator."""
     motion, seed = design.operator(number)
     own: Any = campaign
     settings = own.campaign.model_copy(update={"seed": seed})
@@ -90,7 +93,7 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
 
 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
-    """Raise UserError unless `config` can be run in this way."""
+    """Raise UserError unless `config` can run as fault-free operations of different operators."""
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
         raise UserError(
@@ -196,11 +199,9 @@ class OperationRunner:
         return score, looked_ms / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
-        """Return the kernel of a plan's program. It is reused from an earlier operator if the
-        program is equal, as for generated motions.
-
-        Each thread has its own kernel, which lets a GPU take more blocks at a time than one kernel
-        would.
+        """Return the kernel of a plan's program. An earlier operator's kernel is reused if its
+        program is equal, for example with generated motions. Each thread has a separate kernel, so
+        that a GPU can compute more blocks at a time.
         """
         kernels: list[tuple[TickProgram, Kernel]] = self._own.__dict__.setdefault("kernels", [])
         for program, kernel in kernels:

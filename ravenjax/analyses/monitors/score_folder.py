@@ -78,7 +78,9 @@ def read_design(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise StoreError(f"{folder / DESIGN}: cannot be read ({error})") from None
     if not isinstance(content, dict):
-        raise StoreError(f"{folder / DESIGN}: holds no JSON object, as `monitor calibrate` writes")
+        raise StoreError(
+            f"{folder / DESIGN}: is not the JSON object that `monitor calibrate` writes"
+        )
     return content
 
 

@@ -1,13 +1,12 @@
-"""Defines scores of candidate checks as data: a field of the robot's view, how it is evaluated, and
-its scale.
+"""Defines the scores of candidate checks as data: a signal of the robot, a formula, and a scale.
 
 - `bound`: |x| over its scale.
 - `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
-- `residual`: |x - y| over its scale, for two fields of the view.
+- `residual`: |x - y| over its scale, for two signals.
 
-A score of several channels is the largest of theirs, each over its own scale. NaN in the view
-counts as 0. The module `code` generates scores as a user-defined part, which makes a score a
-detector (`ravenjax.stages.detectors`).
+If a score has several channels, each channel is divided by its scale, and the largest result is the
+score. NaN is read as 0. The module `code` writes a score as a Python file that a campaign can use
+as a detector (`ravenjax.stages.detectors`).
 """
 
 from __future__ import annotations

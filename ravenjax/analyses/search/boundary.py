@@ -1,12 +1,12 @@
-"""Searches of kind "boundary": the smallest fault that does harm, for each combination of the
-group's lists and each sign.
+"""Runs searches of kind "boundary": finds the smallest harmful fault for each sign and each
+combination (*cell*) of the group's lists.
 
-All cells are searched side by side: first a scan of the range, then bisection of every bracket,
-with one batch per step. Both ends of every bracket are run again as an ordinary campaign, which
-must give the same outcomes.
+The search handles all cells side by side. It scans the range, then bisects every bracket, with one
+batch per step. An ordinary campaign runs both ends of every bracket again and must give the same
+outcomes.
 
-The scan makes the result honest: a cell that is never or always harmful is censored. A cell whose
-answer changes more than once is reported as such instead of being treated as a threshold.
+The scan shows which cells have no single threshold. A cell that is never or always harmful is
+censored. If harm begins and ends more than once along the range, the report says so.
 """
 
 import dataclasses
@@ -88,7 +88,7 @@ class Brackets:
 
 
 def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
-    """Return the smallest number at which `asked` says yes, for every cell.
+    """Return the smallest number for which `asked` returns 1, for every cell.
 
     `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
     are tried first, evenly over the range.

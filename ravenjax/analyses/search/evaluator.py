@@ -1,8 +1,8 @@
 """Computes outcomes of a search's points. The template is planned and compiled once.
 
-The same point is always the same run: its id hashes its content, as for any run of a campaign. So
-random draws of a run (effect "random", noise) are the same in a campaign with that row. A point
-that comes again, or that an earlier start of the same search has run (`journal`), is not run again.
+A point always gives the same run. The run's id is a hash of its content, as in a campaign. So its
+random draws (effect "random", noise) equal those of a campaign with the same row. A point that was
+run before, also by an earlier start of the search (`journal`), is not run again.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Searches of kinds "sobol" and "morris": which inputs decide an outcome, in each case.
+"""Runs searches of kinds "sobol" and "morris": finds which inputs decide an outcome, for each case.
 
 The figure shows Sobol's indices, or mean and deviation of Morris's elementary effects.
 """

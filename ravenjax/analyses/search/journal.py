@@ -1,10 +1,10 @@
 """Stores the runs of a search as they finish, so that the same command continues after an
 interruption.
 
-A search consists of batches, each of which depends on the outcomes of the earlier ones. Only runs
-are stored. The next start repeats the same batches, finds the runs of finished ones here, and
-computes the others. Parts have the form of a campaign's parts (`store.parts`), and are numbered in
-order. When the search is done, `rows.parquet` holds all runs in one file.
+A search consists of batches. Each batch depends on the outcomes of earlier batches. Only runs are
+stored. After an interruption, the search repeats the same batches. It reads finished runs from the
+journal and computes the others. The journal has numbered parts, like a campaign (`store.parts`).
+When the search is done, `rows.parquet` holds all runs in one file.
 """
 
 import contextlib

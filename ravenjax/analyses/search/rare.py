@@ -1,8 +1,8 @@
-"""Searches of kind "rare": the probability of a rare event under the file's distributions, for each
-combination of its lists.
+"""Runs searches of kind "rare": estimates the probability of a rare event under the file's
+distributions, for each combination of its lists.
 
-Subset simulation and plain Monte Carlo run over the same cube. If plain Monte Carlo meets the event
-often enough, both must agree. Otherwise plain Monte Carlo gives an upper bound.
+Subset simulation and plain Monte Carlo sample the same unit cube. If plain Monte Carlo finds the
+event often enough, both methods must agree. Otherwise plain Monte Carlo gives an upper bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """
@@ -96,7 +96,7 @@ def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
 
 
 def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
-    """Return how often plain Monte Carlo came at least that near to the event, or beyond it."""
+    """Return the share of plain Monte Carlo runs that came at least this near to the event."""
     valid = np.sort(sampled[sampled < FAR])
     if not len(valid):
         return {"value": [], "probability": []}

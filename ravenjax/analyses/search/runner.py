@@ -122,8 +122,7 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
 
 
 def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Begin a search in `out`, or continue it, and return what search.json says of the earlier
-    start.
+    """Begin or continue a search in `out`, and return the earlier start's search.json.
 
     `identity`: the part of search.json that decides the result. Raises UserError if the folder
     holds another search, and StoreError if it cannot be written to.

@@ -1,4 +1,4 @@
-"""Writes numbers, names and cases of a search for readers."""
+"""Writes the names, inputs and cases of a search as text for its report."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def short_axis_name(name: str) -> str:
-    """Write an axis for readers: a field of a fault, numbered from 0, or a parameter's path."""
+    """Return a short name of an axis: a fault's field ("value (fault 1)") or a parameter's path."""
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name
@@ -15,7 +15,7 @@ def short_axis_name(name: str) -> str:
 
 
 def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
-    """Write inputs and their distributions, as from `Template.drawn`, in words."""
+    """Return the inputs and their distributions in words. `inputs`: value of `Template.drawn`."""
     parts = []
     for one in inputs:
         kind, values = next(iter(one["drawn"].items()))
@@ -27,7 +27,7 @@ def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def describe_case(case: Mapping[str, Any]) -> str:
-    """Write a case in words."""
+    """Return a case in words."""
     parts = ((*short_axis_name(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")

@@ -1,14 +1,14 @@
 """Executor `ray`: computes chunks as tasks on a Ray cluster (`pip install 'ravenjax[ray]'`).
 
-A worker gets the campaign's `Head` once. For each chunk it then gets the chunk's rows of the plan,
-about 100 B per run; it does no planning. Parts come back to the coordinator as bytes through Ray's
-object store. Therefore the cluster needs no shared file system, and a task that Ray runs twice has
-no side effects. Each run takes about 200 B of the coordinator's network in both directions
-together.
+A worker gets the campaign's `Head` once. For each chunk the worker then gets the chunk's rows of
+the plan, about 100 B per run. Workers do not plan. Parts come back to the coordinator as bytes
+through Ray's object store. Therefore the cluster needs no shared file system, and a task that Ray
+runs twice has no side effects. Each run takes about 200 B of the coordinator's network in both
+directions together.
 
 Ray repeats a task whose worker or node died, or whose node stopped answering. If no chunk finishes
-for a long time, the workers are replaced as well. A chunk that fails even then is reported once all
-others are delivered; starting the same command again retries that chunk alone.
+for a long time, the workers are replaced as well. If a chunk still fails, the executor delivers all
+others and then reports the failed one. The same command, started again, computes only this chunk.
 """
 
 from __future__ import annotations

@@ -49,6 +49,6 @@ def parse_shard(text: str) -> Shard:
         if 1 <= shard.number <= shard.of:
             return shard
     raise UserError(
-        f"--shard {format_value(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of"
+        f"--shard {format_value(text)}: expected i/N with 1 <= i <= N, such as 2/7 for the 2nd of"
         " seven"
     )

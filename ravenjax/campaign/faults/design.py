@@ -1,9 +1,9 @@
-"""Expands a campaign into its fault table: one row per run, every input of the run in columns.
+"""Expands a campaign into its fault table: one row per run, one column per input of a run.
 
 The expansion is deterministic. A group's draws depend only on the campaign's seed and on the
-group's name and design, not on other groups, on chunk size or on storage order. `run_id` hashes the
-content of the row and everything that is fixed for the campaign, so the same run has the same id in
-any row. All work is done by columns, because a campaign may have millions of runs.
+group's name and design, not on other groups, on chunk size or on storage order. `run_id` is a hash
+of the row's content and of all settings of the campaign, so equal runs have equal ids, in whatever
+row. All work is done by columns, because a campaign may have millions of runs.
 """
 
 import hashlib
@@ -176,7 +176,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return path -> value of each combination of crossed parameters, the last one fastest."""
+    """Return {path: value} of each combination of crossed parameters, the last one fastest."""
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [
@@ -190,7 +190,8 @@ def faults_and_axes(
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
     """Yield (faults, axes) of a group, or of each entry of design "list".
 
-    Axes are in order: by slot, then by field, then the parameters.
+    The axes of the first fault come first, in the order of `FIELDS`, then those of the next fault.
+    The parameters come last.
     """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)

@@ -1,4 +1,4 @@
-"""Converts fault onsets in a phase of the operation into milliseconds."""
+"""Converts fault onsets that a file gives by a phase of the operation into milliseconds."""
 
 import dataclasses
 from collections.abc import Mapping

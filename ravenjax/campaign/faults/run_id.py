@@ -1,9 +1,9 @@
-"""Run ids: 64-bit hashes of everything that decides a run's outcome, written as 16 hex digits.
+"""Computes run ids: 64-bit hashes of everything that decides a run's outcome, as 16 hex digits.
 
-Each column of a row is hashed by its name and value under a key of the campaign. The sum of these
-hashes is hashed again, so the order of columns does not matter. A column in which a row is empty
-(NaN, or an empty word) does not count. Numbers are hashed with the finaliser of SplitMix64 (Steele,
-Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
+The name and value of each column are hashed with a key of the campaign. The sum of these hashes is
+hashed again, so the order of columns does not matter. Empty values (NaN, or an empty word) are left
+out. Numbers are hashed with the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable
+pseudorandom number generators", 2014).
 """
 
 import hashlib

@@ -17,7 +17,7 @@ Key = tuple[int, str]
 class Sample(NamedTuple):
     """The runs of a group, or of one entry of design "list".
 
-    Repeats vary fastest, then the last list.
+    From run to run, repeats vary fastest, then the values of the last list.
     """
 
     runs: int

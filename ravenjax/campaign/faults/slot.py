@@ -1,8 +1,8 @@
-"""Makes the columns of one fault slot over many runs in canonical form: equal faults have equal
+"""Makes the columns of one fault slot for many runs, in a form in which equal faults have equal
 columns.
 
-A field that an effect does not use is NaN or 0. An effect of the network names the channel that it
-acts on. Times are whole and not negative. A value that is drawn for an integer channel is rounded.
+Fields that an effect does not use are NaN or 0. A network effect has the channel that it acts on.
+Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
 """
 
 import functools

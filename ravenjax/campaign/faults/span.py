@@ -8,7 +8,7 @@ from ravenjax.faults.clocks import Clocks, Opening
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 Faults = Mapping[str, np.ndarray]
-"""Fault arrays as from `table.fault_arrays`, each [runs, slots]."""
+"""Fault arrays of `table.fault_arrays`, each [runs, slots]."""
 
 _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pedal"))
 

@@ -118,7 +118,7 @@ def shared_ids(table: pd.DataFrame) -> np.ndarray:
 
 
 class _Words:
-    """The words of one slot: the number of each row's combination, and the combinations."""
+    """The words of one fault slot: their combinations, and each row's index of its combination."""
 
     def __init__(self, table: pd.DataFrame, slot: int) -> None:
         columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]

@@ -1,6 +1,6 @@
-"""An axis of a campaign: one value, a list of values, or a distribution to draw from.
+"""Defines an axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may also be written `{ list = [..] }`. This states that its values are levels, not the
+A list may also be written `{ list = [..] }`. Then its values are levels of the design, and not the
 numbers of a vector.
 """
 
@@ -289,7 +289,7 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
 
 
 def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
-    """Texts. known: the allowed texts; None: any."""
+    """Return the kind of axis whose values are texts. known: the allowed texts; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 

@@ -1,7 +1,7 @@
 """Checks the parameters that a campaign varies against the ranges that its robot's records declare.
 
-This imports the records of the robot's tick, so parameters are checked when a campaign is planned,
-not when its file is read.
+The check imports the modules of the robot's tick, which is slow. A campaign's parameters are
+therefore checked when the campaign is planned, not when its file is read.
 """
 
 import functools
@@ -19,9 +19,8 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path as from `shorten_path`, allowed values) of each parameter, in order.
-
-    A parameter has two entries if its joints are unlike.
+    """Return (path, allowed values) of each parameter, in order; `shorten_path` gives such paths. A
+    parameter whose joints have different ranges has several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
@@ -42,7 +41,7 @@ def shorten_path(robot: Robot, path: str) -> str:
 
 
 Ranges = tuple[tuple[str, Quantity], ...]
-"""(path as from `plain`, allowed values) of parameters."""
+"""(path without arm and joint, allowed values) of parameters."""
 
 
 def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
@@ -104,7 +103,7 @@ def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator
 
 
 def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
-    """Yield the tables of parameters that are used together with a table of crossed ones."""
+    """Yield the tables of parameters that apply together with a table of crossed parameters."""
     yield config.parameters
     for number, group in enumerate(config.group):
         if key[1:2] in ((), (number,)):
@@ -156,7 +155,7 @@ def paths_overlap(robot: Robot, path: str, other: str) -> bool:
     components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:
-        """Return arm, numbers and component of a path; a part that it leaves out stands for all."""
+        """Return arm, numbers and component of a path; a missing part means all of them."""
         parts = path.split(".")
         arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
         return [arms, numbers, [p for p in parts[-1:] if p in components]]

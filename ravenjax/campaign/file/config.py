@@ -1,4 +1,4 @@
-"""The model of a whole campaign file: all sections, what follows from them, and what a robot may
+"""Defines the model of a whole campaign file: all sections, derived values, and what a robot may
 add.
 
 `loading` reads a file and `semantics` checks rules that involve several sections.
@@ -153,7 +153,7 @@ class CampaignConfig(Section):
         return self.robot.title
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield (name, value in words) of what the file says about the robot and its operator."""
+        """Yield (name, value in words) of the file's settings for the robot and the operator."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
         if self.campaign.observe_ms is not None:
@@ -196,7 +196,7 @@ class CampaignConfig(Section):
         return ()
 
     def complaints(self) -> Iterator[Complaint]:
-        """Yield (key, message) of what is wrong with the keys that this robot adds."""
+        """Yield (key, message) for each error in the keys that this robot adds."""
         return iter(())
 
     def notices(self) -> Iterator[Complaint]:
@@ -235,10 +235,7 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return what decides the outcome of every run alike, for run ids.
-
-        Keys at their default are left out.
-        """
+        """Return settings for run ids: those that affect all runs and are not at their default."""
         # Because defaults are left out, a key that is added later does not change existing ids.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         stops = [

@@ -1,6 +1,4 @@
-"""Pydantic models of a group of runs: its fault slots, its design, and the keys of both in a
-file.
-"""
+"""Defines the keys of a group of runs in a file, as pydantic models: its faults and its design."""
 
 from __future__ import annotations
 

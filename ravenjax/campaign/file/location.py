@@ -1,6 +1,6 @@
-"""Finds and reads TOML files, locates each key's line, and makes error messages that name it.
+"""Finds and reads TOML files, and makes error messages that name a key's line.
 
-The line numbers are computed here because tomllib does not provide them.
+tomllib does not provide line numbers, so this module finds them.
 """
 
 import dataclasses

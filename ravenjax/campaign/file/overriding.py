@@ -1,6 +1,4 @@
-"""Applies overrides of the form `key.path=value`, as --set takes them, to a campaign file's
-tables.
-"""
+"""Applies overrides such as `--set key.path=value` to a campaign file's tables."""
 
 import tomllib
 from collections.abc import Sequence

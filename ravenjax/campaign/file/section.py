@@ -1,4 +1,4 @@
-"""Base class of the tables of a campaign file: a pydantic model that Python code may also
+"""Defines the base class of a campaign file's tables: a pydantic model that Python code can also
 construct.
 """
 

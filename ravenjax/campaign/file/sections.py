@@ -1,7 +1,7 @@
-"""Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]], [[check]],
-[outcomes], [stop].
+"""Defines the sections of a campaign file for every robot: [campaign], [haptics], [[detector]],
+[[check]], [outcomes], [stop].
 
-The models hold keys with units and ranges. Groups of runs are in `group`.
+The models define keys, units and ranges. `group` defines groups of runs.
 """
 
 from __future__ import annotations

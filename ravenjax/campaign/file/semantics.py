@@ -1,6 +1,6 @@
-"""Checks rules of a campaign that involve two sections or the sites that a robot declares.
+"""Checks rules of a campaign that involve two sections or the fault sites of its robot.
 
-Parameters are checked by `bounds`.
+`bounds` checks parameters.
 """
 
 import itertools

@@ -1,3 +1,3 @@
-"""Inspects a campaign before it runs and its runs afterwards. Nothing in this package decides an
+"""Inspects a campaign before it runs, and its runs afterwards. This package never changes an
 outcome.
 """

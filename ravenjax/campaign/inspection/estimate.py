@@ -1,10 +1,10 @@
 """Estimates how long a campaign takes and how much memory it needs, before it runs.
 
-The model has a few terms that were fitted by hand to the processor time of bundled campaigns on one
-machine, an AMD EPYC (`znver4`, AVX-512) with other work beside it. The table shows seconds of one
-core with a filled cache of compiled code, with an empty one, and here:
+The model has a few terms. They were fitted by hand to the processor time of bundled campaigns on
+one AMD EPYC (`znver4`, AVX-512) that also did other work. The table shows seconds on one core:
+measured with a filled cache of compiled code, measured with an empty cache, and estimated.
 
-| campaign | filled | empty | here |
+| campaign | filled | empty | estimate |
 |---|---|---|---|
 | quick | 3.3 | 7.2 | 5.4 |
 | haptic_sweep | 5.2 | 9.9 | 7.2 |
@@ -119,7 +119,7 @@ def measure_speed() -> float:
 
 
 def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
-    """Return the expected cost of `work` on an engine; speed: as from `measure_speed`."""
+    """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if engine == "cuda":
         compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S

@@ -1,8 +1,7 @@
-"""Computes additional fault-free motion of a campaign's robot, to determine how often a cue is a
-false alarm.
+"""Computes additional fault-free motion of a campaign's robot, to measure the rate of false alarms.
 
-Each folder holds one motion that the campaign did not have. It is generated from another seed,
-because the same seed begins with the same motion however long the run is.
+Each folder holds one new motion. It has a different seed, because with the campaign's seed even a
+longer run would begin with the campaign's motion.
 """
 
 import math
@@ -125,9 +124,8 @@ def require_others(config: Mapping[str, Any]) -> None:
 def fault_free_campaigns(
     tables: Mapping[str, Any], seconds: int
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield name and configuration of the fault-free campaign of each further motion, endlessly.
-
-    tables: tables of the original campaign.
+    """Yield (name, tables) of fault-free campaigns without end, each with a new motion. tables:
+    tables of the original campaign.
     """
     # If a parameter has a distribution, the robots are drawn.
     runs = DRAWN * any(

@@ -1,8 +1,8 @@
 """Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
-It is made from the models that `loading` checks a file with. It knows keys, types, ranges of single
-values, and words. Rules of several keys and ranges of parameters are only checked by `ravenjax
-check`.
+The schema comes from the models that check a file in `loading`. It contains keys, types, ranges of
+single values, and allowed words. Only `ravenjax check` checks rules for several keys, and ranges of
+parameters.
 """
 
 import copy

@@ -1,4 +1,4 @@
-"""Shows what a campaign would run, for `ravenjax check`: expanded and checked, but not computed."""
+"""Shows for `ravenjax check` what a campaign would run. It expands and checks the campaign only."""
 
 import itertools
 from collections.abc import Iterator
@@ -148,7 +148,7 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yield the number of runs with a fault by site and effect, in the robot's order of sites.
+    """Yield how many runs have a fault of each site and effect, in the robot's order of sites.
 
     A run with two faults of the same site and effect counts once.
     """

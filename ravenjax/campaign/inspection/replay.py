@@ -84,7 +84,7 @@ class Replayer(PlannedCampaign):
         self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
 
     def replay(self, run: Any) -> Replay:
-        """Compute one run again; `run` as for `index`. Raises UserError."""
+        """Compute one run again; see `index` for `run`. Raises UserError."""
         row, program = self.index(run), self.plan.program
         varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
         _, faults = self.plan.lanes([row], self._lanes)

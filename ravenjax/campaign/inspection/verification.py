@@ -1,9 +1,9 @@
 """Verifies a result folder: checks its files, and computes a random sample of its runs again.
 
-A campaign is a function of its file, the seed, the code and the engine. So the fault table is
-expanded again and must have the ids of the folder. Runs computed again on the same engine, device,
-code and packages must be equal to the bit. On another engine numbers may differ, and the result
-states by how much. Runs are computed from their beginning, without fast-forward.
+A campaign's results follow from its file, its seed, the code and the engine. The fault table is
+therefore expanded again, and its ids must equal those in the folder. With the same engine, device,
+code and packages, the runs must be equal to the bit. On another engine numbers may differ, and the
+result states by how much. Runs are computed from their beginning, not from snapshots.
 """
 
 from collections.abc import Sequence
@@ -196,9 +196,8 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 
 def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
-    """Return the errors of a rerun.
-
-    Any difference is an error if nothing else has changed. A difference of inputs is always one.
+    """Return the errors of a rerun. A difference of inputs is always an error. A difference of
+    outcomes is one if engine, device, code and packages are the same.
     """
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [

@@ -1,8 +1,7 @@
-"""Runs a campaign that stops once its rates are known well enough, look by look, as [stop] says.
+"""Runs a campaign with a rule [stop]: it ends at the first look with sufficiently precise rates.
 
-The decisions follow from the finished rows alone. Therefore an interrupted campaign repeats the
-same decisions and gives the same bytes. `decisions.jsonl` in the result folder states what each
-look found.
+The decisions depend only on finished rows. Therefore an interrupted campaign repeats the same
+decisions and gives the same bytes. `decisions.jsonl` in the result folder records each look.
 """
 
 import functools

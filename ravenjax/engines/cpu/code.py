@@ -1,9 +1,9 @@
-"""A compiled time loop on the CPU: runs a group of lanes through some ticks, one vector after
+"""Runs a compiled time loop on the CPU: a group of lanes through some ticks, one vector after
 another.
 
-Calls of the compiled functions are collected in a list, and a compiled function makes them, so no
-Python runs in between. A Python thread that made each call itself would wait for the interpreter's
-lock every time. With many threads that takes longer than the computing.
+Python collects calls of compiled functions in a list, and one compiled function makes all of them.
+If a Python thread made each call, it would wait for the interpreter's lock every time. With many
+threads, waiting would take longer than computing.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Engine `simd`: the tick and its time loop as generated vector code, compiled in process, with one
-robot per vector lane.
+"""Engine `simd`: generates and compiles vector code for the tick and its time loop, with one robot
+per vector lane.
 
-Lanes with equal values of all varied parameters form a group. What does not differ between them
-(the clean packet, the nominal model, clocks) is computed once for the group. If groups would be too
-small, every lane computes everything. Both ways give the same bits, as do all vector widths, so a
-lane's result depends only on its inputs.
+Lanes in which all varied parameters are equal form a group. What is equal in such lanes (the packet
+before faults, the nominal model, clocks) is computed once for the group. If groups would be too
+small, every lane computes everything. Both ways give the same bits, and so do all vector widths. A
+lane's result therefore depends only on its inputs.
 """
 
 import dataclasses
@@ -68,7 +68,7 @@ class SimdKernel(traced.PrintedKernel):
         return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: Motion) -> tuple[BlockResult, Any]:
-        """As `run`, and every signal of the first lane, each leaf [ticks]."""
+        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         result, out = self._run(block, motion, None)
         tick = self.forms(block, motion).traced
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)

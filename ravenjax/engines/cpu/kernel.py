@@ -7,8 +7,8 @@ lane_begin    makes the state and held numbers of `width` lanes from their input
 lane_run      runs the same ticks of these lanes, reading the rows
 lane_finish   writes their results
 
-`make_calls` makes a list of calls of these functions. Buffers of lanes hold `width` consecutive
-numbers for each number of the program; those of groups hold one.
+`make_calls` makes a list of calls of these functions. For each number of the program, buffers of
+lanes hold `width` consecutive numbers, and buffers of groups hold one.
 """
 
 import bisect

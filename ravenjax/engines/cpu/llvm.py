@@ -1,10 +1,10 @@
 """Prints straight-line programs as LLVM IR: about one instruction per operation, `width` parallel
 lanes.
 
-`Place`s give the locations of numbers in memory. Every float operation is printed as it is. LLVM
-may neither fuse nor reassociate, so that all widths and CPUs give the same bits. The exception is
-WebAssembly, where `fma` rounds twice. A program that was lowered with functions of the C library
-calls them, one lane wide. They are the same functions of this process that Python's `math` calls.
+A `Place` gives the location of numbers in memory. Every float operation becomes one instruction
+that LLVM may neither fuse nor reassociate, so all widths and CPUs give the same bits. WebAssembly
+is the exception: there `fma` rounds twice. A program may be lowered with functions of the C
+library. It then calls them for one lane at a time; Python's `math` calls the same functions.
 """
 
 import struct
@@ -103,7 +103,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"call {result} @{name}({', '.join(map(' '.join, arguments))})")
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
-        """Return a value that is `yes` or `no`, by lane."""
+        """Return a value that is `yes` or `no` in each lane."""
         return self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, [yes, no])}")
 
     def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:
@@ -216,7 +216,7 @@ class LlvmPrinter(Printing[Place]):
     def _sequence(self, name: str, words: dict[str, str]) -> str:
         """Print the instructions of llvm.toml under a name, and return the last value.
 
-        words: what the instructions are filled with, to which their values are added.
+        words: values of the instructions' placeholders; each result is added to them.
         """
         value = ""
         for line in TEXTS["sequences"][name].splitlines():

@@ -1,9 +1,9 @@
-"""One compiled robot that its caller advances tick by tick, as in a training session.
+"""Runs one compiled robot whose caller advances it tick by tick, for example in a training session.
 
-It runs the same operations as engine `simd`, one lane wide, with the same bits. Between two ticks,
-state, inputs and tables are plain memory. So inputs may change, as when a fault is armed. The state
-may be copied, to try something on a copy of the robot. The operator's motion may be written row by
-row as it happens.
+The robot runs the operations of engine `simd` for one lane and gives the same bits. State, inputs
+and tables are plain memory. Between two ticks the caller may change inputs, for example to arm a
+fault. The caller may copy the state, to try something on a copy of the robot. It may write the
+operator's motion row by row.
 """
 
 from collections.abc import Callable, Sequence
@@ -92,7 +92,7 @@ class Stepper:
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
-        """inputs: as in `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
+        """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
         fixed, entering = code.inputs.row(inputs), aligned_buffer(1, code.entering.layout.bytes)
         self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))

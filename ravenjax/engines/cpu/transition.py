@@ -1,9 +1,9 @@
-"""A state that functions of single numbers advance step by step: (fixed, state, entering, tables)
+"""Advances a state step by step with a program on single numbers: (fixed, state, entering, tables)
 -> (state, leaving).
 
-All numbers are in memory, one row of bytes for each of the four. `entering` and `leaving` may have
-many rows, one per step. No operation is fused here. `Compiled` and `Interpreted` give the same
-bits; `Interpreted` runs `ir.semantics` to check `Compiled`.
+Each of these is a row of bytes in memory. `entering` and `leaving` may have many rows, one per
+step. No operations are fused. `Compiled` and `Interpreted` give the same bits; `Interpreted` runs
+`ir.semantics`, to check `Compiled`.
 """
 
 from __future__ import annotations

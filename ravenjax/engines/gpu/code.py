@@ -1,6 +1,6 @@
-"""A compiled time loop on one GPU: transfers numbers in both directions and runs chunk after chunk.
+"""Runs a compiled time loop on one GPU, chunk after chunk of ticks, and transfers the numbers.
 
-While lanes run through a chunk, the rows of their groups for the next one are computed.
+While lanes run through one chunk, the GPU computes the rows of their groups for the next chunk.
 """
 
 import dataclasses
@@ -57,7 +57,7 @@ class CudaCode:
         form: Form,
         objects: Objects | None = None,
     ) -> None:
-        """grouped, form: as in `print_loop`."""
+        """grouped, form: see `print_loop`."""
         self.source, self.grouped, self.device, self.form = source, grouped, device, form
         cubin = cuda_device.compile_cubin(source.text, device.architecture, OPTIONS, objects)
         module = cuda_device.DeviceModule(device, cubin)

@@ -1,8 +1,8 @@
 """Assigns lanes to threads of a launch, and decides the ticks and the snapshot from which each
 block runs.
 
-All threads of a block begin in the same tick. A block begins with its earliest lane and stops with
-its last one. Before that a lane equals its golden run; after its end it waits.
+All threads of a block begin in the same tick: the first tick that any of its lanes needs. The block
+stops when its last lane ends. Until its fault acts, a lane equals its golden run.
 """
 
 import dataclasses

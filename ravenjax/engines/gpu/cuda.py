@@ -1,9 +1,9 @@
 """Prints straight-line programs as CUDA C: one statement per operation, one robot per thread.
 
-It calls the functions of prelude.cu.j2, and no mathematical library. Every float operation is
-rounded separately, provided that the compiler neither fuses nor flushes (`OPTIONS`). Therefore all
-devices give the same bits, except for the payload of a NaN. Numbers have 32 bits; there is no
-float64.
+The code calls the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid the
+compiler to fuse operations or to flush denormal numbers, so every float operation is rounded
+separately. Therefore all devices give the same bits, except for the payload of a NaN. Numbers have
+32 bits; there is no float64.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _TYPES = _TEXTS["types"]
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the body of one function. A place is a 32-bit word, as text of an lvalue."""
+    """Prints the body of one function. A place is the text of an lvalue for a 32-bit word."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""NVIDIA GPUs through NVIDIA's Python bindings: lists devices, compiles, manages memory and
+"""Uses NVIDIA GPUs through NVIDIA's Python bindings: lists devices, compiles, manages memory,
 launches.
 
 The packages are optional and are imported at first use. Every call is checked. An error that a user

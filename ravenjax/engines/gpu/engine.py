@@ -1,10 +1,9 @@
-"""Engine `cuda`: the tick and its time loop as generated CUDA C, compiled by NVRTC, with one robot
-per thread.
+"""Engine `cuda`: generates CUDA C for the tick and its time loop, with one robot per thread. NVRTC
+compiles the code.
 
-Lanes that share their varied parameters form a group, as in engine `simd`. What does not differ
-between them is computed once for the group. Every visible GPU takes blocks. Operations, their order
-and their rounding are those of `simd`. Both engines therefore give the same bits if the CPU fuses
-multiply-adds.
+Lanes in which all varied parameters are equal form a group, and what is equal in them is computed
+once. All visible GPUs compute blocks. Operations, their order and their rounding equal those of
+engine `simd`. Both engines therefore give the same bits if the CPU fuses multiply-adds.
 """
 
 import collections

@@ -10,9 +10,9 @@ lane_finish     writes the results of each lane
 group_snapshot  copies the state of the first group; one thread per number
 lane_snapshot   copies the state of the first lane; one thread per number
 
-A lane that has ended waits for the others of its block, while its group continues. Therefore its
-last tick stores in `saved` those numbers of the group's state that its results need. A row contains
-them as well.
+A lane that has ended waits for the other lanes of its block, while its group continues. So the
+lane's last tick stores in `saved` those numbers of the group's state that the lane's results need.
+A row contains the same numbers.
 
 Every number takes a 32-bit word. Lanes fill whole blocks of threads, and the lanes of a warp belong
 to one group. Inputs, `saved` and results of lanes are [number, lane]; their state is [block,

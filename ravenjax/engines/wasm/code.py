@@ -1,7 +1,7 @@
-"""Compiles LLVM IR to a WebAssembly module with 128-bit vectors, no fused multiply-add, and no
-import but its memory.
+"""Compiles LLVM IR to a WebAssembly module. The module uses 128-bit vectors, has no fused
+multiply-add, and imports only its memory.
 
-LLVM writes an object file. `link_module` makes it a module that runtimes load, as a linker would.
+LLVM writes an object file. `link_module` makes a loadable module of it, like a linker.
 """
 
 import io

@@ -1,8 +1,8 @@
-"""Engines `xla` and `mjx`: the tick under `vmap`, its time loop a `lax.scan`, compiled by `jit`.
+"""Engines `xla` and `mjx`: run the tick under `vmap` in a `lax.scan` over time, compiled by `jit`.
 
-A kernel advances one block by one *segment* of ticks and is called again for the next segment. So
-one compiled function serves any duration, and its memory does not grow with it. The first segment
-makes the initial state, and each returns the outcomes so far.
+A kernel call advances one block by one *segment* of ticks. One compiled function therefore serves
+runs of any length, and its memory does not grow with the length. The first segment makes the
+initial state. Each segment returns the outcomes so far.
 
 On a CPU a block is small, and each core runs one. On accelerators one large block runs at a time,
 and `jit` divides its lanes among the devices.
@@ -82,7 +82,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
 
     segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
-    [length]. Both series are [length, series, lanes]. ends: as from `traced.own_ends`.
+    [length]. Both series are [length, series, lanes]. ends: value of `traced.own_ends`.
     """
     # The last segment extends beyond the run.
     overshoots = program.ticks % length != 0
@@ -184,7 +184,7 @@ class ScanKernel:
     def run_signals(
         self, block: Block, motion: Motion, progress: Progress | None = None
     ) -> tuple[BlockResult, Any]:
-        """Run as `run`, and return also every signal of the first lane, each leaf [ticks]."""
+        """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         ticks = self.program.ticks
         with traced.x64_context(self.program.setup):
             lanes, arguments = self._arguments(block, motion)

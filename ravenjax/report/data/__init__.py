@@ -1,1 +1,1 @@
-"""Derives facts about every run from the result table with SQL, for the report to count."""
+"""Derives facts about every run from the result table with SQL. The report counts these facts."""

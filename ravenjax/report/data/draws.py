@@ -39,7 +39,7 @@ def _draws(group: Mapping[str, Any]) -> bool:
 
 
 def _is_random(effect: Any) -> bool:
-    """Return whether each run of a fault with this effect, or list of effects, draws its own."""
+    """Return whether the effect, or each of a list, draws random numbers in each run."""
     return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 

@@ -1,8 +1,8 @@
 """Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
 its folder fault_free.
 
-Each motion counts once, with the time until its first alarm, so that a cue that flickers after it
-first came does not raise the rate.
+Each motion counts once, with the time until its first alarm. A cue that flickers after its first
+onset therefore does not raise the rate.
 """
 
 import math

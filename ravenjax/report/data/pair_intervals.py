@@ -1,6 +1,6 @@
 """Computes intervals over pairs of runs.
 
-All pairs of one drawn fault count together as one unit. Enumerated faults have no interval.
+All pairs of one drawn fault form one unit. Enumerated faults have no interval.
 """
 
 import math

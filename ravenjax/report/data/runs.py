@@ -86,7 +86,9 @@ class Runs:
 
     @property
     def cue_leads(self) -> bool:
-        """Return whether it is a finding that the verdicts' cue comes before the motion."""
+        """Return whether it is a finding, and no consequence of definitions, that the cue precedes
+        the motion.
+        """
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 

@@ -20,7 +20,7 @@ def chain_title(one: Chain) -> str:
 
 
 def chain_sentences(one: Chain) -> list[str]:
-    """Return the chain as sentences. The last says where a check could detect the fault."""
+    """Return the chain as sentences. The last one names where a check could detect the fault."""
     return wording.fill_template("chain.txt.j2", chain=one)
 
 

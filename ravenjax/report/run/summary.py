@@ -152,9 +152,9 @@ def list_events(
 ) -> list[RunEvent]:
     """Return all events of a run in order.
 
-    `row`: from the result table. `series`: as from `store.logs.time_series`; without it, windows,
-    run levels and durations of cues are left out. `golden`: outcomes of the golden run, with
-    check_<name>_count. Checks that trip equally often in the golden run have level "debug".
+    `row`: from the result table. `series`: time series of `store.logs.time_series`; without them,
+    windows, run levels and durations of cues are left out. `golden`: outcomes of the golden run,
+    with check_<name>_count. Checks that trip equally often in the golden run have level "debug".
     """
     series = series or {}
     every = [

@@ -1,7 +1,7 @@
 """Collects the sections of the report.
 
-Each section is a module of this package with its query and figures, and a template of the same name
-beside it. A module lists its sections as SECTIONS; they need no other registration.
+Each section is a module of this package, which contains a query and figures, and a template with
+the same name. A module lists its sections in SECTIONS; they need no other registration.
 """
 
 import importlib

@@ -1,5 +1,5 @@
-"""First page of the report: which faults evade, how soon anyone can know, and what the cue would
-change.
+"""First page of the report: which faults evade, how soon they can be noticed, and what a cue
+changes.
 """
 
 import math

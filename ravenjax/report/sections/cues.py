@@ -1,8 +1,8 @@
 """Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
 the data choose.
 
-A hazard, an unintended motion, is missed if its run had no cue, or only one that the golden run
-had by then too. A false cue is the first cue of a fault-free motion. Each fault counts once.
+A hazard here is an unintended motion. The cue missed it if the run had no cue, or if the golden run
+had a cue by then, too. A false cue is the first cue of a fault-free motion. Each fault counts once.
 
 A single threshold is named if the intervals of missed hazards and false cues decide it
 (`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours

@@ -1,8 +1,8 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's own checks and the haptic cue of the verdicts count as two detectors with a single
-threshold. Rates and times are over one run of each fault, curves over every run or a drawn subset.
-If faults were drawn, bands resample faults. Enumerated faults have no bands and no intervals.
+The robot's checks and the haptic cue of the verdicts are shown as two detectors with one threshold
+each. Rates and times use one run of each fault. Curves use every run or a random subset. If faults
+were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or intervals.
 """
 
 import dataclasses

@@ -1,5 +1,5 @@
-"""Sections "Reaction" and "Crossed parameters": the same faults under the same random numbers, with
-and without the operator's reaction to the cue, and with each value of a crossed parameter.
+"""Sections "Reaction" and "Crossed parameters": compare runs of the same faults with and without
+the operator's reaction, and with each value of a crossed parameter.
 
 A pair is two runs that differ only in crossed parameters. In one of them the operator does not
 react, or the parameter has its first value. A fault has one pair for each value of other crossed

@@ -1,4 +1,4 @@
-"""Names of arms and joints, in the order of every array. Without JAX, for readers of results."""
+"""Names arms and joints, in the order of every array. It does not import JAX."""
 
 from typing import Literal, TypeAlias, TypeVar
 

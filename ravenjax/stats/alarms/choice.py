@@ -72,7 +72,7 @@ def rarest_alarms(
     """Return which alarms may miss fewest hazards within the limit of false alarms per hour, and
     which certainly keep the limit.
 
-    Both are bool [alarms]. `times` is as in `false_rates`.
+    Both are bool [alarms]. `false_rates` describes `times`.
     """
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)
@@ -81,11 +81,9 @@ def rarest_alarms(
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """Return the factor on the hours at which no more alarms remain possible than after endless
-    hours, at unchanged rates.
-
-    Return NaN if the present hours suffice. `possible`: the alarms that may be best, as from
-    `cheapest_alarms`, as a function of the factor.
+    """Return the factor on the hours after which more hours would exclude no further alarm, at
+    unchanged rates. Return NaN if the present hours suffice. `possible`: function from the factor
+    to the alarms that may be best, such as `cheapest_alarms`.
     """
     end = possible(np.inf)
     if np.array_equal(possible(1.0), end):

@@ -58,7 +58,7 @@ def precision_recall_band(
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.
 
-    The bands are as in `roc_band`.
+    `roc_band` defines the bands.
     """
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:

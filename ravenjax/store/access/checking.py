@@ -95,7 +95,7 @@ def check_rows(record: Manifest) -> FolderCheck:
 
 
 def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """Check that the rows of complete parts have values that a run can have, as rules.toml says."""
+    """Check the rows of complete parts by rules.toml, which lists the values that runs can have."""
     if not whole:
         return []
     with query.open_parts(

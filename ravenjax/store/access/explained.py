@@ -1,6 +1,4 @@
-"""Stores later analyses of the runs of a result folder, such as explained runs, in Parquet files:
-a row per run.
-"""
+"""Stores later analyses of a result folder's runs, such as `ravenjax explain`, in Parquet files."""
 
 from pathlib import Path
 
@@ -21,8 +19,8 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add explained runs, as from `campaign.inspection.explain`, to a folder's file; they replace
-    earlier rows of the same runs.
+    """Add runs from `campaign.inspection.explain` to a folder's file. They replace earlier rows of
+    the same runs.
 
     Explanations by other code or of another campaign are dropped. Raises StoreError if the file
     cannot be written.

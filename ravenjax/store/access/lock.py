@@ -1,8 +1,8 @@
 """Allows one writer per result folder; a second one is refused with the name of the first.
 
 The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
-it. The file only names the holder. Linux passes `flock` on NFS to the server. On a file system
-without locks the file must do: a folder is refused if its holder is on another host or still runs.
+it. The file only names the holder. On NFS, Linux passes `flock` to the server. On a file system
+without locks, the name decides: a folder is refused if its holder is on another host or still runs.
 """
 
 import contextlib

@@ -1,5 +1,4 @@
-"""Queries result tables that need not fit in memory: the parts of a folder as a read-only DuckDB
-relation.
+"""Queries a folder's result table, which need not fit in memory, as a read-only DuckDB relation.
 
 Every query reads from the view `results`, one row per run. Its columns are those of `schema`, and
 `row`, the number of the run. Data that exceeds the given memory is spilled to a temporary folder,
@@ -154,7 +153,7 @@ def whole_parts(path: Path) -> list[Path]:
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
-    aside: as in `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
+    aside: see `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
     RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb
@@ -212,5 +211,5 @@ def quote_text(word: str) -> str:
 def _memory_mb() -> int:
     megabytes = os.environ.get("RAVENJAX_QUERY_MB", "")
     if megabytes and not (megabytes.isdecimal() and int(megabytes)):
-        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, as 4000")
+        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, such as 4000")
     return int(megabytes) if megabytes else MEMORY_MB

@@ -1,6 +1,4 @@
-"""Options of the conversion from a recording to a motion: the keys of [operator] for recordings
-only.
-"""
+"""Defines the keys of [operator] for recordings: how a recording becomes a motion."""
 
 import dataclasses
 from typing import Any, Literal

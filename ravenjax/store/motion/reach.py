@@ -1,5 +1,5 @@
-"""Computes which rows of a recording an arm can reach inside its joint limits, and with which
-joints.
+"""Computes which poses of a recording an arm can reach within its joint limits, and the joints
+there.
 """
 
 from __future__ import annotations

@@ -100,8 +100,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
         value = getattr(options, name)
         if kind not in kinds and value != getattr(ReplayOptions(), name):
             raise UserError(
-                f"{path}: operator.{name} belongs to a {' or a '.join(kinds)}, this file is a"
-                f" {kind}: remove it"
+                f"{path}: this file is a {kind}, but operator.{name} applies to a"
+                f" {' or a '.join(kinds)}: remove operator.{name} from the campaign"
             )
     for name in ("rotation", "offset_mm"):
         given = getattr(options, name) or arms

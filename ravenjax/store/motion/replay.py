@@ -1,5 +1,5 @@
-"""Converts a recording to a motion: as long as the campaign, inside the reach of the arms, in the
-frame of the hands.
+"""Converts a recording into a motion of the hands that has the campaign's length and that the arms
+can reach.
 """
 
 import dataclasses

@@ -181,14 +181,14 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of an arm's sensor; all rows if no column names sensors."""
+    """Return the rows of an arm's sensor, or all rows if the file has no column of sensors."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)
     if column not in whole.table or sensor is None:
         raise UserError(
-            f"{whole.path}: operator.sensors needs `column`, a column of the file, and the sensor"
-            f" of {arm}: operator.sensors = {{ column = 'tool', {arm} = 'left' }}; the file has"
+            f"{whole.path}: operator.sensors must name the column with the sensors, and the sensor"
+            f" of {arm}, such as {{ column = 'tool', {arm} = 'left' }}. The file has the columns"
             f" {list_names(whole.table)}"
         )
     there = whole.table[column].astype(str).str.strip().str.removesuffix(".0")

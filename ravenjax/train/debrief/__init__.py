@@ -1,1 +1,1 @@
-"""Makes the debrief of a session: a page with charts and measures."""
+"""Makes the debrief of a training session: a page with charts and measures."""

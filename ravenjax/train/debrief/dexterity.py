@@ -1,8 +1,8 @@
 """Measures how somebody moved: path, economy, smoothness, idle time, use of both hands.
 
 The measures use the true tips while the pedal is down and the session runs, resampled at `RATE_HZ`
-and low-passed at `CUTOFF_HZ`. A *stretch* is a period of such time without a gap. A *movement* is
-the part of a stretch between two targets (the whole stretch if there are no targets).
+and low-passed at `CUTOFF_HZ`. A *stretch* is a period of this time without a gap. A *movement* is
+the part of a stretch between two targets, or the whole stretch if the task has no targets.
 docs/how-to/training-session-tools.md names the sources.
 """
 
@@ -73,7 +73,8 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
 
 
 def read_attempts(folder: Path) -> list[Json]:
-    """Return the sessions of the same person and scenario beside `folder`, up to its own.
+    """Return the sessions of the same person and scenario beside `folder`, up to the session in
+    `folder`.
 
     The list is empty if the person is not named. Each entry has numbers, or None for those missing.
     """

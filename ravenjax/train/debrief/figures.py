@@ -1,4 +1,4 @@
-"""Makes the charts of a session, those of a person's progress, and the data of the replay.
+"""Makes the charts of a session, the charts of a person's progress, and the data for the replay.
 
 A session's charts show distances and their limits, depth, force and run level.
 """

@@ -1,9 +1,10 @@
 """The page of a training session: reads the rings, serves a browser, and forwards its commands.
 
-It runs in a process of its own and never makes the realtime process wait. Commands go into a
-separate ring, which the realtime process reads once a tick.
+The page runs in a separate process, and the realtime process never waits for it. The page writes
+commands into a ring, which the realtime process reads once a tick.
 
-This module opens the page's port and answers until the page can. It imports nothing slow.
+This module opens the page's port at once. It answers browsers until the page has started, so it
+imports nothing slow.
 """
 
 import contextlib

@@ -1,10 +1,10 @@
 """Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
 
-Every message of a browser is checked before it is forwarded: types, ranges, sizes, roles. Operators
-do not see hazards, and what blinding hides, nobody sees. As at a real console, an operator learns
-only of checks that raise an alarm or stop the robot (event "alarm").
+The hub checks every message from a browser before it forwards the message: types, ranges, sizes,
+roles. Operators do not see hazards, and nobody sees what blinding hides. At a real console, an
+operator learns only of checks that raise an alarm or stop the robot. Here these are events "alarm".
 
-Everything here runs in the server's event loop. A slow window gets the newest frame, no backlog.
+Everything here runs in the server's event loop. A slow window skips frames and gets the newest one.
 """
 
 import asyncio
@@ -88,7 +88,7 @@ class Inbox:
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
     def read(self, message: str | bytes, role: str) -> Json:
-        """Return the message as in `protocol`, or one of type "page". Raises RefusedMessage."""
+        """Return a message of `protocol`, or one of type "page". Raises RefusedMessage."""
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
@@ -333,7 +333,9 @@ class Hub:
             self._announce_seat()
 
     def _drop_earlier(self, window: str) -> None:
-        """Drop the former connection of a window that comes back; it may have died unnoticed."""
+        """Drop the earlier connection of a window that connects again. It may have failed
+        unnoticed.
+        """
         for client in [known for known in self._clients if window and known.window == window]:
             self._part(client)
             closing = asyncio.create_task(

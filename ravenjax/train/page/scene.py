@@ -1,8 +1,8 @@
 """Draws the three-dimensional scene from frames: arms, ghosts, forces, depth lines, task.
 
-Only some targets are drawn: the goal, the next target in a smaller size, and the last targets
-reached in grey. All targets at once would hide the tip. The goal has a colour that neither arm nor
-model has. The ring around it shrinks as the tip comes nearer.
+The scene shows the current target, the next one in a smaller size, and the last ones reached in
+grey. All targets at once would hide the tip. The current target has a colour of its own, and a ring
+around it shrinks as the tip approaches.
 
 The roots of viser's node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser sends
 only changes.

@@ -1,1 +1,1 @@
-"""The clock, the realtime loop, and ring buffers in memory that processes share."""
+"""Defines the clock, the realtime loop, and ring buffers in shared memory."""

@@ -105,8 +105,8 @@ class Clock:
 def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
-    Yields what was granted, and undoes it at the end. choose: selects one of the CPUs. A robot in a
-    process of its own uses another CPU than the session that drives it.
+    Yields a description of what was granted, and undoes the changes at the end. choose: selects one
+    of the CPUs. A robot in a process of its own uses another CPU than the session that drives it.
     """
     if sys.platform != "linux":
         yield "as the system schedules"

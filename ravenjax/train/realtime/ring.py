@@ -1,8 +1,7 @@
-"""Rings in shared memory between the processes of a session. One process writes, others read, none
-waits.
+"""Defines rings in shared memory. One process of a session writes, others read, and none waits.
 
 Reading a ring costs less than a system call, which matters a thousand times a second. The writer
-never checks the readers. A slow reader notices that rows were overwritten: rows are numbered.
+never checks the readers. Rows are numbered, so a slow reader notices that rows were overwritten.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Reads a session's recording from its folder, and its hazards, which it also summarises.
+"""Reads the recording of a session from its folder. Reads and summarises the session's hazards.
 
-Hazards come from hazards.csv. If the session was killed before it could write that table, they come
-from the rows of its recording.
+Hazards come from hazards.csv. If the session was killed before it wrote this table, they come from
+the rows of the recording.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
     if path.is_dir():
         if (file := find_recording(path)) is None:
             raise StoreError(
-                f"{path} has no {session_log.FILE}; give the folder of a session that was recorded"
+                f"{path} has no {session_log.FILE}; give the folder of a recorded session"
             )
         path = file
 

@@ -1,8 +1,8 @@
 """Runs the recorder: a process that reads the rings of a session and writes files.
 
-No process waits for it. Rows that it does not read in time are lost, and counted. It ends at the
-event "end", at SIGTERM, or when its parent is gone. It always closes the file, unless it is killed:
-then the last `POLL_S` and one block are lost (`store.recover`).
+No process waits for the recorder. It counts the rows that it could not read in time. It ends at the
+event "end", at SIGTERM, or when its parent has ended, and then closes the file. If it is killed,
+the last `POLL_S` and one block are lost (`store.recover`).
 """
 
 import contextlib

@@ -1,1 +1,1 @@
-"""Links to robots and consoles over a network."""
+"""Connects sessions to robots and consoles over a network."""

@@ -1,9 +1,10 @@
 """Drives a remote robot over ITP, and compares its reports with a nominal model in this process.
 
-The console's half of the tick runs here, compiled like the whole tick. It makes packets from the
-operator's motion, advances the nominal model, and computes the cue from the robot's reports. A
-robot whose reports stop counts as stopped. The true tip and a golden run are unknown: the measured
-tip and the nominal model take their places, and `false_report_mm` is NaN.
+This process runs the console's half of the tick, compiled like the whole tick. That half makes
+packets from the operator's motion, advances the nominal model, and computes the cue from the
+robot's reports. If the robot's reports stop, the session treats the robot as stopped. The true tip
+and the golden run are unknown. The measured tip and the nominal model replace them, and
+`false_report_mm` is NaN.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """The ITP server: receives a console's increments over UDP and sends the cue's force.
 
-It is polled once a tick and never waits. docs/how-to/training-messages.md describes the force
-packets.
+The realtime loop polls the server once a tick. The server never waits.
+docs/how-to/training-messages.md describes the force packets.
 """
 
 import contextlib
@@ -307,7 +307,7 @@ class ItpServer:
         only_host: str | None = None,
         say: Say = lambda _: None,
     ) -> None:
-        """profiles, only_host, say: as of `Gate`. Raises UserError if the port is taken."""
+        """profiles, only_host, say: see `Gate`. Raises UserError if the port is taken."""
         self.arms = tuple(arms)
         self.gate = Gate(arms, profiles, only_host, say)
         self._clock = clock

@@ -1,9 +1,9 @@
 """Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
-`JointServer` is the robot's end. The other end, `RemoteRobot`, connects a session to `ravenjax
-robot`, or to a real Raven with a program that sends these reports. Neither waits. Every line is a
-JSON object (docs/how-to/training-messages.md). Whoever sends another line is not a console, but
-perhaps a web page that probes local ports.
+`JointServer` runs beside the robot. `RemoteRobot` connects a session to `ravenjax robot`, or to a
+program that sends these reports from a real Raven. Neither waits for the other. Every line is a
+JSON object (docs/how-to/training-messages.md). The server disconnects a client that sends anything
+else: it may be a web page that probes local ports.
 """
 
 import abc

@@ -1,9 +1,10 @@
 """Runs `ravenjax play`: replays a recorded stream of a console's packets, byte for byte.
 
-A robot counts a pedal only after the pedal was up. The player therefore first sends copies of the
-first packet with the pedal up for `LEAD_S`. A robot follows a console until two seconds after its
-last packet. So the player repeats such a packet until a force packet shows that the robot follows
-it. A real Raven sends no force packets, so the recording starts after `KNOCK_S`.
+A robot accepts a pedal only after the pedal was up. The player therefore sends the first packet
+with the pedal up, again and again, for `LEAD_S`. The robot may still follow another console, until
+two seconds after that console's last packet. So the player continues until a force packet shows
+that the robot follows the player. A real Raven sends no force packets; then the recording starts
+after `KNOCK_S`.
 """
 
 import contextlib

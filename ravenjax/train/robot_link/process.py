@@ -1,13 +1,13 @@
 """Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
 drive.
 
-Faults act in this process, where no console sees them. If a console falls silent, the robot's own
+Faults act in this process, so no console can see them. If a console stops sending, the robot's
 time-out of 5 s raises the pedal, as on the real robot.
 
-Increments that arrive within one millisecond are added up, as in the original, whose network thread
-adds them up before the control loop reads. The robot gets the sum as one packet with a new number,
-because the gate has already applied the robot's rules for numbers. Unlike in a session, pedals
-alone decide which console drives.
+The sum of all increments that arrive within one millisecond is one packet for the robot; raven2's
+network thread sums them in the same way. This packet has a new number, because `itp` has already
+applied the robot's rules for packet numbers. Unlike in a session, only the pedals decide which
+console drives.
 """
 
 import contextlib
@@ -190,8 +190,8 @@ def run_robot(
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
-    options: their token is required in orders from other machines; None: these are refused. seed:
-    draws the scenario's hazards; None: its own. Raises UserError if a port cannot be opened.
+    options: orders from other machines need their token; None: such orders are refused. seed: draws
+    the scenario's hazards; None: the scenario's seed. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))
@@ -241,7 +241,7 @@ def open_consoles(
 ) -> tuple[list[loop.Console], ItpServer | None]:
     """Open the ports of consoles until `stack` ends, and say who can reach them.
 
-    elsewhere: as in `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
+    elsewhere: see `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
     """
     consoles: list[loop.Console] = []
     server = None

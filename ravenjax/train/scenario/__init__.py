@@ -1,4 +1,4 @@
-"""Training scenarios: TOML files that declare a task, hazards and the right responses."""
+"""Reads training scenarios: TOML files that declare a task, hazards and the right responses."""
 
 # ruff: noqa: F401
 

@@ -4,8 +4,8 @@ The last row is the operator's E-stop button.
 
 A hazard of the library has many rows: one for each case, published value, start and duration. A
 session takes one row of each case (`times = N`: N different ones). The draw depends on the
-session's seed and the case's name only. Every hazard starts at 0. Faults that count pedal
-time in a campaign count time here, because a session arms a row only while the pedal is down.
+session's seed and the case's name only. Every hazard starts at time 0. Trigger "pedal" becomes
+"time", because a session arms a row only while the pedal is down.
 """
 
 import dataclasses

@@ -264,7 +264,7 @@ class Entry(Section):
             )
         if self.fault and (self.arm is not None or self.value is not None):
             raise ValueError(
-                "arm and value belong to hazards of the library; write them in [[hazard.fault]]"
+                "arm and value change hazards of the library; write them in [[hazard.fault]] here"
             )
         right = self.right_response or ()
         if "continue" in right and len(right) > 1:

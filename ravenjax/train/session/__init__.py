@@ -1,1 +1,1 @@
-"""Runs one training session: compiles and simulates it, reads hands, arms hazards, fills frames."""
+"""Runs one training session: compiles the tick, reads the hands, arms hazards and fills frames."""

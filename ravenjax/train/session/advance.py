@@ -4,9 +4,9 @@ A session depends only on its scenario, its seed and a list of (tick, command): 
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
 the frame and the force are sent, `conclude` afterwards.
 
-Three robots run side by side, all with the campaigns' tick: the driven robot, its golden run, and
-the virtual robot. On the virtual robot the operator can try a motion while the driven robot rests.
-The driven robot can then repeat that motion for as long as the pedal is held.
+Three robots run side by side with the same tick as in campaigns: the driven robot, its golden run,
+and the virtual robot. While the driven robot rests, the operator can try a motion on the virtual
+robot. The driven robot can then repeat this motion while the pedal is held down.
 """
 
 from collections.abc import Callable, Sequence

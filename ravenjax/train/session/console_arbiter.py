@@ -1,14 +1,15 @@
-"""Decides which console drives, and whether its pedal counts. One console has the seat, the others
-watch.
+"""Decides which console drives the robot, and whether its pedal counts. Only one console can drive;
+it has the *seat*.
 
 The first console whose pedal goes down gets the seat and keeps it until it leaves or is silent for
-`GONE_MS`. An operator may take it while the other console's pedal is up. The owner may give it
-away, and the instructor may give it to any console. Where pedals alone decide, a console loses the
-seat as soon as another one presses its pedal while the first one's is up.
+`GONE_MS`. While its pedal is up, the operator at another console may take the seat. The console may
+give the seat away, and the instructor may give the seat to any console. In `ravenjax robot` only
+the pedals decide: a console with its pedal up loses the seat when another console presses its
+pedal.
 
-A pedal counts as down only after it was up: at the beginning, and after each event that an operator
-with a foot on the pedal may not notice. The operator of a network console gets only forces, so the
-reason why a pedal does not count is shown on the page and in the terminal.
+An operator may not notice that the session began or was interrupted. After such an event a pedal
+that is down does not count until it was lifted. A network console only receives forces, so the page
+and the terminal show why its pedal does not count.
 """
 
 from collections import deque
@@ -114,10 +115,10 @@ class ConsoleArbiter:
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
 
     def hear(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
-        """Process a message of a console's hands.
+        """Process a message in which a console reports its hands and its pedal.
 
-        take: receives the message of the console that drives, with the pedal as it counts. It
-        returns False if it refuses the message.
+        take: is called with the message if its console drives. In this message the pedal is up if
+        it does not count. `take` returns False to refuse the message.
         """
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
@@ -145,7 +146,7 @@ class ConsoleArbiter:
         self._unheard[console] = why
 
     def holds(self, console: str) -> bool:
-        """Whether a console's pedal is down, whether or not it counts."""
+        """Return whether a console's pedal is down, even if it does not count."""
         return self._foot.get(console, False)
 
     def why_not(self, console: str, tick: int) -> str:

@@ -1,12 +1,12 @@
 """Turns the messages of consoles about the operator's hands into rows of motion, one for each tick.
 
-Speeds of "input" messages are along the axes of the view. The hands adopt a new speed smoothly:
-critically damped, 90 % of it after `SMOOTHING_MS`. They move in the ITP frame of their arm:
-micrometres before the console's scale, orientation relative to the start.
+Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
+critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
+the arm, in micrometres before the console's scale. Orientations are relative to the start.
 
-"increments" come from a console that has already scaled them. The console of the tick truncates
-scaled float32 positions and sends differences. Therefore every position here is half a micrometre
-farther from zero than the whole number meant, which truncation then yields.
+A message "increments" comes from a console that has already scaled its increments. The tick scales
+positions again in float32 and truncates them to whole micrometres. So every position here is the
+intended whole number plus half a micrometre away from zero, and truncation gives the whole number.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Operators without a person: one does the task and reacts to cues, one repeats recorded commands.
+"""Defines two simulated operators. One does the task and reacts to cues, the other repeats recorded
+commands.
 
 Both are deterministic, so a session can be repeated exactly.
 """

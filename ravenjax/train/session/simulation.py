@@ -1,4 +1,4 @@
-"""The simulated robots of a session: the driven one with its golden run, and the virtual one."""
+"""Simulates a session's robots: the driven robot, its golden run, and the virtual robot."""
 
 from __future__ import annotations
 

@@ -272,9 +272,9 @@ BAD_OPTIONS = {
     ),
     "segments": (
         ["--segments", "tick=5,3"],
-        "expected a field and ascending numbers, as tick=1000,5000",
+        "expected a field and ascending numbers, such as tick=1000,5000",
     ),
-    "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
+    "hours": (["--hours", "0.001"], r"--hours \d+ or more, or --robots 1 --hours"),
     "motion": (
         ["--motions", "stil"],
         r"unknown motion 'stil', expected one of suture, .* Did you mean 'still'",

@@ -90,8 +90,8 @@ def test_a_rigid_transform_moves_tips_into_frame_0(tmp_path, by_matrix):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"topics": {"gold": "/lab"}}, "operator.topics belongs to a bag, this file is a table"),
-        ({"console": "raven"}, "belongs to a stream of packets, this file is a table: remove it"),
+        ({"topics": {"gold": "/lab"}}, "operator.topics applies to a bag: remove operator.topics"),
+        ({"console": "raven"}, "is a table, but operator.console applies to a stream"),
         ({"offset_mm": {"green": (0, 0, 0)}}, "operator.offset_mm has green, expected also gold"),
     ],
 )

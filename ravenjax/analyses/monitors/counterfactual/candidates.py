@@ -1,4 +1,4 @@
-"""Defines what a counterfactual asks, and makes the candidate checks detectors of a campaign."""
+"""Defines a counterfactual's options, and turns candidate checks into a campaign's detectors."""
 
 import itertools
 import math

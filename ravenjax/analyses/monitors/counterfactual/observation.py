@@ -1,5 +1,5 @@
-"""Runs fault-free motion and the campaign with all candidates as detectors. Keeps the largest score
-of each motion, and the lead of each alarm before harm.
+"""Runs fault-free motions and the campaign, with all candidates as detectors. Keeps the largest
+score of each motion, and the time from each alarm to the harm.
 """
 
 import itertools

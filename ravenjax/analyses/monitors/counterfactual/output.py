@@ -138,7 +138,7 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
 
 
 def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
-    """Return one row per candidate, as in `counterfactual.csv`."""
+    """Return the rows of `counterfactual.csv`, one per candidate."""
     return [
         {
             "candidate": part.name,

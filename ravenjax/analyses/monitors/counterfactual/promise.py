@@ -1,10 +1,10 @@
 """Selects a set of candidates, sets its margin, and states its coverage and false alarms.
 
-The set alarms if any of its candidates exceeds its scale times the set's margin. The margin is the
-least of `MARGINS` whose expected rate on one more motion is at most the target. This is conformal
-risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that chose neither scales
-nor candidates. The *stated* numbers are alarms in motions with no other use, and faults that had no
-part in the selection.
+The set raises an alarm if a candidate exceeds its scale times the set's margin. The margin is the
+smallest of `MARGINS` whose expected false-alarm rate on one more motion is at most the target. This
+is conformal risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that were not
+used to choose scales or candidates. The *stated* numbers come from motions with no other use, and
+from faults that were not used for the selection.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ RANDOM_SETS = 200
 
 
 class Margin(NamedTuple):
-    """The factor above its scales at which a set alarms."""
+    """The factor on its scales above which a set raises an alarm."""
 
     place: int  # index into MARGINS
     alarms: int  # runs of the calibration with an alarm

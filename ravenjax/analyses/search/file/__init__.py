@@ -1,1 +1,1 @@
-"""Reads search files: section [search], the group as a template of runs, and outcomes."""
+"""Reads search files: the section [search], the group that is a template of runs, and outcomes."""

@@ -1,4 +1,4 @@
-"""Models of the section [search] of a search file, one for each kind of search."""
+"""Defines the section [search] of a search file, with one model for each kind of search."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Treats the one group of a search file as a template of runs: lists are its cases, distributions
 its inputs.
 
-A case is one combination of the lists, as designs "grid" and "zip" make them. An input is a fault's
-number or a parameter that has a distribution in the file. A point is a case with one value of each
-input. It denotes one run: that of an ordinary campaign with these values.
+A *case* is one combination of the lists; designs "grid" and "zip" make the combinations. An *input*
+is a fault's number or a parameter that has a distribution in the file. A *point* is a case with a
+value for each input. It is one run of an ordinary campaign with these values.
 """
 
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def axis_name(key: Key) -> str:
 
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
-    """Return (key, message) for what a campaign file may contain and a search file may not."""
+    """Return (key, message) for keys that a campaign file may contain and a search file may not."""
     if len(config.group) != 1:
         yield (
             ("group", 1),

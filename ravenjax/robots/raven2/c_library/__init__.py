@@ -1,1 +1,1 @@
-"""Control software and virtual robot as a C library, as texts."""
+"""Generates the texts of a C library with control software and virtual robot."""

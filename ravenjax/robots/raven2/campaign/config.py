@@ -155,7 +155,7 @@ class RavenConfig(CampaignConfig):
         return self.campaign.software
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield (heading, text) of what the file says about robot and operator."""
+        """Yield (heading, text) of the file's settings for robot and operator."""
         yield from super().lines()
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"

@@ -1,8 +1,8 @@
 """Computes which milliseconds of a campaign belong to which phase of the planned motion.
 
-Scale and packets are those of the file if it has one number for all runs, else the documented ones.
-Phases are those of the plan, and the same for all runs: changes by noise, drawn packets, a cue or a
-fault are not included.
+If the file has one scale and one packet length for all runs, they are used; otherwise the defaults
+are. Phases belong to the plan and are the same for all runs. Noise, drawn packets, cues and faults
+do not change them.
 """
 
 import numpy as np

@@ -5,10 +5,9 @@ passes from the foot through a packet to the software, from there to the PLC, an
 these steps depends on a motor, so they are simulated alone, tick by tick around each change of the
 foot.
 
-The pedal also comes up if the robot stops or if the operator lets go. A stop is final, because the
-PLC's trip latches. In both cases the pedal is down until that moment, and not again. Only an
-operator that the user programmed may press it again. The time of this press is unknown, but it is
-not earlier than planned.
+Pedal-down also ends if the robot stops or if the operator lifts the foot. It does not begin again:
+the PLC's trip latches, and only an operator from a user's file may press the pedal again. The time
+of this press is unknown, but it is not earlier than planned.
 """
 
 import dataclasses

@@ -2,8 +2,8 @@
 
 A profile is ruled out in two cases. More packets break its rules than a stream may lose by chance.
 Or its jaw increments add up to more than the jaw's whole travel while another profile has no
-complaint. Until one profile is left, values that all remaining profiles read alike count, and
-values that they read differently cause no motion. A choice is final.
+complaint. Until one profile is left, only values that all remaining profiles read in the same way
+cause motion. The choice is final.
 """
 
 from collections.abc import Collection, Sequence

@@ -1,8 +1,8 @@
-"""Makes the console's packets from the hands' motion, which is looked up by tick. Traced.
+"""Makes the console's packets from a table of the hands' motion, one row per tick.
 
 Hands may deviate from the planned motion: by a tremor, by a correction, or under the cue's force.
-All deviations are added up in one offset per hand, which is the only state. Robot and nominal model
-follow it alike.
+All deviations are added up in one offset per hand, which is the only state. The robot and the
+nominal model both follow it.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
 of two truncated positions. The robot's accumulator never drifts from the hand by more than 1 um.

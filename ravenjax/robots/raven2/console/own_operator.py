@@ -1,10 +1,11 @@
 """Runs a user's file as the operator: what the file sees, and how its hands change the plan.
 
 The plan is the motion that a campaign names. docs/how-to/own-operator.md lists what the file gets
-in each millisecond, and the keys delta, grasp, pedal and pace that it may return. A hand that moves
-otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
-the file reverses it. Robot and nominal model follow it alike. The hand's rotation is the plan's. A
-file returns the same keys in all milliseconds. A key that it leaves out or unchanged costs nothing.
+in each millisecond, and the keys delta, grasp, pedal and pace that it may return. If a hand moves
+differently than planned, the difference remains (`operator.HandOffsets`) until the file reverses
+it. The robot and the nominal model both follow the hand. A file cannot change the hand's rotation.
+It returns the same keys in all milliseconds. A key that is missing or unchanged adds no
+computation.
 """
 
 from collections.abc import Sequence

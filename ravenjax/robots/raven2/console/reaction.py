@@ -1,14 +1,14 @@
 """Models an operator who releases the pedal, slows down or corrects, some time after the cue.
 
 The operator feels the first haptic set. The resulting motion of the hands goes into the console's
-packets, and so to the robot and to the nominal model alike. Action `none` ignores the cue, for
-pairs of runs: the same fault, with the cue and without.
+packets, and so to the robot and to the nominal model alike. With action `none` the operator ignores
+the cue; pairs of runs compare this with an action.
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands continue along their path at `slow_to` of their speed.
-- 3 correct: the hands move the instrument back to where the operator meant it to be. The operator
-  sees the distance of the true tip from there: from the nominal model's tip, less the motion of the
-  hands beyond the plan. The correction reduces it by `correct_per_s`, at most at `correct_speed`.
+- 3 correct: the hands move the instrument back to the intended position. This position is the
+  nominal model's tip without the motion of the hands beyond the plan. The operator sees how far the
+  true tip is from it. The correction reduces it by `correct_per_s`, at most at `correct_speed`.
 
 No source measured reactions on this robot. It is *assumed* that the action follows the first pull
 after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md

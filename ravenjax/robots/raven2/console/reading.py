@@ -1,8 +1,8 @@
-"""Reads packets under a profile: fields become increments of the tips, or a broken rule.
+"""Converts a packet's fields into increments of the tips, or names the rule of the profile that
+they break.
 
-Positions, of jaws or of a hand's orientation, are differenced from one packet to the next. Motion
-before a console's stream began, or while packets were lost, therefore moves nothing. Neither do
-increments that were lost.
+Positions of jaws, and orientations of hands, become differences between consecutive packets.
+Therefore the robot does not follow motion before the first packet or during lost packets.
 """
 
 import math

@@ -136,5 +136,5 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
 
 @functools.lru_cache(maxsize=64)
 def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
-    """Return the arm's straight-line program; `known` as for `mass_matrix_and_bias`."""
+    """Return the arm's straight-line program; see `mass_matrix_and_bias` for `known`."""
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)

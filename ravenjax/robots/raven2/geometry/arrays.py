@@ -1,4 +1,4 @@
-"""Kinematics, transmission and gravity of whole arrays of poses, in float64, by NumPy.
+"""Computes kinematics, transmission and gravity for arrays of poses, in float64, with NumPy.
 
 Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist,
 grasp1, grasp2 (rad). Any leading axes are allowed, and arguments broadcast against each other.

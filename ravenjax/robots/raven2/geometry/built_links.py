@@ -1,7 +1,8 @@
 """Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
 
 `kinematics.forward_pose` uses the software's table, in which shoulder, elbow and insertion axes
-meet in one point. Here every link may have its own twist and length. Convention as in `joints`.
+meet in one point. Here every link may have its own twist and length, in the
+convention of `joints`.
 """
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, trigonometry

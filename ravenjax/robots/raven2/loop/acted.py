@@ -1,9 +1,9 @@
-"""A run in which an action is taken at a given tick, for any fault and any action.
+"""Adds an action at a given tick to a run, for any fault and any action.
 
-This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with one fault slot more.
-The last slot holds an action in place of a fault: `code` is its number from 1 in `ACTIONS`, `start`
-the tick in which it is taken, and `duration` the tick of the fault's first effect. Until `start`,
-the run equals the run without the action, bit by bit.
+This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with an additional fault
+slot. This last slot holds an action instead of a fault: `code` is its number from 1 in `ACTIONS`,
+`start` the tick in which it is taken, and `duration` the tick of the fault's first effect. Until
+`start`, the run equals the run without the action, bit by bit.
 
 - `pedal`: the operator lifts the foot, as `console.reaction` does at a cue. The pedal stays up.
 - `estop`: the PLC goes to E-stop and cannot be started again, as while the button is pressed.

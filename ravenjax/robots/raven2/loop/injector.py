@@ -1,6 +1,7 @@
 """Injects faults at the sites of the Raven's tick.
 
-Faults act on rotations as quaternions. USB words are stored as the setup says.
+Faults change a rotation matrix through its quaternion. `RavenSetup.dac_words` decides whether a DAC
+command that is too large for the USB word wraps, saturates or keeps its value.
 """
 
 from functools import cache, reduce
@@ -35,7 +36,7 @@ class RavenInjector(injection.Injector):
             faulty = super().__call__(site, quats, present)
             rotations = []
             for rotation, quat, struck in zip(signal, quats, faulty, strict=True):
-                # An unchanged one keeps every bit
+                # A rotation that no fault changed keeps every bit.
                 changed = reduce(or_, quat.map(ne, struck))
                 turned = narrow_numbers(self.setup, matrix_from_quat(struck))
                 rotations.append(where(changed, turned, rotation))
@@ -75,7 +76,7 @@ ROTATIONS = ("ori", "ori_d")
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """Return the declared paths; the type of a DAC command after the checks follows the setup."""
+    """Return the declared paths. The setup decides the type of a DAC command after the checks."""
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == "usb_out" else kind)

@@ -1,6 +1,6 @@
-"""The part of the tick that observes the robot: nominal model, haptic cue, monitor.
+"""Observes the robot in each tick: nominal model, haptic cue, monitor.
 
-It is part of every tick. It also runs alone beside a robot of which only reports are known.
+The observers also run without the rest of the tick, beside a remote robot that only sends reports.
 """
 
 from typing import Any, NamedTuple, TypeVar

@@ -1,7 +1,8 @@
-"""Optional stages of the tick: each is a value in STAGES, in the tick if it is `present`.
+"""Defines the optional stages of the tick in STAGES. A tick contains a stage if the stage's
+function `present` returns true.
 
-To add a stage, add a value to STAGES. Its state is in `TickState.stages`, and its outcomes are in
-the result table. A run fails if one of the stage's `numbers` is not finite.
+To add a stage, add an entry to STAGES. `TickState.stages` then holds the stage's state, and the
+result table holds its outcomes. A run fails if one of the stage's `numbers` is not finite.
 """
 
 import dataclasses

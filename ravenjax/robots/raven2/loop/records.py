@@ -58,7 +58,7 @@ class TickParams:
 
 @record
 class TickState:
-    """The state from one tick to the next; each part is written by its own stage only."""
+    """The state from one tick to the next. Only one stage writes each part."""
 
     faults: fault.FaultState
     control: control.ControlState

@@ -1,8 +1,8 @@
-"""Runs users' files in the Raven's tick: what they can read, and what their results do.
+"""Runs users' files in the Raven's tick: defines what they can read, and what their results do.
 
-Every file gets one arm in one millisecond as a view: the numbers that have crossed a seam so far
-(docs/how-to/own-check.md lists them). It has nothing that only the simulator knows: not the true
-tip, not the links' true motion, not the fault.
+In each millisecond a file gets a *view* of one arm: the signals that the tick has computed so far
+(docs/how-to/own-check.md lists them). The view contains nothing that only the simulator knows, such
+as the true tip, the links' true motion or the fault.
 
 **Checks** run between two stages, so that they act before the next stage reads. They do what the
 robot's own checks do:

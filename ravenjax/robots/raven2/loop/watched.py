@@ -1,6 +1,6 @@
-"""A run of ticks whose signals are the state of its detectors, bit by bit.
+"""Returns the state of a run's detectors as signals.
 
-This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
+This module is a `Loop` of `ravenjax.engines.interface`: the loop of `run` with other signals.
 """
 
 from typing import Any

@@ -1,4 +1,5 @@
-"""Kinematic errors: joints, drums and links off their drawings, which falsify reports.
+"""Models kinematic errors: joints, drums and links that differ from the drawings, so that reports
+are wrong.
 
 - The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
   which they were built.

@@ -22,7 +22,7 @@ PUBLISHED = get_args(Name)[1:]
 
 
 class ParameterSet(NamedTuple):
-    """Seven motors with their cables and joints; units as in `robot.PlantParams`."""
+    """Seven motors with their cables and joints; `robot.PlantParams` has the units."""
 
     actuators: ActuatorParams
     cable_stiffness: Vec

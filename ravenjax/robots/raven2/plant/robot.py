@@ -378,7 +378,7 @@ def observe_robot(
     state: PlantState,
     cable_scale: Vec = _ONES,
 ) -> PlantOutput:
-    """Return the outputs of a state. cable_scale: as in `PlantSignal`."""
+    """Return the outputs of a state. cable_scale: see `PlantSignal`."""
     scale = _whole(state, cable_scale)
     tension = Vec(
         drives.cable_tension(

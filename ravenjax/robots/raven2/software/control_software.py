@@ -278,7 +278,7 @@ class ControlSoftware:
 
 
 def _changed(params: control.ControlParams, change: Any) -> control.ControlParams:
-    """Return the parameters that `change` returns, each number in its own type."""
+    """Return the parameters from `change`, with each number in the type of its parameter."""
     if not callable(change):
         raise UserError(
             f"params is {format_value(change)}, expected a function that takes the ControlParams"

@@ -1,1 +1,1 @@
-"""Connects the robot to CRTK over ROS 2 (DDS) and ROS 1: states, poses and commands in SI units."""
+"""Connects the robot to CRTK over ROS 1 or ROS 2. States, poses and commands are in SI units."""

@@ -1,8 +1,9 @@
-"""Connects a realtime loop to CRTK: a console of the loop, and a process that speaks CRTK.
+"""Connects a realtime loop to CRTK. `CrtkConsole` is the loop's side; a second process speaks
+CRTK.
 
-The two exchange data through rings in shared memory, so that neither waits for the other. One ring
-has commands. The other has rows: a `Frame`, the clocks at its tick, and the number of the last
-command before it.
+Two rings in shared memory connect the sides, so that neither waits for the other. The process
+writes commands into one ring. The loop writes one row per tick into the other: the tick's `Frame`,
+two clocks at that tick, and the number of the last command that the loop had received.
 """
 
 import contextlib

@@ -1,9 +1,9 @@
 """Speaks ROS 2 without a ROS installation: DDS through the `cyclonedds` wheel.
 
-Names and qualities of service are those of ROS 2. The topic `arm1/measured_js` is
+Names and qualities of service follow ROS 2. For example, the topic `arm1/measured_js` is
 `rt/arm1/measured_js` in DDS, `sensor_msgs/msg/JointState` is `sensor_msgs::msg::dds_::JointState_`,
-and bytes are CDR. Published topics are reliable, so that readers of either kind match. Servo
-commands are read as best effort, so that a late one is never sent again.
+and bytes are CDR. Published topics are reliable, so that both reliable and best-effort readers
+match. Servo commands are read with best effort, so that DDS never repeats a lost one too late.
 """
 
 import contextlib

@@ -4,8 +4,8 @@ messages.
 `OperatingState` decides the state that CRTK sees, and whether its consoles hold the robot's pedal
 down. docs/how-to/crtk.md describes the states and the commands.
 
-This module uses no transport, clock or process. Messages and rows go in with their time; messages
-and commands of `protocol` come out.
+This module uses no transport, clock or process. Its caller passes messages and rows with their
+times, and gets messages and commands of `protocol`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Defines the topics and messages of CRTK and raven2 for ROS 1 and ROS 2.
 
 topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
-defines the others. Both versions of ROS have the same fields, except that headers of ROS 1 have a
-number.
+defines all others. Both versions of ROS have the same fields, except that headers of ROS 1 also
+contain a number.
 """
 
 import math

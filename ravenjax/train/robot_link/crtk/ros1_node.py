@@ -1,4 +1,4 @@
-"""The node of ROS 1. It runs in the Python that has rospy, and imports nothing of ravenjax.
+"""Runs the ROS 1 node, in the Python that has rospy. It imports nothing of ravenjax.
 
 Its argument is the descriptor of a socket that `multiprocessing.connection` reads and writes. The
 first message is a pair of lists [[topic, type, md5, definition, latched], ...]: the topics to

@@ -1,8 +1,10 @@
-"""A remote robot that reports its state over ROS and is driven over ITP, as a real Raven is.
+"""Connects a session to a robot that reports its state over ROS and is driven over ITP, such as a
+real Raven.
 
-Over ROS 1 it reports raven2's `ravenstate`, in its publisher's version. Over ROS 2 it reports
-CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. Other orders of a session are
-sent as `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot be armed there.
+Over ROS 1 the robot reports raven2's `ravenstate`, in the publisher's version. Over ROS 2 it
+reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
+E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards on such a
+robot.
 """
 
 import time
