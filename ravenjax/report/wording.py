@@ -124,9 +124,13 @@ def format_span(low: float, high: float) -> str:
 
 def describe_fault(row: Mapping[str, Any], robot: Robot) -> str:
     """Describe a row's faults: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
+    return "; ".join(filter(None, fault_phrases(row, robot))) or "no fault"
+
+
+def fault_phrases(row: Mapping[str, Any], robot: Robot) -> list[str]:
+    """Describe the fault in each slot of a row; "" for an empty slot."""
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    phrases = (fault_in_slot(row, slot, robot) for slot in slots)
-    return "; ".join(filter(None, phrases)) or "no fault"
+    return [fault_in_slot(row, slot, robot) for slot in slots]
 
 
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
