@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +12,7 @@ from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
-    from ravenjax.vocabulary.robot import Robot
-    from ravenjax.vocabulary.sites import Site
+    from ravenjax.vocabulary.sites import Channel, Site
 
 
 def campaigns(*, as_json: AsJson = False) -> None:
@@ -57,123 +55,63 @@ def faults(
         whose sites: raven2, or the module that declares another one, for which there are no
         hazards
     """
-    console.print_tables(list(_faults(word, robots.find_robot(robot))), as_json)
-
-
-def _faults(word: str | None, robot: Robot) -> Iterator[Listing]:
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
+    whose = robots.find_robot(robot)
     # The library of hazards is that of the usual robot.
-    usual = robot is robots.USUAL
-    layers = library.library_layers() if usual else robot.layers
-    meaning = ("effect", "meaning")
-    every = {
-        "layers": Listing(
-            "layers",
-            "Layers of the loop",
-            listing.LAYER_COLUMNS if usual else ("layer", "what"),
-            listing.layer_table() if usual else list(layers.items()),
-        ),
-        "sites": _sites(
-            "Sites, in the robot's order; `ravenjax faults SITE` shows one", robot.sites.values()
-        ),
-        "effects": Listing("effects", "Effects", meaning, [e[:2] for e in EFFECTS.values()]),
-        "triggers": Listing(
-            "triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())
-        ),
-        "phases": Listing(
-            "phases", "Phases of an operation", ("phase", "when"), list(robot.phases.items())
-        ),
-    }
-    if usual:
-        every["classes"] = Listing(
-            "classes",
-            "Outcome classes of hazards",
-            ("class", "meaning"),
-            list(library.library_terms()["classes"].items()),
-        )
-        every["hazards"] = Listing(
-            "hazards",
-            "Hazards; `ravenjax faults ID` shows one, `hazards = [ID, ..]` in a [[group]] runs it",
-            listing.COLUMNS,
-            listing.hazard_table(),
-        )
+    usual = whose is robots.USUAL
+    layers = library.library_layers() if usual else whose.layers
     ids = [row.id for row in library.all_hazards()] if usual else []
-    if word is None:
-        yield from every.values()
-    elif word in every:
-        yield every[word]
-    elif word in layers:
-        sites = [site for site in robot.sites.values() if site.layer == word]
-        yield _sites(f"{word}, {layers[word]}: sites", sites)
-        if usual:
-            rows = listing.hazard_table(listing.of_layer(word))
-            yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, rows)
-    elif word in robot.sites:
-        yield from _site(robot.sites[word], layers, usual)
-    elif word in EFFECTS:
-        yield Listing("effect", f"Effect {word}", meaning, [EFFECTS[word][:2]])
-    elif word in ids:
-        yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.describe_hazard(word))
-    else:
-        words = [*every, *layers, *robot.sites, *EFFECTS, *ids]
+    lists = ["layers", "sites", "effects", "triggers", "phases"]
+    lists += ["classes", "hazards"] if usual else []
+    words = [*lists, *layers, *whose.sites, *EFFECTS, *ids]
+    if word is not None and word not in words:
         raise UserError(
             f"unknown word {word!r}, expected a layer ({', '.join(layers)}), a site, an effect,"
             f"{' the id of a hazard,' if ids else ''} or one of"
-            f" {', '.join(every)}{suggest_name(word, words)}"
+            f" {', '.join(lists)}{suggest_name(word, words)}"
         )
+    listings = console.fill_listings(
+        "faults.j2",
+        word=word,
+        robot=whose,
+        usual=usual,
+        layers=layers,
+        ids=ids,
+        listing=listing,
+        all_effects=EFFECTS,
+        triggers=TRIGGERS,
+        classes=library.library_terms()["classes"],
+        parameter=PARAMETER,
+        channels=_channels,
+        without_fault=_without_fault,
+    )
+    console.print_tables(listings, as_json)
 
 
-def _sites(title: str, sites: Iterable[Site]) -> Listing:
-    rows = []
-    for site in sites:
-        kinds: dict[str, list[str]] = {}
-        for channel in site.channels:
-            kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
-        channels = "; ".join(f"{' '.join(group)} ({kind})" for kind, group in kinds.items())
-        each_arm = "each arm: " if site.per_arm else ""
-        rows.append((site.layer, site.name, each_arm + channels, site.where))
-    return Listing("sites", title, ("layer", "site", "channels (number, unit)", "where"), rows)
-
-
-def _site(site: Site, layers: Mapping[str, str], usual: bool) -> Iterator[Listing]:
-    from ravenjax.hazards import listing, ranges
-    from ravenjax.vocabulary.effects import EFFECTS
-
-    about = [
-        ("layer", f"{site.layer}: {layers[site.layer]}"),
-        ("where", site.where),
-        ("arm", "on each arm: with both, write arm" if site.per_arm else "of no arm"),
-    ]
-    yield Listing("site", f"Site {site.name}", ("what", "is"), about)
-    measured = ranges.measured_ranges() if usual else {}
-    channels = []
+def _channels(site: Site) -> str:
+    # The channels of a site in words, by their type and unit.
+    kinds: dict[str, list[str]] = {}
     for channel in site.channels:
-        spans = {
-            arm: f"{span.low:.4g}..{span.high:.4g}"
-            for (of, arm, name), span in measured.items()
-            if (of, name) == (site.name, channel.name)
-        }
-        alike = len(set(spans.values())) == 1
-        without_fault = ", ".join(
-            {*spans.values()} if alike else (f"{arm} {span}" for arm, span in spans.items())
-        )
-        channels.append((channel.name, channel.kind, channel.unit, without_fault))
-    if site.name == PARAMETER:
-        channels = [("PATH", "as it is", "as it is", "`ravenjax parameters` lists the paths")]
-    columns = ("channel", "number", "unit", "without a fault")
-    yield Listing("channels", "Channels", columns, channels)
-    effects = [
-        effect[:2]
-        for effect in EFFECTS.values()
-        if effect.network is None or site.name == "network"
-    ]
-    yield Listing("effects", "Effects that it takes", ("effect", "meaning"), effects)
-    if usual:
-        hazards = listing.hazard_table(listing.of_site(site.name))
-        yield Listing("hazards", "Hazards that act there", listing.COLUMNS, hazards)
+        kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
+    return "; ".join(f"{' '.join(names)} ({kind})" for kind, names in kinds.items())
+
+
+def _without_fault(site: Site, channel: Channel) -> str:
+    # The range of a channel in fault-free runs, in words; "" if none is known.
+    from ravenjax.hazards import ranges
+
+    spans = {
+        arm: f"{span.low:.4g}..{span.high:.4g}"
+        for (of, arm, name), span in ranges.measured_ranges().items()
+        if (of, name) == (site.name, channel.name)
+    }
+    alike = len(set(spans.values())) == 1
+    return ", ".join(
+        {*spans.values()} if alike else (f"{arm} {span}" for arm, span in spans.items())
+    )
 
 
 def parameters(

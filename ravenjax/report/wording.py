@@ -124,51 +124,14 @@ def format_span(low: float, high: float) -> str:
 
 def describe_fault(row: Mapping[str, Any], robot: Robot) -> str:
     """Describe a row's faults: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
-    slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    phrases = (fault_in_slot(row, slot, robot) for slot in slots)
-    return "; ".join(filter(None, phrases)) or "no fault"
+    return "; ".join(filter(None, fault_phrases(row, robot))) or "no fault"
 
 
-def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
-    """Describe one fault of a result row in a phrase; "" if the slot is empty."""
-    site, arm, channel, effect, value, trigger, start, length, every, period = (
-        row[f"fault{slot}_{key}"] for key in FIELDS
-    )
-    if not site:
-        return ""
-    where = " ".join(str(word) for word in (site, arm, channel) if word)
-    what = effect
-    if not math.isnan(value):
-        what += f" {_magnitude(robot, site, channel, effect, value)}"
-    if period > 0:
-        what += f", period {format_count(period)} ms"
-    unit = "packets" if trigger == "packet" else "ms"
-    packet = trigger == "packet"
-    begins = f"from packet {format_count(start)}" if packet else f"from {format_count(start)} ms"
-    if trigger == "pedal":
-        begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
-    when = f"{format_count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
-    return f"{where}, {what}, {when}" + (
-        f", again every {format_count(every)} {unit}" if every > 0 else ""
-    )
-
-
-_UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
-
-
-def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    # Returns the size of a fault in words: a bit, a factor, or a value with its unit.
-    text = format_number(value, 5)
-    if effect == "bit_flip":
-        return f"of bit {text}"
-    if effect == "scale":
-        return f"by {text}"
-    channels = robot.sites[site].channels if site in robot.sites else ()
-    unit = {known.name: known.unit for known in channels}.get(channel, "")
-    unit = _UNIT_WORDS.get(unit, unit)
-    if effect == "drift":
-        return f"{text} {unit or '1'}/ms"
-    return f"{text} {unit}".rstrip()
+def fault_phrases(row: Mapping[str, Any], robot: Robot) -> list[str]:
+    """Describe the fault in each slot of a row; "" for an empty slot."""
+    count = sum(name.startswith("fault") and name.endswith("_site") for name in row)
+    slots = [[row[f"fault{slot}_{key}"] for key in FIELDS] for slot in range(count)]
+    return fill_template("faults.txt.j2", slots=slots, robot=robot)
 
 
 FILTERS = {
