@@ -25,7 +25,7 @@ ITERATIONS = 40
 SCREENED = 3  # draws, as a multiple of the replays of a slope
 LEAST = 10.0  # least number of independent samples of a joint
 WORTH = 1.0  # gain of a longer step, in squares
-FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
+FINEST = 2.0 * transmission.ENCODER_RAD / np.array(transmission.TR)
 """Two counts of the encoder at each joint, rad and m. Whether a motor at rest reads one count more
 or less is chance.
 """

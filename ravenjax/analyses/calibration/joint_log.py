@@ -32,6 +32,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.analyses.calibration.position_loop import Controller
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR, ArmName
@@ -47,16 +48,10 @@ from ravenjax.store.motion.source import Samples
 
 UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 """Factors to rad and m of the last words of columns."""
-HOLD = np.radians(
-    [
-        [0.0, 45.0, 0.0, -330.0, -100.0, -120.0, -120.0],
-        [90.0, 135.0, 0.0, 330.0, 100.0, 120.0, 120.0],
-    ]
-)
-HOLD[:, 2] = 0.23, 0.56
-"""Least and greatest joint of a Raven-II, rad and m."""
-BEYOND = np.radians([45.0, 45.0, 0.0, 45.0, 45.0, 45.0, 45.0]) + np.eye(7)[2] * 0.05
-"""How far beyond it a joint may be, because the zeros of robots differ."""
+*HOLD, BEYOND = np.array([*resources.read_tables(__file__, "joint_log.toml").values()]) * [
+    1.0 if joint in LINEAR else UNITS["deg"] for joint in JOINTS
+]
+"""Least and greatest joint of a Raven-II, and how far beyond it a joint may be, rad and m."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -196,16 +191,14 @@ def _joints(
             # The PD law is solved for the desired angle. An integral term would prevent this.
             speed = _quantity(samples, "mvel")
             speed = np.gradient(motors, times, axis=0) if speed is None else speed
-            signs = np.array([*transmission.tau_signs(arm, tool, software)], float)
-            torque = counts * signs / np.array([*transmission.COUNTS_PER_NM])
+            signs = np.array(transmission.tau_signs(arm, tool, software), float)
+            torque = counts * signs / np.array(transmission.COUNTS_PER_NM)
             if software == "raven2":
                 jpos = np.array(transmission.joint_from_motor(arm, tool, Vec(motors.T), software))
-                known = np.where(np.isnan(jpos), np.array([*limits.HOME_JPOS])[:, None], jpos)
+                known = np.where(np.isnan(jpos), np.array(limits.HOME_JPOS)[:, None], jpos)
                 lift = gravity_torques(RavenSetup(software=software), arm, Vec(known))
                 torque[:, :3] -= np.array(lift).T
-            kp, kd, ki = (
-                np.array([*gain]) for gain in (controller.kp, controller.kd, controller.ki)
-            )
+            kp, kd, ki = np.array(controller[:3])
             targets = np.where(ki > 0.0, np.nan, motors + (torque + kd * speed) / kp)
         if motors is None or targets is None:
             raise UserError(
@@ -215,16 +208,12 @@ def _joints(
             )
         # If a motor is unknown, its joint and the following joints are unknown too.
         desired, measured = (
-            np.stack(
-                [
-                    np.asarray(column, float)
-                    for column in transmission.joint_from_motor(arm, tool, Vec(angles.T), software)
-                ],
-                axis=1,
-            )
+            np.array(
+                transmission.joint_from_motor(arm, tool, Vec(angles.T), software), float
+            ).T.copy()
             for angles in (targets, motors)
         )
-    home, missing = np.array([*limits.HOME_JPOS]), np.isnan(desired)
+    home, missing = np.array(limits.HOME_JPOS), np.isnan(desired)
     for name, joints in (("jpos_d", desired), ("jpos", measured)):
         _require_possible(samples, name, joints)
     alone = [JOINTS[joint] for joint in np.flatnonzero((missing & ~np.isnan(measured)).any(axis=0))]
@@ -241,7 +230,7 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
     row, joint = np.argwhere(outside)[0]
     word, value = JOINTS[joint], joints[row, joint]
     unit, other, factor = ("m", "mm", 1e-3) if word in LINEAR else ("rad", "deg", UNITS["deg"])
-    low, high = HOLD[:, joint]
+    low, high = (end[joint] for end in HOLD)
     likely, column = joints[:, joint] * factor, f"{name}_{word}"
     inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
     advice = ""

@@ -14,6 +14,7 @@ from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec, replace
+from ravenjax.report import wording
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.plant import robot
 
@@ -132,24 +133,14 @@ def format_robot_file(
 
     SETPOINT_DELAY belongs to the log and is left out.
     """
+    listed = {
+        f"plant.{arm}.{path.removeprefix('plant.')}": [float(f"{value:.6g}") for value in draws]
+        for path, draws in values.items()
+        if path not in (COMMAND_DELAY, SETPOINT_DELAY)
+    }
+    if COMMAND_DELAY in values:
+        cycles = np.clip(np.round(values[COMMAND_DELAY]), 0, LONGEST_DELAY_MS)
+        listed[DELAY] = cycles.astype(int).tolist()
+    template = wording.text_templates(__package__).get_template("robots.toml.j2")
     number = len(next(iter(values.values())))
-    rows = [
-        (
-            f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong"
-            " to one. In a campaign:"
-        ),
-        '# [parameters] from = "this file". Written by `ravenjax calibrate`.',
-        "",
-        "[campaign]",
-        f'parameter_set = "{parameter_set}"',
-        "",
-        "[parameters]",
-    ]
-    for path, draws in values.items():
-        if path == COMMAND_DELAY:
-            cycles = np.clip(np.round(draws), 0, LONGEST_DELAY_MS).astype(int)
-            rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
-        elif path != SETPOINT_DELAY:
-            listed = [float(f"{value:.6g}") for value in draws.tolist()]
-            rows.append(f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = {listed} }}')
-    return "\n".join(rows) + "\n"
+    return template.render(number=number, log=log, parameter_set=parameter_set, values=listed)

@@ -9,6 +9,7 @@ to whole numbers.
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, replace
@@ -34,18 +35,11 @@ class Controller(NamedTuple):
     filtered: bool
 
 
-RAVEN2 = Controller(  # raven2: params/r2params.yaml, gold arm
-    Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.05, 0.05)),
-    Vec((0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)),
-    Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)),
-    filtered=False,
-)
-FORK2015 = RAVEN2._replace(
-    kp=Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.02, 0.02)),
-    ki=Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.0, 0.0)),
-    filtered=True,
-)
-CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
+CONTROLLERS = {
+    name: Controller(Vec(one["kp"]), Vec(one["kd"]), Vec(one["ki"]), one["filtered"])
+    for name, one in resources.read_tables(__file__, "controllers.toml").items()
+}
+RAVEN2, FORK2015 = CONTROLLERS["raven2"], CONTROLLERS["fork2015"]
 
 
 @record

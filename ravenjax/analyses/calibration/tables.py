@@ -57,16 +57,8 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
     A row holds the value before and after the fit, the ends of the 90 % interval, and the spread
     after the log as a share of the spread before. A share above MOST_SPREAD_LEFT has a mark.
     """
-    low, high = calibrated.interval
-    rows = zip(
-        calibrated.unknowns,
-        calibrated.before,
-        calibrated.after,
-        low,
-        high,
-        calibrated.told,
-        strict=True,
-    )
+    fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.told)
+    rows = zip(calibrated.unknowns, *fitted, strict=True)
     cells = [
         (
             unknown.path,

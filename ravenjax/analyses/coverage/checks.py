@@ -6,10 +6,8 @@ check makes a fault harmless, the fault is not dangerous. Run without the check,
 only watch, to see what the fault would have done.
 """
 
-import functools
 import itertools
-import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -238,27 +236,17 @@ def _smallest(
     harmful: pd.DataFrame, sources: Sequence[Source], criterion: str, limit: np.ndarray
 ) -> SmallestSets:
     # Finds all sets of fewest sources that together detect every fault that any source detects.
-    hits = {}
-    for one in sources:
-        ms = harmful[one.name].to_numpy()
-        hit = (ms >= 0) & (ms <= limit)
-        if one.reports and hit.any():
-            # As a whole number, whose bits are the faults.
-            hits[one.name] = int.from_bytes(np.packbits(hit).tobytes())
-    whole = _union(hits.values())
-    needed = [
-        name
-        for name in hits
-        if _union(bits for other, bits in hits.items() if other != name) != whole
-    ]
-    for size in range(len(hits) - len(needed) + 1):
-        rest = itertools.combinations([name for name in hits if name not in needed], size)
-        teams = [(*needed, *more) for more in rest]
-        found = [team for team in teams if _union(hits[name] for name in team) == whole]
-        if found:
-            break
-    return SmallestSets(criterion, whole.bit_count(), found)
-
-
-def _union(bits: Iterable[int]) -> int:
-    return functools.reduce(operator.or_, bits, 0)
+    names = [one.name for one in sources if one.reports]
+    ms = harmful[names].to_numpy()
+    hits = (ms >= 0) & (ms <= limit[:, None])
+    hits = hits[hits.any(axis=1)]
+    # Faults that the same sources detect count once.
+    kinds = np.unique(hits, axis=0)
+    needed = kinds[kinds.sum(axis=1) == 1].any(axis=0)
+    others, found, size = np.flatnonzero(kinds.any(axis=0) & ~needed), [], 0
+    while not found:
+        teams = ((*np.flatnonzero(needed), *more) for more in itertools.combinations(others, size))
+        found = [team for team in teams if kinds[:, team].any(axis=1).all()]
+        size += 1
+    sets = [tuple(names[place] for place in team) for team in found]
+    return SmallestSets(criterion, len(hits), sets)

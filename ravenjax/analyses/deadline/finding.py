@@ -28,8 +28,14 @@ from ravenjax.vocabulary.effects import TRIGGER_CODES
 from ravenjax.vocabulary.reactions import NONE
 
 COLUMNS = (
-    *("run", "action", "deadline_ms", "effect_ms", "visible_ms"),
-    *("margin_ms", "monotone", "harms_alone"),
+    "run",
+    "action",
+    "deadline_ms",
+    "effect_ms",
+    "visible_ms",
+    "margin_ms",
+    "monotone",
+    "harms_alone",
 )
 """Columns of the table."""
 HORIZON_MS = 300

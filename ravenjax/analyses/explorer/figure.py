@@ -15,6 +15,7 @@ import trimesh
 
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes, scene_views
+from ravenjax.store import files
 
 STEPS = 65535
 """Steps of a coordinate over the extent of a body's shapes: for 1 m, a step is 15 um."""
@@ -35,23 +36,24 @@ def describe_figure() -> dict[str, Any]:
         for arm in ARMS
         for index, name in enumerate(arm_model.joint_names(arm))
     }
-    return {
+    content = {
         "steps": STEPS,
         "bodies": [_body(model, body, joints) for body in range(model.nbody)],
         "cameras": {
-            name: {"place": place.tolist(), "focus": focus.tolist(), "fov": fov}
+            name: {"place": place, "focus": focus, "fov": fov}
             for name in scene_views.VIEWS
             for place, focus, fov in [scene_views.view_pose(name)]
         },
     }
+    return files.json_values(content)
 
 
 def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) -> dict[str, Any]:
     return {
         "name": model.body(body).name,
-        "parent": int(model.body_parentid[body]) if body else -1,
-        "position": model.body_pos[body].tolist(),
-        "quaternion": model.body_quat[body].tolist(),
+        "parent": model.body_parentid[body] if body else -1,
+        "position": model.body_pos[body],
+        "quaternion": model.body_quat[body],
         "joint": (
             _joint(model, int(model.body_jntadr[body]), joints) if model.body_jntnum[body] else None
         ),
@@ -65,10 +67,10 @@ def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]
         "arm": arm,
         "index": index,
         "kind": KINDS[int(model.jnt_type[joint])],
-        "axis": model.jnt_axis[joint].tolist(),
-        "anchor": model.jnt_pos[joint].tolist(),
-        "home": float(model.key("home").qpos[model.jnt_qposadr[joint]]),
-        "zero": float(model.qpos0[model.jnt_qposadr[joint]]),
+        "axis": model.jnt_axis[joint],
+        "anchor": model.jnt_pos[joint],
+        "home": model.key("home").qpos[model.jnt_qposadr[joint]],
+        "zero": model.qpos0[model.jnt_qposadr[joint]],
     }
 
 
@@ -81,8 +83,8 @@ def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
     size = np.maximum(corners.max(axis=0) - low, 1e-9)
     return {
         "colour": [round(float(part), 3) for part in body_shapes.geom_colour(model, geoms[0])],
-        "low": low.tolist(),
-        "size": size.tolist(),
+        "low": low,
+        "size": size,
         "corners": _words(np.rint((corners - low) / size * STEPS)),
         "faces": _words(mesh.faces),
     }

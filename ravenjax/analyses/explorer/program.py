@@ -40,7 +40,6 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
-from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.interface import Block
 from ravenjax.engines.traced import TracedTick
 from ravenjax.engines.wasm import code
@@ -109,7 +108,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
     return {
         "actions": actions,
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
-        "arms": list(program.setup.arms),
+        "arms": program.setup.arms,
         "ticks": program.ticks,
         "cue": config.outcomes.cue,
         "parameters": [_parameter(ready, path) for path in program.varied],
@@ -132,9 +131,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         },
         "verdict": _verdict(config, tick),
         "examples": _examples(ready),
-        "worker": (
-            Path(__file__).with_name("static").joinpath("worker.js").read_text(encoding="utf-8")
-        ),
+        "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
 
 
@@ -222,13 +219,11 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 
 def _effects() -> dict[str, dict[str, Any]]:
     # Codes of effects. An effect of the network acts as a plain effect on one channel.
-    out: dict[str, dict[str, Any]] = {}
-    for name, effect in EFFECTS.items():
-        out[name] = {"code": EFFECT_CODES[name]}
-        if effect.network is not None:
-            channel, plain, constant = effect.network
-            out[name] = {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
-    return out
+    return {
+        name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
+        for name, effect in EFFECTS.items()
+        for channel, plain, constant in [effect.network or (None, name, None)]
+    }
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
@@ -241,13 +236,8 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
     # Words, checks and rules from which the page derives the verdict of a run.
     robot = config.robot
     rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
-    return {
-        "responses": list(verdict.RESPONSES),
-        "told": list(verdict.TOLD),
-        "untold": list(verdict.UNTOLD),
-        "hazards": list(verdict.HAZARDS),
-        "cues": list(verdict.CUES),
-        "halt_ms": verdict.HALT_MS,
+    words = ("responses", "told", "untold", "hazards", "cues", "halt_ms")
+    return {name: getattr(verdict, name.upper()) for name in words} | {
         "checks": [
             {
                 "name": check.name,
@@ -257,10 +247,10 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
             }
             for check in rules
         ],
-        "failures": list(failures.CAUSES),
+        "failures": failures.CAUSES,
         "failure_of_tip": failures.CODES["tip"],
         "failure_of_outcome": failures.CODES["outcome"],
-        "may_be_infinite": list(outcomes.MAY_BE_INFINITE),
+        "may_be_infinite": outcomes.MAY_BE_INFINITE,
         "cables": outcomes.cable_names(config),
         "overload": schema.OVERLOAD,
         "kept_of_golden": [name for name in tick.outcomes if schema.kept_of_golden(name)],
@@ -285,28 +275,18 @@ def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
     # The program that recomputes one run with its time series, for the animation.
-    rows = _series(ready, tick)
+    outputs, signals = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
-    leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]
+    leaves = [step.outputs[first + signal] for signal in signals]
     loop = dataclasses.replace(
         tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves))
     )
-    types = [str(np.dtype(dtype)) for dtype in tree.tree_leaves(tick.signals)]
-    outputs = [
-        {
-            "name": row["name"],
-            "shape": row["shape"],
-            "types": [types[leaf] for leaf in row["leaves"]],
-            "scales": row["scales"],
-        }
-        for row in rows
-    ]
     return _printed(tick, loop, shared, 1) | {"outputs": outputs}
 
 
-def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
-    """Return, for each time series of `words.toml`, the signal behind each of its numbers and its
-    factor.
+def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
+    """Return the time series of `words.toml` with the factor of each number, and the signals behind
+    all these numbers.
 
     They are found by asking the robot for the series of signals that are 1 one at a time: a number
     that is a multiple of one signal then shows it. Numbers computed from several signals are left
@@ -321,22 +301,22 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
         tree.fill_tree(tick.signals, list(probe)),
         np.zeros((len(dtypes) + 1, tick.series), np.float32),
     )
-    rows = []
+    rows, signals = [], []
     for name, values in named.items():
         flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
         alone = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
         if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in WORDS["series"]):
-            leaves = np.argmax(flat != 0, axis=0)
-            scales = [float(f"{flat[leaf, k]:.7g}") for k, leaf in enumerate(leaves)]
+            leaves = np.argmax(flat[1:] != 0, axis=0).tolist()
+            signals += leaves
             rows.append(
                 {
                     "name": name,
-                    "shape": list(np.shape(values)[1:]),
-                    "leaves": (leaves - 1).tolist(),
-                    "scales": scales,
+                    "shape": np.shape(values)[1:],
+                    "types": [str(dtypes[leaf]) for leaf in leaves],
+                    "scales": [float(f"{number:.7g}") for number in flat.sum(axis=0)],
                 }
             )
-    return rows
+    return rows, signals
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
@@ -345,17 +325,13 @@ def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[
     return {
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
-        "inputs": _layout(kernel.inputs),
-        "group_inputs": _layout(kernel.group_inputs),
-        "results": _layout(kernel.results),
-        "outcomes": list(tick.outcomes),
+        "outcomes": tick.outcomes,
         "state_bytes": kernel.state.bytes,
         "group_state_bytes": kernel.group_state.bytes,
         "held_bytes": kernel.prologue.bytes,
         "row_bytes": kernel.row.bytes,
         "series": tick.series,
+    } | {
+        name: dataclasses.asdict(getattr(kernel, name))
+        for name in ("inputs", "group_inputs", "results")
     }
-
-
-def _layout(layout: BufferLayout) -> dict[str, Any]:
-    return {"types": list(layout.types), "offsets": list(layout.offsets), "bytes": layout.bytes}

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -35,8 +36,8 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
         "name": config.campaign.name,
         "description": config.campaign.description,
         "robot": robot.title,
-        "arms": list(arms),
-        "joints": list(robot.joints),
+        "arms": arms,
+        "joints": robot.joints,
         "duration_ms": round(1000 * config.campaign.duration_s),
         "limit_mm": config.outcomes.limit_mm,
         "halt_ms": verdict.HALT_MS,
@@ -60,7 +61,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
             name: {"meaning": check.meaning, "does": check.does, "unit": check.unit}
             for name, check in robot.checks.items()
         },
-        "unasked": list(UNASKED),
+        "unasked": UNASKED,
         "outcomes": OUTCOMES,
         "values": _values(config),
         "toml": _toml(config),
@@ -96,7 +97,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
     # The range of values that the campaign gives each site and effect: the page's slider.
-    values: dict[str, list[float]] = {}
+    values = defaultdict[str, list[float]](list)
     for group in config.group:
         for run in group.run or [None]:
             for fault in group.fault if run is None else group.faults_of(run):
@@ -104,7 +105,7 @@ def _values(config: CampaignConfig) -> dict[str, list[float]]:
                     continue
                 drawn = fault.value.listed or fault.value.extent
                 for effect in fault.effect.listed:
-                    values.setdefault(f"{fault.site}/{effect}", []).extend(map(float, drawn))
+                    values[f"{fault.site}/{effect}"] += map(float, drawn)
     return {name: [min(numbers), max(numbers)] for name, numbers in values.items()}
 
 

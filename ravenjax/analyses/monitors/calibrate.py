@@ -119,17 +119,15 @@ def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
     """Return the candidates that match the patterns, in order. Raises UserError for no match."""
     candidates = list_candidates(robot)
     names = [score.name for score in candidates]
+    chosen = []
     for pattern in patterns:
-        if not fnmatch.filter(names, pattern):
+        chosen += (found := fnmatch.filter(names, pattern))
+        if not found:
             raise UserError(
                 f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor"
                 f" signals` lists them, and * stands for any letters{suggest_name(pattern, names)}"
             )
-    return [
-        score
-        for score in candidates
-        if any(fnmatch.fnmatchcase(score.name, pattern) for pattern in patterns)
-    ]
+    return [score for score in candidates if score.name in chosen]
 
 
 def varying_motions(config: CampaignConfig) -> tuple[str, ...]:

@@ -53,10 +53,19 @@ def write_monitor(
     }
     for name, text in texts.items():
         files.write_text(out / name, text)
-    record = _record(config, design, result)
-    record["sha256"] = {name: files.hash_file(out / name) for name in texts}
-    head = "# Written by `ravenjax monitor calibrate`.\n\n"
-    files.write_text(out / RECORD, head + tomlkit.dumps(record))
+    templates = wording.text_templates(__package__)
+    templates.filters |= {"short": _short, "toml": lambda value: tomlkit.item(value).as_string()}
+    record = templates.get_template(f"{RECORD}.j2").render(
+        config=config,
+        design=design,
+        result=result,
+        promise=" ".join(notes),
+        reads=list_reads(monitor.terms, monitor.segments),
+        code=manifest.code_hash(config.robot),
+        sha256={name: files.hash_file(out / name) for name in texts},
+        asdict=dataclasses.asdict,
+    )
+    files.write_text(out / RECORD, record)
 
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
@@ -65,39 +74,6 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
     return template.render(
         target=result.target, threshold=result.threshold, design=design
     ).splitlines()
-
-
-def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
-    # The monitor's file: what it checks, what it promises, and how it was calibrated and tested.
-    tested, monitor = result.test, result.monitor
-    return {
-        "monitor": {
-            "robot": config.campaign.robot,
-            "arms": list(config.campaign.arms),
-            "live": config.robot.live,
-            "threshold": _short(monitor.threshold),
-            "segments": monitor.segments.words,
-            "reads": list(list_reads(monitor.terms, monitor.segments)),
-        },
-        "promise": {
-            "false_alarms_per_hour": result.target.per_hour,
-            "confidence": result.target.confidence,
-            "operation_s": design.length_s,
-            "words": " ".join(describe_promise(result, design)),
-        },
-        "calibration": result.threshold._asdict() | {"units_for_scales": result.learned_units},
-        "test": tested._asdict()
-        | {"alarms_per_hour": tested.per_hour, "one_each": tested.one_each._asdict()},
-        "design": dataclasses.asdict(design)
-        | {"campaign": config.campaign.name, "code": manifest.code_hash(config.robot)},
-        "term": [
-            dataclasses.asdict(term)
-            | {"scales": list(map(_short, scales)), "alarm_above": list(map(_short, limits))}
-            for term, scales, limits in zip(
-                monitor.terms, monitor.scales, monitor.limits.tolist(), strict=True
-            )
-        ],
-    }
 
 
 def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:

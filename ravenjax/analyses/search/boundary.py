@@ -12,7 +12,7 @@ censored. If harm begins and ends more than once along the range, the report say
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,12 @@ from ravenjax.analyses.search.wording import describe_case, group_series, short_
 from ravenjax.campaign import runner
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
+from ravenjax.outcomes.events import Rules
 
 FOLDER = "verified"
 """Subfolder of the search for the campaign with both sides of every bracket."""
-
+SHOWN = ("run", "response", "peak_model_deviation_mm", "peak_golden_deviation_mm")
+"""Columns of both sides' runs that a cell's record has."""
 
 Asked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Maps (cell [n], number [n]) to [n]: 1 yes, 0 no, NaN no valid answer."""
@@ -119,12 +121,9 @@ def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarra
     cells = np.arange(answer.shape[1])
     state = np.where(~yes.any(axis=0), NEVER, np.where(first == 0, ALWAYS, CROSSING))
     state = np.where(np.isnan(answer).any(axis=0), INVALID, state).astype(object)
-    low = np.where(
-        state == CROSSING, tried[first - 1, cells], np.where(state == NEVER, tried[-1], np.nan)
-    )
-    high = np.where(
-        state == CROSSING, tried[first, cells], np.where(state == ALWAYS, tried[0], np.nan)
-    )
+    crossing = state == CROSSING
+    low = np.select([crossing, state == NEVER], [tried[first - 1, cells], tried[-1]], np.nan)
+    high = np.select([crossing, state == ALWAYS], [tried[first, cells], tried[0]], np.nan)
     return state, low, high
 
 
@@ -138,29 +137,6 @@ def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float]
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Cells:
-    """The cells of a boundary: every case with every sign."""
-
-    case: np.ndarray  # int [cells]
-    sign: np.ndarray  # float [cells]
-    labels: tuple[dict[str, Any], ...]  # what distinguishes each cell from the others
-
-    def points(self, cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return cells and sizes as case [n] and values [n, 1]."""
-        return self.case[cell], (self.sign[cell] * size)[:, None]
-
-
-def list_cells(template: Template, search: Boundary) -> Cells:
-    """Return every cell, with signs varying fastest."""
-    pairs = list(itertools.product(range(template.cases), search.signs))
-    signed = len(search.signs) > 1
-    names = tuple(
-        template.case(case) | ({"sign": "+-"[sign < 0]} if signed else {}) for case, sign in pairs
-    )
-    return Cells(np.array([c for c, _ in pairs]), np.array([s for _, s in pairs], float), names)
-
-
 def due(template: Template, search: Boundary) -> int:
     """Return the approximate number of runs."""
     low, high = template.axis(0).values
@@ -172,17 +148,39 @@ def due(template: Template, search: Boundary) -> int:
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
     """Return the numbers of search.json. Verifies both sides of every boundary in a campaign."""
-    axis, grid = template.axis(0), list_cells(template, search)
-    low, high = (float(value) for value in axis.values)
+    axis = template.axis(0)
+    low, high = map(float, axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
+    cells = list(itertools.product(range(template.cases), search.signs))
+    case, sign = np.array(cells).T
+
+    def points(cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # Cells and sizes as case [n] and values [n, 1].
+        return case[cell], (sign[cell] * size)[:, None]
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
-        return evaluator(*grid.points(cell, size))[:, 0]
+        return evaluator(*points(cell, size))[:, 0]
 
-    whole = template.whole[grid.case, 0]
-    bounds = find_brackets(harm, within, whole, search.scan)
-    sides = _verified(template, search, evaluator, grid, bounds, out)
-    records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
+    found = find_brackets(harm, within, template.whole[case, 0], search.scan)
+    signed = len(search.signs) > 1
+    names = ("state", "harmless", "harmful", "monotone", "changes")
+    columns = (found.state, sign * found.low, sign * found.high, found.monotone, found.changes)
+    records = [
+        {"cell": template.case(number) | ({"sign": "+-"[own < 0]} if signed else {})}
+        | dict(zip(names, values, strict=True))
+        for (number, own), *values in zip(cells, *columns, strict=True)
+    ]
+    crossed = np.tile(np.flatnonzero(found.state == CROSSING), 2)
+    if len(crossed):
+        harmful = np.repeat([False, True], len(crossed) // 2)
+        sizes = np.where(harmful, found.high[crossed], found.low[crossed])
+        campaign = template.campaign(*points(crossed, sizes))
+        rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
+        _require_outcomes(search, out / FOLDER, rows, campaign.rules, harmful)
+        rows = rows.rename(columns={"run_id": "run"}).filter(SHOWN)
+        for cell, side, row in zip(crossed, harmful, rows.to_dict("records"), strict=True):
+            prefix = "harmful" if side else "harmless"
+            records[cell] |= {f"{prefix}_{name}": value for name, value in row.items()}
     return {
         "harm": search.harm,
         "searched": {
@@ -193,19 +191,15 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
             "scale": "log" if within.log else "linear",
             "tolerance": search.tolerance,
         },
-        "along": _along(grid.labels),
-        "steps": bounds.steps,
+        "along": _along([record["cell"] for record in records]),
+        "steps": found.steps,
         "scan": search.scan,
         "cells": records,
-        "verified": {
-            "cells": int(np.count_nonzero(bounds.state == CROSSING)),
-            "runs": len(sides),
-            "folder": FOLDER,
-        },
+        "verified": {"cells": len(crossed) // 2, "runs": len(crossed), "folder": FOLDER},
     }
 
 
-def _along(told: tuple[dict[str, Any], ...]) -> str | None:
+def _along(told: Sequence[dict[str, Any]]) -> str | None:
     # The key for the chart's x axis: a duration, or else the number with most values.
     numeric = {
         name: len({cell[name] for cell in told})
@@ -216,56 +210,16 @@ def _along(told: tuple[dict[str, Any], ...]) -> str | None:
     return durations[0] if durations else max(numeric, key=numeric.__getitem__, default=None)
 
 
-def _verified(
-    template: Template,
-    search: Boundary,
-    evaluator: Evaluator,
-    grid: Cells,
-    found: Brackets,
-    out: Path,
-) -> pd.DataFrame:
-    """Return rows of a campaign of both sides of every bracket, by cell and harm (bool).
-
-    Raises RuntimeError if that campaign contradicts the search.
-    """
-    crossed = np.flatnonzero(found.state == CROSSING)
-    if not len(crossed):
-        return pd.DataFrame()
-    case, values = grid.points(
-        np.tile(crossed, 2), np.concatenate([found.low[crossed], found.high[crossed]])
-    )
-    campaign = template.campaign(case, values)
-    rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
-    expected = np.repeat([0.0, 1.0], len(crossed))
-    outcomes = outcome.parse_outcome(search.harm).values(rows, campaign.rules)
-    if not np.array_equal(outcomes, expected):
-        contrary = rows["run_id"][outcomes != expected].tolist()
+def _require_outcomes(
+    search: Boundary, folder: Path, rows: pd.DataFrame, rules: Rules, expected: np.ndarray
+) -> None:
+    """Raise RuntimeError if the campaign of both sides of every bracket contradicts the search."""
+    contrary = outcome.parse_outcome(search.harm).values(rows, rules) != expected
+    if contrary.any():
         raise RuntimeError(
-            f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs"
-            f" {contrary}"
+            f"the campaign in {folder} contradicts the search that it verifies: runs"
+            f" {rows['run_id'][contrary].tolist()}"
         )
-    index = pd.MultiIndex.from_arrays([np.tile(crossed, 2), expected == 1.0])
-    return rows.set_index(index)
-
-
-def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dict[str, Any]:
-    # The result of one cell as a record: both ends of the bracket, and their runs.
-    record: dict[str, Any] = {
-        "cell": grid.labels[cell],
-        "state": str(found.state[cell]),
-        "harmless": grid.sign[cell] * found.low[cell],
-        "harmful": grid.sign[cell] * found.high[cell],
-        "monotone": bool(found.monotone[cell]),
-        "changes": found.changes[cell],
-    }
-    if found.state[cell] == CROSSING:
-        for name, harmful in (("harmless", False), ("harmful", True)):
-            row = sides.loc[(cell, harmful)]
-            record[f"{name}_run"] = row["run_id"]
-            record[f"{name}_response"] = row["response"]
-            for column in ("peak_model_deviation_mm", "peak_golden_deviation_mm"):
-                record[f"{name}_{column}"] = float(row[column])
-    return record
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:

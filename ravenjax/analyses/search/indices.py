@@ -50,8 +50,7 @@ def find(
     wanted = [outcome.parse_outcome(text) for text in search.outcomes]
     records = []
     for c in range(template.cases):
-        for o, one in enumerate(wanted):
-            values = outcomes[c * points : (c + 1) * points, o]
+        for one, values in zip(wanted, outcomes[case == c].T, strict=True):
             records.append(
                 {"case": template.case(c), "outcome": str(one), "unit": one.unit}
                 | _of(values, analyse)
@@ -69,16 +68,9 @@ def find(
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
     """Return the indices of one outcome; None if a run is invalid or all outcomes are equal."""
     invalid = int(np.count_nonzero(~np.isfinite(values)))
-    moments: dict[str, Any] = {
-        "mean": math.nan,
-        "deviation": math.nan,
-        "invalid": invalid,
-        "indices": None,
-    }
-    if invalid:
-        return moments
-    moments |= {"mean": float(values.mean()), "deviation": float(values.std())}
-    return moments | ({"indices": analyse(values)} if moments["deviation"] > 0.0 else {})
+    mean, deviation = (math.nan,) * 2 if invalid else (float(values.mean()), float(values.std()))
+    indices = analyse(values) if deviation > 0.0 else None
+    return {"mean": mean, "deviation": deviation, "invalid": invalid, "indices": indices}
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:

@@ -40,7 +40,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
         margins: list[np.ndarray] = []
         g = _limit_state(template, evaluator, case, margins)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
-        sampled = np.concatenate(margins) if margins else np.zeros(0)
+        sampled = np.concatenate([np.zeros(0), *margins])
         margins.clear()
         level = subset_simulation(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
         failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
@@ -48,12 +48,8 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
             {
                 "case": template.case(case),
                 "subset": _of(level),
-                "monte_carlo": None if plain is None else _of(plain),
-                "consistent": (
-                    None
-                    if plain is None
-                    else bool(level.low <= plain.high and plain.low <= level.high)
-                ),
+                "monte_carlo": plain and _of(plain),
+                "consistent": plain and level.low <= plain.high and plain.low <= level.high,
                 "invalid": failed,
                 "exceedance": _exceedance(sampled, search),
                 "reached": _reached(level, search),

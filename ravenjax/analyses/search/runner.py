@@ -4,7 +4,7 @@ search.html and the figure.
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +93,7 @@ def _into(
     record = identity | {
         "kind": search.kind,
         "name": campaign.name,
-        "file": str(config.source) if config.source is not None else None,
+        "file": config.source and str(config.source),
         "seed": campaign.seed,
         "runs": evaluator.runs,
         "batches": evaluator.batches,
@@ -121,7 +121,7 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
     )
 
 
-def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
     """Begin or continue a search in `out`, and return the earlier start's search.json.
 
     `identity`: the part of search.json that decides the result. Raises UserError if the folder
@@ -129,12 +129,12 @@ def _open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
     """
     path = out / NUMBERS
     if not path.exists():
-        _json(path, dict(identity))
+        _json(path, identity)
         return {}
     try:
         earlier = files.parse_json(path.read_text(encoding="utf-8"))
         differences = manifest.find_differences(
-            {name: earlier[name] for name in identity}, dict(identity)
+            {name: earlier[name] for name in identity}, identity
         )
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(

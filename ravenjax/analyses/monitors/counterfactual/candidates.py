@@ -34,22 +34,18 @@ class Question(NamedTuple):
 
     def require(self) -> None:
         """Raise UserError for invalid settings."""
-        for value, name in (
-            (self.false_alarms_per_hour, "--false-alarms-per-hour"),
-            (self.hours, "--hours"),
-        ):
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+        least = {"false_alarms_per_hour": None, "hours": None, "lead_ms": 0, "most": 1, "seed": 0}
+        for name, low in least.items():
+            value = getattr(self, name)
+            if low is None:
+                valid = isinstance(value, int | float) and math.isfinite(value) and value > 0
+                expected = "a number above 0, such as 2"
+            else:
+                valid = type(value) is int and value >= low
+                expected = f"a whole number from {low} on"
+            if not valid:
                 raise UserError(
-                    f"{name} is {format_value(value)}, expected a number above 0, such as 2"
-                )
-        for value, name, low in (
-            (self.lead_ms, "--lead-ms", 0),
-            (self.most, "--most", 1),
-            (self.seed, "--seed", 0),
-        ):
-            if isinstance(value, bool) or not isinstance(value, int) or value < low:
-                raise UserError(
-                    f"{name} is {format_value(value)}, expected a whole number from {low} on"
+                    f"--{name.replace('_', '-')} is {format_value(value)}, expected {expected}"
                 )
 
 
@@ -88,6 +84,7 @@ def detector_tables(
 
     Consecutive candidates of one score share its file and its computation.
     """
+    folder.mkdir(exist_ok=True)
     out, place = [], 0
     for score, alike in itertools.groupby(parts, key=lambda part: part.score):
         path, counts = folder / f"{_PREFIX}{place}.py", [part.consecutive for part in alike]

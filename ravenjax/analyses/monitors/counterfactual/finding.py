@@ -124,8 +124,6 @@ def find_checks(
         consent.given_for(Path(name)),
     ):
         folder = Path(name)
-        for part in ("singles", "scaled"):
-            (folder / part).mkdir()
 
         def motion(
             purposes: tuple[str, ...], parts: list[Candidate], part: str

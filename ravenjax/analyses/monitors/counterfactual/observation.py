@@ -45,11 +45,6 @@ class FreeMotion(NamedTuple):
     # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
     hours: np.ndarray
 
-    @property
-    def motions(self) -> int:
-        """Return the number of sampled operators."""
-        return len(self.hours)
-
 
 class MotionSchedule(NamedTuple):
     """Number and length of the motions to compute."""

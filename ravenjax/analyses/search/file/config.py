@@ -6,13 +6,27 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ravenjax.analyses.search.file import outcome
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Section
 from ravenjax.campaign.inspection import json_schema
 from ravenjax.vocabulary.robot import Robot
+
+
+def _power_of_two(n: int) -> int:
+    if n & (n - 1):
+        below = 1 << (n.bit_length() - 1)
+        raise ValueError(f"got {n}, expected a power of two, such as {below} or {2 * below}")
+    return n
+
+
+def _even(levels: int) -> int:
+    if levels % 2:
+        raise ValueError(f"got {levels}, expected an even number, such as {levels + 1}")
+    return levels
+
 
 Outcome = Annotated[str, AfterValidator(lambda text: str(outcome.parse_outcome(text)))]
 """A text that `outcome.parse_outcome` takes."""
@@ -23,7 +37,9 @@ class Boundary(Section):
     """[search] of kind "boundary": the smallest harmful fault, for each combination of lists."""
 
     kind: Literal["boundary"] = Field(description="which search")
-    harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
+    harm: Annotated[Outcome, AfterValidator(outcome.require_event)] = Field(
+        description="event, such as 'peak_golden_deviation_mm >= 1'"
+    )
     signs: tuple[Literal[-1, 1], ...] = Field(
         default=(1,), min_length=1, description="signs of the fault's value"
     )
@@ -36,11 +52,6 @@ class Boundary(Section):
         lt=1.0,
         description="width of the bracket, of its lower end (loguniform) or of the range",
     )
-
-    @field_validator("harm")
-    @classmethod
-    def _event(cls, text: str) -> str:
-        return outcome.require_event(text)
 
     @model_validator(mode="after")
     def _once(self) -> Boundary:
@@ -59,20 +70,12 @@ class Sobol(Section):
 
     kind: Literal["sobol"] = Field(description="which search")
     outcomes: Outcomes
-    n: int = Field(
+    n: Annotated[int, AfterValidator(_power_of_two)] = Field(
         default=1024,
         ge=8,
         le=2**24,
         description="base sample, a power of two; n (d + 2) runs for d inputs",
     )
-
-    @field_validator("n")
-    @classmethod
-    def _power_of_two(cls, n: int) -> int:
-        if n & (n - 1):
-            below = 1 << (n.bit_length() - 1)
-            raise ValueError(f"got {n}, expected a power of two, such as {below} or {2 * below}")
-        return n
 
 
 class Morris(Section):
@@ -83,23 +86,16 @@ class Morris(Section):
     trajectories: int = Field(
         default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs"
     )
-    levels: int = Field(
+    levels: Annotated[int, AfterValidator(_even)] = Field(
         default=8, ge=4, le=1000, description="levels of each input's range, an even number"
     )
-
-    @field_validator("levels")
-    @classmethod
-    def _even(cls, levels: int) -> int:
-        if levels % 2:
-            raise ValueError(f"got {levels}, expected an even number, such as {levels + 1}")
-        return levels
 
 
 class Rare(Section):
     """[search] of kind "rare": a rare event's probability, by two estimators."""
 
     kind: Literal["rare"] = Field(description="which search")
-    event: Outcome = Field(
+    event: Annotated[Outcome, AfterValidator(outcome.require_margin)] = Field(
         description="a column against a number, such as 'peak_model_deviation_mm >= 10'"
     )
     runs: int = Field(
@@ -117,11 +113,6 @@ class Rare(Section):
         le=100_000_000,
         description="runs of plain Monte Carlo beside it; 0: none",
     )
-
-    @field_validator("event")
-    @classmethod
-    def _graded(cls, text: str) -> str:
-        return outcome.require_margin(text)
 
     @model_validator(mode="after")
     def _chains(self) -> Rare:
@@ -173,10 +164,9 @@ def json_schema_of(robot: Robot) -> dict[str, Any]:
         json_schema.tidy_schema(table)
         table["properties"]["kind"] = {"const": name, "description": "which search"}
         whole["$defs"][model.__name__] = table
-    kinds = [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()]
     whole["properties"]["search"] = {
         "description": "[search]: what is asked of the runs",
-        "oneOf": kinds,
+        "oneOf": [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()],
     }
     whole["properties"]["group"]["maxItems"] = 1
     whole["required"] = [*whole["required"], "search"]

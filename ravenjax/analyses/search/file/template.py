@@ -6,12 +6,13 @@ is a fault's number or a parameter that has a distribution in the file. A *point
 value for each input. It is one run of an ordinary campaign with these values.
 """
 
-from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ravenjax.analyses.search.file.config import Boundary, Search
+from ravenjax.analyses.search.file.config import Search
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
@@ -26,8 +27,6 @@ from ravenjax.vocabulary.sites import Channel
 PARAMETER = -1
 """Replaces the fault slot in the key of a parameter's axis."""
 
-DESIGNS = ("grid", "zip")
-
 
 def template_axes(config: CampaignConfig) -> dict[Key, Axis]:
     """Return every axis of the template, slot by slot, then the parameters, defaults included."""
@@ -41,84 +40,26 @@ def axis_name(key: Key) -> str:
     return name if slot == PARAMETER else f"fault{slot}_{name}"
 
 
-def find_search_errors(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
-    """Return (key, message) for keys that a campaign file may contain and a search file may not."""
-    if len(config.group) != 1:
-        yield (
-            ("group", 1),
-            f"got {len(config.group)} groups, expected one: the template of the search",
-        )
-        return
-    group = config.group[0]
-    drawn = {key: axis for key, axis in template_axes(config).items() if axis.drawn}
-    words = [key for key in drawn if key[0] != PARAMETER and key[1] in WORDS]
-    crossed = "a search crosses nothing: write the list into parameters; each value is a case"
-    decides = "a search decides how many runs it makes; remove this, and see section [search]"
-    wrong = [
-        (
-            ("group", 0, "design"),
-            group.design not in DESIGNS,
-            f"got {group.design!r}, expected grid or zip: each combination of the lists is a case,"
-            " and the search draws the rest",
-        ),
-        (
-            ("group", 0, "repeats"),
-            group.repeats != 1,
-            f"got {group.repeats}: a search runs each point once; remove repeats",
-        ),
-        (("cross",), config.cross, crossed),
-        (("group", 0, "cross"), group.cross, crossed),
-        (("campaign", "limit"), config.campaign.limit is not None, decides),
-        (("stop",), config.stop is not None, decides),
+def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Complaint]:
+    """Return (key, message) for what a campaign file may contain and a search file may not."""
+    words, numbers = [], []
+    for (slot, name), axis in template_axes(config).items():
+        if axis.drawn:
+            own = "group/0/" if name in config.group[0].parameters else ""
+            table = f"{own}parameters" if slot == PARAMETER else f"group/0/fault/{slot}"
+            sort = words if slot != PARAMETER and name in WORDS else numbers
+            sort.append((f"{table}/{name}", axis_name((slot, name)), axis))
+    rows = resources.render_rows(
+        Path(__file__).with_name("search_errors.j2"),
+        config=config,
+        search=search,
+        words=words,
+        numbers=numbers,
+    )
+    return [
+        (tuple(int(part) if part.isdigit() else part for part in key.split("/")), message)
+        for key, message in rows
     ]
-    yield from ((key, message) for key, found, message in wrong if found)
-    for key in words:
-        yield (
-            _place(config, key),
-            "a search has no distribution of words; write a list: each word is a case",
-        )
-    yield from _inputs(config, search, [key for key in drawn if key not in words])
-
-
-def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
-    # Yields a complaint if the campaign has not the distributions that this kind of search needs.
-    names = ", ".join(map(axis_name, drawn)) or "none"
-    if not isinstance(search, Boundary):
-        least = 1 if search is None or search.kind == "rare" else 2
-        if search is not None and len(drawn) < least:
-            what = (
-                f"kind {search.kind!r} needs at least {least} distribution(s) in the group or in"
-                " [parameters]"
-            )
-            yield ("group", 0), f"{what}, such as value = {{uniform = [-2000, 2000]}}; got {names}"
-        return
-    if len(drawn) != 1 or template_axes(config)[drawn[0]].kind not in ("uniform", "loguniform"):
-        yield (
-            ("group", 0),
-            (
-                "kind 'boundary' needs one uniform or loguniform: the range that is searched, such"
-                f" as value = {{loguniform = [100, 32000]}}; got {names}. Of anything else give one"
-                " value, or a list"
-            ),
-        )
-        return
-    key = drawn[0]
-    low, high = template_axes(config)[key].values
-    if -1 in search.signs and (key[1] != "value" or low < 0):
-        yield (
-            ("search", "signs"),
-            f"-1 needs a fault's value with a range from 0 on, got {axis_name(key)} from {low:g}",
-        )
-    if not low < high:
-        yield _place(config, key), f"got the range [{low:g}, {high:g}], expected low < high"
-
-
-def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
-    slot, name = key
-    if slot != PARAMETER:
-        return ("group", 0, "fault", slot, name)
-    own = name in config.group[0].parameters
-    return ("group", 0, "parameters", name) if own else ("parameters", name)
 
 
 class Template:
