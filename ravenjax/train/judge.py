@@ -22,8 +22,9 @@ of the distance to harm that remains at the end, from when a person could first 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -31,6 +32,7 @@ import numpy as np
 import pydantic
 from pydantic import BeforeValidator
 
+from ravenjax.bundled import resources
 from ravenjax.outcomes import verdict
 from ravenjax.train.protocol import Command, Frame, Json
 from ravenjax.train.robot import ROBOT
@@ -40,8 +42,8 @@ from ravenjax.vocabulary.checks import Check
 
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
-KNOWN_WHEN_ARMED = ("number", "hazard", "title", "right_response", "armed_ms", "limit_mm", "cue")
-"""Columns that the event "hazard_armed" has."""
+_NAMES: dict[str, list[str]] = resources.read_tables(__file__, "judge.toml")
+"""Names of columns and channels."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 SEEN_MM = AFFECTED_MM
@@ -54,6 +56,8 @@ ACTS_MS = 150.0
 FASTEST_MS = 250.0
 """Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
 CONTINUE = "continue"
+MOMENTS = ("knowable", "cue", "alarm", "response")
+"""Moments of a hazard after its activation, each with a column `<name>_ms`."""
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
 PEAKS = (*DISTANCES, "unintended_off")
@@ -79,64 +83,59 @@ class HazardRow:
     were not measured.
     """
 
-    session: Text = ""
-    participant: Text = ""
-    group: Text = ""
-    scenario: Text = ""
-    seed: Text = ""
-    cue: Text = ""  # on, off
-    blinded: Flag = False
+    session: Text
+    participant: Text
+    group: Text
+    scenario: Text
+    seed: Text
+    cue: Text  # on, off
+    blinded: Flag
     number: int
-    hazard: Text = ""  # id in the library
-    title: Text = ""
-    arm: Text = ""
-    armed_ms: Number = None
-    struck_ms: Number = None
-    knowable_ms: Number = None
-    knowable_by: Text = ""
-    cue_ms: Number = None
+    hazard: Text  # id in the library
+    title: Text
+    arm: Text
+    armed_ms: Number
+    struck_ms: Number
+    knowable_ms: Number
+    knowable_by: Text
+    cue_ms: Number
     # First check that alerted a person or stopped the robot.
-    alarm_ms: Number = None
-    alarm: Text = ""
+    alarm_ms: Number
+    alarm: Text
     # First check that changed a command or dropped a packet without alerting anybody.
-    limited_ms: Number = None
-    limited: Text = ""
-    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" if never active
-    check_cause: Text = ""  # first check with that response
-    motion_hazard: Text = ""  # one of outcomes.verdict.HAZARDS
-    limit_mm: Number = None  # the scenario's limit of hazards and harm
-    unintended_mm: Number = None
-    unintended_first_ms: Number = None
-    unintended_off_mm: Number = None
-    loss_mm: Number = None
-    loss_first_ms: Number = None
-    halted_ms: Number = None
-    golden_halted_ms: Number = None
-    false_report_mm: Number = None
-    false_report_first_ms: Number = None
+    limited_ms: Number
+    limited: Text
+    check_response: Text  # one of outcomes.verdict.RESPONSES; "" if never active
+    check_cause: Text  # first check with that response
+    motion_hazard: Text  # one of outcomes.verdict.HAZARDS
+    limit_mm: Number  # the scenario's limit of hazards and harm
+    unintended_mm: Number
+    unintended_first_ms: Number
+    unintended_off_mm: Number
+    loss_mm: Number
+    loss_first_ms: Number
+    halted_ms: Number
+    golden_halted_ms: Number
+    false_report_mm: Number
+    false_report_first_ms: Number
     # Distance of the reported tip from the model, which drives the cue.
-    peak_error_mm: Number = None
-    deepest_mm: Number = None
-    response: Text = ""  # the operator's
-    response_ms: Number = None
-    reaction_ms: Number = None
-    right_response: Text = ""
-    response_ok: Flag = False
-    halted: Flag = False  # the robot left pedal-down on its own
-    outcome: Text = ""
-    score: Number = None
+    peak_error_mm: Number
+    deepest_mm: Number
+    response: Text  # the operator's
+    response_ms: Number
+    reaction_ms: Number
+    right_response: Text
+    response_ok: Flag
+    halted: Flag  # the robot left pedal-down on its own
+    outcome: Text
+    score: Number
 
     @property
     def after(self) -> dict[str, float]:
         """Times of the events that happened, in ms after the activation."""
         if self.struck_ms is None:
             return {}
-        times = {
-            "knowable": self.knowable_ms,
-            "cue": self.cue_ms,
-            "alarm": self.alarm_ms,
-            "response": self.response_ms,
-        }
+        times = {name: getattr(self, f"{name}_ms") for name in MOMENTS}
         return {name: time - self.struck_ms for name, time in times.items() if time is not None}
 
     @property
@@ -153,8 +152,11 @@ COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 class Episode:
     """One hazard from arming to disarming."""
 
-    def __init__(self, hazard: Armable, harm: Harm, tick: int, cue_on: bool) -> None:
+    def __init__(
+        self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
+    ) -> None:
         self.hazard, self.harm = hazard, harm
+        self.tell = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
         self.struck_ms: int | None = None
@@ -193,10 +195,12 @@ class Episode:
         """The checks' response, one of `verdict.RESPONSES`."""
         return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
-    def know(self, tick: int, by: str) -> None:
-        """Record that the hazard could be known from this tick on."""
-        self.knowable_ms, self.knowable_by = tick, by
-        self._originate(tick)
+    def know(self, tick: int, by: str, at: int | None = None) -> None:
+        """Record that the hazard could be known from `at` or this tick on, unless it already is."""
+        if self.knowable_ms is None:
+            self.knowable_ms, self.knowable_by = tick if at is None else at, by
+            self._originate(self.knowable_ms)
+            self.tell(tick, "knowable", by=by, ms=self.knowable_ms)
 
     def feel(self, tick: int) -> None:
         """Record that the operator felt the cue."""
@@ -212,36 +216,41 @@ class Episode:
             self._originate(tick)
         return True
 
-    def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
-        """Record a new peak of one of `PEAKS`. Return whether its limit is first exceeded now."""
+    def exceed(self, tick: int, name: str, mm: float, arm: str) -> None:
+        """Record a new peak of one of `PEAKS`, and report the first beyond the limit."""
         self.peak_mm[name] = mm
         if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
             self.arm = arm
-        self._do(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
+        self.do(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            return True
-        return False
+            self.tell(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
 
-    def drive(self, tick: int, mm: float) -> None:
-        """Record the depth that the fault has added since its activation."""
-        self._do(tick, 1, mm)
-
-    def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
-        """Record the times of a held pedal without motion. Return whether the loss is new."""
+    def halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
+        """Record the times of a held pedal without motion, and report a new loss."""
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
         self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
-        return self._is_lost and not was_lost
+        if self._is_lost and not was_lost and "loss" not in self.first_ms:
+            self.tell(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def respond(self, tick: int, what: str) -> bool:
-        """Record a response, if it is the first of its kind after the origin. Return that."""
-        known = self.origin_ms is not None and tick >= self.origin_ms
-        if self.interrupted or not known or what in self.responses:
-            return False
-        self.responses[what] = tick
-        return True
+    def respond(self, tick: int, what: str, at: int | None = None) -> None:
+        """Record a response, if it is the first of its kind after the origin.
+
+        at: when the response began, if that was before this tick.
+        """
+        began = tick if at is None else at
+        known = self.origin_ms is not None and began >= self.origin_ms
+        is_excluded = self.interrupted or (self.halted and what in _OF_MOTION)
+        if is_excluded or not known or what in self.responses:
+            return
+        was_answered = self.answer()[0] in self.responses
+        self.responses[what] = began
+        counts = not was_answered or self.answer()[0] == what
+        if counts and (what != "slow" or what in self.hazard.right_response):
+            ms, is_right = self.reaction_ms(what), self.right(what)
+            self.tell(tick, "response", what=what, ok=is_right, ms=ms)
 
     def decided(self, tick: int) -> bool:
         """Whether nothing can improve the outcome: after harm, a right response, or the time."""
@@ -252,12 +261,11 @@ class Episode:
             return is_late or any(what != "slow" for what in self.responses)
         return is_late or self.answer()[1]
 
-    def interrupt(self, tick: int) -> bool:
-        """Record that others cut the hazard off. Return whether it was undecided until now."""
-        if not self.struck or self.interrupted or self.decided(tick):
-            return False
-        self.interrupted = True
-        return True
+    def interrupt(self, tick: int, by: str) -> None:
+        """Record that others cut off the active hazard, if it is not decided yet."""
+        if self.struck and not self.interrupted and not self.decided(tick):
+            self.interrupted = True
+            self.tell(tick, "interrupted", by=by)
 
     def right(self, what: str) -> bool:
         """Whether this response, once given, is right and in time."""
@@ -312,12 +320,8 @@ class Episode:
             response = 1.0 - 0.5 * min(late / longest, 1.0)
         # The share used of the distance to a limit that remained when a person could act. If
         # nothing remained then, the share used of the whole distance.
-        used = max(
-            (done - spared) / (limit - spared if spared < limit else limit)
-            for done, spared, limit in zip(
-                self._done_mm, self._spared_mm, self._limits_mm, strict=True
-            )
-        )
+        done, spared, limit = map(np.array, (self._done_mm, self._spared_mm, self._limits_mm))
+        used = float(np.max((done - spared) / (limit - np.where(spared < limit, spared, 0.0))))
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> Json:
@@ -328,9 +332,8 @@ class Episode:
         alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
         alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
         limited_ms, limited = self.checks.get("limited", (None, None))
-        times = ("arm", "armed_ms", "struck_ms", "knowable_ms", "cue_ms", "halted")
-        row = {name: getattr(self.hazard, name) for name in ("number", "hazard", "title")}
-        row |= {name: getattr(self, name) for name in times} | {
+        row = {name: getattr(self.hazard, name) for name in _NAMES["of_hazard"]}
+        row |= {name: getattr(self, name) for name in _NAMES["of_episode"]} | {
             "cue": "on" if self.cue_on else "off",
             "knowable_by": self.knowable_by or None,
             "alarm_ms": alarm_ms,
@@ -366,9 +369,10 @@ class Episode:
         return self.hazard.within_s * 1000.0
 
     def _exceeds(self, amounts_mm: list[float]) -> bool:
-        return any(mm > limit for mm, limit in zip(amounts_mm, self._limits_mm, strict=True))
+        return bool(np.greater(amounts_mm, self._limits_mm).any())
 
-    def _do(self, tick: int, kind: int, mm: float) -> None:
+    def do(self, tick: int, kind: int, mm: float) -> None:
+        """Record the unintended motion (kind 0) or the depth (1) that the fault has caused."""
         self._done_mm[kind] = max(self._done_mm[kind], mm)
         if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
             self._spared_mm[kind] = self._done_mm[kind]
@@ -395,10 +399,6 @@ COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
-_COMMON = (
-    *("tick", "live", "fault_active", "pedal", "console_alive"),
-    *("golden_cue", "halted_ms", "golden_halted_ms"),
-)
 _EVENTS = {
     "unintended": "unintended_motion",
     "loss": "loss_of_motion",
@@ -426,8 +426,8 @@ class Trips:
     """Counts the trips of each check. Call `look` every few milliseconds."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, int] = {}
-        self._earlier: dict[str, int] = {}  # trips before the robot's last restart
+        self._counts: Counter[str] = Counter()
+        self._earlier: Counter[str] = Counter()  # trips before the robot's last restart
         self._last: dict[str, int] = {}  # tick of each check's last trip
 
     def look(
@@ -440,7 +440,7 @@ class Trips:
         """
         trips = []
         for name in checks.check_names(outcomes):
-            count, before = int(outcomes[f"check_{name}_count"]), self._counts.get(name, 0)
+            count, before = int(outcomes[f"check_{name}_count"]), self._counts[name]
             self._counts[name] = count
             if count <= before:
                 continue
@@ -449,15 +449,14 @@ class Trips:
                 ms = tick - (robot_tick - first)
             usual = 0 if golden is None else int(golden[f"check_{name}_count"])
             announced = ms - self._last.get(name, -math.inf) > QUIET_MS
-            total = self._earlier.get(name, 0) + count
+            total = self._earlier[name] + count
             trips.append(Trip(ROBOT.check(name), ms, count > usual, announced, total))
             self._last[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
-        for name, count in self._counts.items():
-            self._earlier[name] = self._earlier.get(name, 0) + count
-        self._counts = {}
+        self._earlier += self._counts
+        self._counts = Counter()
 
 
 class SlowdownDetector:
@@ -533,9 +532,8 @@ class Judge:
         self._trips = Trips()
         # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
-        self._counted_at: defaultdict[str, int] = defaultdict(int)
+        self._counted_at: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
-        self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
         self._pedal = False
         # Whether the robot followed when the hazard became active, and the pedal is held since.
@@ -556,10 +554,11 @@ class Judge:
     def armed(self, number: int, tick: int) -> None:
         """Begin an episode: a hazard is armed before this tick."""
         self.disarmed(tick)
-        self._episode = Episode(self.hazards[number], self.scenario.harm, tick, self.cue_on)
+        hazard, harm = self.hazards[number], self.scenario.harm
+        self._episode = Episode(hazard, harm, tick, self.cue_on, self._tell)
         row = self._episode.row()
-        known = {name: row[name] for name in KNOWN_WHEN_ARMED}
-        self._tell(tick, "hazard_armed", number=number, row=known)
+        known = {name: row[name] for name in _NAMES["known_when_armed"]}
+        self._episode.tell(tick, "hazard_armed", row=known)
 
     def disarmed(self, tick: int) -> None:
         """End the episode of the present hazard, if there is one."""
@@ -568,8 +567,8 @@ class Judge:
             return
         self._over.append(episode)
         row = episode.row()
-        names = ("number", "check_response", "motion_hazard", "halted", "outcome", "score")
-        self._tell(tick, "hazard_over", **{name: row.get(name) for name in names})
+        over = {name: row.get(name) for name in _NAMES["known_when_over"]}
+        episode.tell(tick, "hazard_over", **over)
         known = {name: value for name, value in row.items() if value is not None}
         self._tell(tick, "hazard_row", row=known)
 
@@ -625,14 +624,12 @@ class Judge:
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
         """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
-        if not self._columns:
-            places = frame.layout.places
-            self._columns = tuple(places[name].start for name in _COMMON)
+        if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
-        robot_tick, live, active, pedal, alive, golden_cue, *halted = [
-            row[i] for i in self._columns
-        ]
+        robot_tick, live, active, pedal, alive, golden_cue, *halted = map(
+            frame.number, _NAMES["channels"]
+        )
         was_live, self._ticks = self._live, (tick, int(robot_tick))
         self._live = live != 0.0
         self._slowdown.step(tick, [x for arm in self._arms for x in row[arm.hand]])
@@ -646,7 +643,7 @@ class Judge:
             for arm in self._arms:
                 # The depth at which the tip touches the tissue without the hazard.
                 arm.depth_at_strike = max(row[arm.depth], 0.0)
-            self._tell(tick, "hazard_struck", number=episode.hazard.number)
+            episode.tell(tick, "hazard_struck")
         self._halted = (int(halted[0]), int(halted[1]))
         self._golden_cue = self._golden_cue or golden_cue != 0.0
         if outcomes is not None:
@@ -694,10 +691,9 @@ class Judge:
                 kind = "alarm" if is_new else "alarm_count"
                 self._tell(tick, kind, check=check.name, count=trip.count)
             if episode is not None and is_first:
-                number = episode.hazard.number
-                self._tell(tick, check.response, number=number, check=check.name, ms=ms)
+                episode.tell(tick, check.response, check=check.name, ms=ms)
                 if is_told:
-                    self._know(tick, ms, check.name, episode)
+                    episode.know(tick, check.name, ms)
 
     def _feel(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()
@@ -720,15 +716,13 @@ class Judge:
         self._was_down = self._was_down and pedal != 0.0
         if self._was_down and not self._live and not episode.halted and not self._pressed:
             episode.halted = True
-            self._know(tick, tick, "runlevel", episode)
+            episode.know(tick, "runlevel")
         halted, golden_halted = (
             now - then for now, then in zip(self._halted, self._halted_at_strike, strict=True)
         )
         changed = halted != episode.halted_ms or golden_halted != episode.golden_halted_ms
-        is_new = changed and not self._pressed and episode.halt(halted, golden_halted)
-        if is_new and "loss" not in episode.first_ms:
-            beyond, number = halted - golden_halted, episode.hazard.number
-            self._tell(tick, _EVENTS["loss"], number=number, halted_ms=beyond)
+        if changed and not self._pressed:
+            episode.halt(tick, halted, golden_halted)
         if self._pedal and not pedal and alive:
             self._respond(tick, "release")
         if pedal and self._live and self._slowdown.slowed >= 0:
@@ -736,47 +730,30 @@ class Judge:
 
     def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
         if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
-            self._know(tick, tick, "tip", episode)
-        peaks, number = episode.peak_mm, episode.hazard.number
+            episode.know(tick, "tip")
+        peaks = episode.peak_mm
         for name, place in arm.distances:
             mm = row[place]
             # This is never true for NaN, which marks an unknown distance.
-            if mm > peaks[name] and episode.exceed(tick, name, mm, arm.name):
-                self._tell(tick, _EVENTS[name], number=number, arm=arm.name, mm=round(mm, 3))
+            if mm > peaks[name]:
+                episode.exceed(tick, name, mm, arm.name)
         if not self._live:
             return
         unintended, depth = row[arm.unintended], row[arm.depth]
-        if row[arm.error] > episode.peak_error_mm:
-            episode.peak_error_mm = row[arm.error]
-        if depth > episode.deepest_mm:
-            episode.deepest_mm = depth
+        # A NaN changes nothing, because it is the second argument.
+        episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
+        episode.deepest_mm = max(episode.deepest_mm, depth)
         # The fault drove the tip at most as deep as it moved it.
-        episode.drive(tick, min(unintended, depth - arm.depth_at_strike))
-
-    def _know(self, tick: int, at: int, by: str, episode: Episode) -> None:
-        if episode.knowable_ms is None:
-            episode.know(at, by)
-            self._tell(tick, "knowable", number=episode.hazard.number, by=by, ms=at)
+        episode.do(tick, 1, min(unintended, depth - arm.depth_at_strike))
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
-        """at: when the response began, if that was before this tick."""
-        episode = self._struck_episode()
-        if episode is None or (episode.halted and what in _OF_MOTION):
-            return
-        was_answered = episode.answer()[0] in episode.responses
-        if not episode.respond(tick if at is None else at, what):
-            return
-        counts = not was_answered or episode.answer()[0] == what
-        if counts and (what != "slow" or what in episode.hazard.right_response):
-            ms, is_right = episode.reaction_ms(what), episode.right(what)
-            number = episode.hazard.number
-            self._tell(tick, "response", number=number, what=what, ok=is_right, ms=ms)
+        if episode := self._struck_episode():
+            episode.respond(tick, what, at)
 
     def interrupted(self, tick: int, by: str) -> None:
         """Record that others cut off the active hazard, if it is not decided yet."""
-        episode = self._episode
-        if episode is not None and episode.interrupt(tick):
-            self._tell(tick, "interrupted", number=episode.hazard.number, by=by)
+        if self._episode is not None:
+            self._episode.interrupt(tick, by)
 
 
 class _Arm:

@@ -81,11 +81,10 @@ class Task:
         """Advance by one tick. Return the events "target", "object", "level" and "task_done"."""
         self._events = []
         if not self.done:
-            places, numbers = frame.layout.places, frame.numbers
             tips: dict[ArmName, Point] = {}
             for arm in self._field.begin:
-                axis, joints = places[f"{arm}/tip"], places[f"{arm}/link_jpos"]
-                tips[arm] = to_world(arm, closing_point(arm, numbers[axis], numbers[joints]))
+                axis, joints = (frame[f"{arm}/{name}"].tolist() for name in ("tip", "link_jpos"))
+                tips[arm] = to_world(arm, closing_point(arm, axis, joints))
             self._step(frame, tips, tick)
         if self.target != self._published:
             self._published = self.target
@@ -100,12 +99,23 @@ class Task:
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
         """Return where the tip (m, world) should go next, or None."""
-        return None
+        return None if self.done or arm != self._arm else self._wish(tip)
+
+    @property
+    def _arm(self) -> ArmName | None:
+        """The arm in turn."""
+
+    def _wish(self, tip: Point) -> Wish | None:
+        """Return the wish of the arm in turn."""
 
     def geometry(self) -> Json:
         """Return JSON of what the page draws, m, world. `turns`: the arms, and how many turns."""
         empty = dict.fromkeys(("object", "path", "turns"))
-        return {"kind": self.settings.kind, "targets": [], "pegs": []} | empty
+        return {"kind": self.settings.kind, "targets": [], "pegs": []} | empty | self._shapes()
+
+    def _shapes(self) -> Json:
+        """Return what this kind of task has in `geometry`."""
+        return {}
 
     def result(self) -> Json:
         """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
@@ -180,19 +190,16 @@ class PathTask(Task):
     def restart(self) -> None:
         self._on = False
 
-    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        if self.done or arm != self._arm:
-            return None
+    def _wish(self, tip: Point) -> Wish:
         return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
 
-    def geometry(self) -> Json:
+    def _shapes(self) -> Json:
         path = {
             "points": [round_point(point) for point in (*self.points, self.points[0])],
             "radius_m": self._tolerance_m,
             "colour": PATH_COLOUR,
         }
-        turns = {"arms": self._arms, "of": self.settings.laps}
-        return super().geometry() | {"path": path, "turns": turns}
+        return {"path": path, "turns": {"arms": self._arms, "of": self.settings.laps}}
 
     def _score(self) -> float:
         return self.progress * (self._within / self._ticks) if self._ticks else 0.0
@@ -222,17 +229,17 @@ class PegTask(Task):
             y = field.middle[1] + spacing * (row - 0.5)
             self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
         rng = np.random.default_rng([field.seed, settings.seed, 2])
-        ways = [int(rng.integers(len(self.pegs)))]
-        for _ in range(settings.transfers):
-            ways.append(int(rng.choice([peg for peg in range(len(self.pegs)) if peg != ways[-1]])))
-        self.ways = ways
+        self.ways = [int(rng.integers(settings.pegs))]
         """The pegs on which the object is to be, in order."""
-        self.object: Point = self.pegs[ways[0]]
+        for _ in range(settings.transfers):
+            others = [peg for peg in range(settings.pegs) if peg != self.ways[-1]]
+            self.ways.append(int(rng.choice(others)))
+        self.object: Point = self.pegs[self.ways[0]]
         self.held: ArmName | None = None
         self.placed, self.dropped = 0, 0
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
-        self._closed: dict[ArmName, bool] = dict.fromkeys(self._arms, False)
+        self._closed = dict.fromkeys(self._arms, False)
 
     @property
     def _arm(self) -> ArmName:
@@ -284,10 +291,8 @@ class PegTask(Task):
             self.target = len(self.pegs)
         self._closed = dict.fromkeys(self._arms, False)
 
-    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        if self.done or arm != self._arm:
-            return None
-        holding = self.held == arm
+    def _wish(self, tip: Point) -> Wish:
+        holding = self.held == self._arm
         x, y, z = self.pegs[self.target] if holding else self.object
         aside = math.hypot(tip[0] - x, tip[1] - y)
         there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
@@ -296,7 +301,7 @@ class PegTask(Task):
         over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
         return Wish((x, y, over), holding != there)
 
-    def geometry(self) -> Json:
+    def _shapes(self) -> Json:
         height = {"height_m": self.settings.height_mm / 1e3}
         pegs = [
             _spot(k, top, PEG_RADIUS_M, PEG_COLOURS["peg"]) | height
@@ -304,7 +309,7 @@ class PegTask(Task):
         ]
         thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, PEG_COLOURS["object"])
         turns = {"arms": self._arms, "of": self.settings.transfers}
-        return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
+        return {"pegs": pegs, "object": thing, "turns": turns}
 
     def _score(self) -> float:
         """Return the share of transfers done. A drop costs half a transfer."""
@@ -344,18 +349,20 @@ class ReachTask(Task):
     def restart(self) -> None:
         self._inside_ms = 0
 
-    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        if self.done or self.targets[self.target][0] != arm:
-            return None
+    @property
+    def _arm(self) -> ArmName:
+        return self.targets[self.target][0]
+
+    def _wish(self, tip: Point) -> Wish:
         return Wish(self.targets[self.target][1])
 
-    def geometry(self) -> Json:
+    def _shapes(self) -> Json:
         radius = self.settings.tolerance_mm / 1e3
         targets = [
             _spot(k, at, radius, TARGET_COLOURS[arm]) | {"arm": arm}
             for k, (arm, at) in enumerate(self.targets)
         ]
-        return super().geometry() | {"targets": targets}
+        return {"targets": targets}
 
 
 class LevelsTask(Task):
@@ -433,13 +440,13 @@ class LevelsTask(Task):
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
         return None if self.done else self._reach.wish(arm, tip)
 
-    def geometry(self) -> Json:
+    def _shapes(self) -> Json:
         targets = [
             target | {"number": first + target["number"]}
             for level, first in enumerate(self._first)
             for target in self._round(level).geometry()["targets"]
         ]
-        return super().geometry() | {"targets": targets}
+        return {"targets": targets}
 
     def result(self) -> Json:
         return super().result() | {
@@ -471,10 +478,5 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
     x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     field = Field(tuple(arms), begin, (x, y), seed)
-    kinds: dict[type, type[Task]] = {
-        Reach: ReachTask,
-        PegTransfer: PegTask,
-        Path: PathTask,
-        Levels: LevelsTask,
-    }
-    return kinds.get(type(settings), Task)(settings, field)
+    kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}
+    return kinds.get(settings.kind, Task)(settings, field)

@@ -70,7 +70,7 @@ def hazard(
         "outcome": "avoided" if ok and response is not None else "harm",
         "score": 82.0 if ok and response is not None else 10.0,
     }
-    return HazardRow(**(values | more))
+    return HazardRow(**(dict.fromkeys(COLUMNS) | values | more))
 
 
 def rows(layout, hazards, seconds):

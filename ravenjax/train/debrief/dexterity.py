@@ -66,9 +66,9 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
     for arm in course.layout.arms:
         force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
         # A row is a millisecond.
-        measures[arm] = {"peak_n": float(force.max()), "impulse_n_s": float(force.sum() * 1e-3)}
-        for name in ("vessel_n", "between_n"):
-            measures[arm][name] = float(course[f"{arm}/{name}"].max())
+        peaks = {name: course[f"{arm}/{name}"].max() for name in ("vessel_n", "between_n")}
+        sizes = {"peak_n": force.max(), "impulse_n_s": force.sum() * 1e-3} | peaks
+        measures[arm] = {name: float(size) for name, size in sizes.items()}
     return measures
 
 

@@ -4,10 +4,12 @@ A session's charts show distances and their limits, depth, force and run level.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.train.judge import HazardRow
@@ -15,13 +17,8 @@ from ravenjax.train.protocol import TISSUE, Json
 from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, run_levels
 
-MOMENTS = {
-    "strike": ("start", "series3"),
-    "knowable": ("could be known", palette.SAME),
-    "cue": ("cue", palette.CUE),
-    "alarm": ("robot's alarm", "series5"),
-    "response": ("response", palette.RESPONSE),
-}
+_LOOKS = resources.read_tables(__file__, "charts.toml")
+MOMENTS: dict[str, tuple[str, str]] = _LOOKS["moments"]
 """Name and colour of each moment of a hazard."""
 BEFORE_MS, AFTER_MS, SHORTEST_MS, LONGEST_MS = 400.0, 800.0, 1500.0, 8000.0
 POINTS = 900
@@ -59,15 +56,15 @@ def hazard_charts(
         return []
     arms = [row.arm] if row.arm in course.layout.arms else list(course.layout.arms)
     axis = ChartAxis("ms after the start of the hazard", -BEFORE_MS, end, unit="ms")
-    time = course.ms - row.struck_ms
-    return _charts(course, time, inside, axis, arms, moments, limits, blinded)
+    part = replace(course, rows=course.rows[inside], numbers=course.numbers[inside])
+    return _charts(part, part.ms - row.struck_ms, axis, arms, moments, limits, blinded)
 
 
 def session_charts(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of the whole session, in s, with hazards and responses."""
-    began_ms, everything = course.ms[0], np.ones(len(course.ms), bool)
+    began_ms = course.ms[0]
     time = (course.ms - began_ms) / 1000
     moments: list[Moment] = []
     starts = [(row.struck_ms, row) for row in hazards if row.struck_ms is not None]
@@ -79,7 +76,7 @@ def session_charts(
     arms = course.layout.arms
     progress = _curve("progress", "series7", time, course["progress"])
     return [
-        *_charts(course, time, everything, axis, arms, moments, limits, blinded),
+        *_charts(course, time, axis, arms, moments, limits, blinded),
         _chart("Task", "share done", axis, [progress], moments, SMALL_HEIGHT, share=True),
     ]
 
@@ -117,25 +114,15 @@ def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 def _charts(
     course: Recording,
     time: np.ndarray,
-    inside: np.ndarray,
     axis: ChartAxis,
     arms: Sequence[str],
     moments: Sequence[Moment],
     limits: Mapping[str, float],
     blinded: bool,
 ) -> list[Chart]:
-    def curve(name: str, colour: str, values: np.ndarray, **style: bool) -> Curve:
-        return _curve(name, colour, time[inside], values[inside], **style)
-
     distances = [
-        curve(name, colour, course.worst(channel, arms), dashed=dashed)
-        for name, colour, channel, dashed in (
-            ("unintended motion", "series3", "unintended_mm", False),
-            ("loss of motion", "series5", "loss_mm", False),
-            ("false report", "series6", "false_report_mm", False),
-            ("reported off golden run", "series4", "known_mm", True),
-            ("reported off model", "series0", "error_mm", False),
-        )
+        _curve(time=time, values=course.worst(channel, arms), **look)
+        for channel, look in _LOOKS["distances"].items()
     ]
     ends = np.array([axis.low, axis.high])
     lines = [
@@ -143,18 +130,17 @@ def _charts(
         for name, mm in limits.items()
     ]
     charts = [_chart("Distances", "mm", axis, [*distances, *lines], moments, HEIGHT)]
-    is_felt = (course["cue_on"] > 0) & (not blinded)
-    for title, unit, colour, values in (
-        ("Depth in the tissue", "mm", "series2", course.worst("depth_mm", arms)),
-        ("Force felt", "device units", "series1", course.worst("force", arms) * is_felt),
-    ):
-        if np.nanmax(values[inside]) > 0:
-            line = curve(title, colour, np.maximum(values, 0.0))
+    for channel, (title, unit, colour) in _LOOKS["amounts"].items():
+        values = course.worst(channel, arms)
+        if channel == "force":
+            values = values * ((course["cue_on"] > 0) & (not blinded))
+        if np.nanmax(values) > 0:
+            line = _curve(title, colour, time, np.maximum(values, 0.0))
             charts.append(_chart(title, unit, axis, [line], moments, SMALL_HEIGHT))
     pedal = run_levels.PEDAL_UP + course["pedal"]
     levels = [
-        curve("robot", "series2", course["runlevel"], step=True),
-        curve("pedal", "series0", pedal, step=True, dashed=True),
+        _curve("robot", "series2", time, course["runlevel"], step=True),
+        _curve("pedal", "series0", time, pedal, step=True, dashed=True),
     ]
     names = ", ".join(f"{level} {name}" for level, name in enumerate(run_levels.NAMES))
     return [*charts, _chart("Run level and pedal", names, axis, levels, moments, SMALL_HEIGHT)]
@@ -205,16 +191,14 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
         return None
     first, last = course.ms[0], course.ms[-1]
     times = [np.arange(first, last, max(EVERY_MS, int(last - first) // MOST)), [last]]
-    marks = []
+    marks: list[Moment] = []
     for row in hazards:
         if row.struck_ms is not None:
             begin, end = row.struck_ms - AROUND_MS[0], row.struck_ms + AROUND_MS[1]
             times.append(np.arange(begin, end, EVERY_HAZARD_MS))
-            text = row.title or row.hazard
-            marks.append({"ms": row.struck_ms - first, "kind": "strike", "text": text})
+            marks.append(("strike", row.struck_ms, row.title or row.hazard))
             if row.response_ms is not None:
-                after_ms = row.response_ms - first
-                marks.append({"ms": after_ms, "kind": "response", "text": row.response})
+                marks.append(("response", row.response_ms, row.response))
     rows = np.unique(np.searchsorted(course.ms, np.concatenate(times)))
     rows = rows[rows < len(course.ms)]
     return {
@@ -226,7 +210,7 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
         },
         "task": header.get("task") or {},
         "tissue": TISSUE,
-        "marks": marks,
+        "marks": [{"ms": ms - first, "kind": kind, "text": text} for kind, ms, text in marks],
     }
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description
@@ -10,11 +11,7 @@ from ravenjax.train.protocol import Json
 from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
-CHANNELS = (
-    *("session_tick", "pedal", "phase", "target", "progress", "cue_on", "runlevel"),
-    *("tip", "link_jpos", "model_tip", "model_jpos", "unintended_mm", "loss_mm", "false_report_mm"),
-    *("known_mm", "error_mm", "depth_mm", "force", "contact", "vessel_n", "between_n"),
-)
+CHANNELS = resources.read_tables(__file__, "charts.toml")["channels"]
 """Channels of a recording that the debrief reads, so that a long one fits into the memory."""
 
 

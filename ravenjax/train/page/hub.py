@@ -11,16 +11,15 @@ import asyncio
 import contextlib
 import json
 import time
-import tomllib
 from collections.abc import Callable
-from importlib import resources
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from ravenjax.bundled import resources
 from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions, query_parameters, same_secret
 from ravenjax.train.protocol import (
@@ -42,9 +41,7 @@ LARGEST = 2048
 """The largest size of a message in bytes."""
 NOTE = 700
 """The largest size of a note as JSON in bytes: it must fit in an event."""
-_COMMANDS: dict[str, Any] = tomllib.loads(
-    resources.files("ravenjax.train.page").joinpath("commands.toml").read_text(encoding="utf-8")
-)
+_COMMANDS = resources.read_tables(__file__, "commands.toml")
 _SEEN: dict[str, list[str]] = _COMMANDS.pop("seen")
 """What operators see, and what blinding hides."""
 MOST_PER_S = 400
@@ -67,12 +64,12 @@ class BrowserCommand(Message):
     do: str
     text: str | None = None
     to: Literal["nobody", "page", "itp", "crtk"] | None = None
-    hazard: Annotated[int, Field(ge=0)] | None = None
+    hazard: int | None = Field(None, ge=0)
     on: bool | None = None
-    participant: Annotated[str, Field(max_length=40)] | None = None
-    scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
-    name: Annotated[str, Field(max_length=16)] | None = None
+    participant: str | None = Field(None, max_length=40)
+    scenario: str | None = Field(None, pattern=r"^[A-Za-z0-9_]{1,60}$")
+    seed: int | None = Field(None, ge=0, lt=2**31)
+    name: str | None = Field(None, max_length=16)
 
 
 _MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
@@ -98,11 +95,8 @@ class Inbox:
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
         kind, do = content["type"], content.get("do", "")
         name, keys = f"{kind} {do}".rstrip(), content.keys() - {"type", "do"}
-        if kind == "input":
-            rule = {"by": ["operator"], "may": [*keys]}
-        elif do in _COMMANDS[kind]:
-            rule = _COMMANDS[kind][do]
-        else:
+        rule = _COMMANDS[kind].get(do)
+        if rule is None:
             raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS[kind])}")
         if role not in rule["by"]:
             raise RefusedMessage(f"a {role} may not send {name}")

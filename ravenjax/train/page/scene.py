@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 import viser
 
+from ravenjax.bundled import resources
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
@@ -41,17 +42,9 @@ from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
 Rgb = tuple[int, int, int]
 
-# The colours differ from each other also for people who lack one kind of cone. A colour is never
-# the only sign: a letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and
-# the debrief's `replay.js` have these colours as #rrggbb.
-MODEL = (154, 220, 255)
+LOOKS = resources.read_tables(__file__, "scene.toml")
 GOAL = (245, 61, 240)
 DONE = (118, 135, 154)
-LETTERS = {"gold": "L", "green": "R"}
-
-PLUMB, SPOT = (235, 240, 245), (20, 16, 16)
-# Radius and height of the spot below the tip, and position of the letter above it, m.
-SPOT_M, LETTER_M = (0.0022, 0.0006), np.array([0.0, 0.0, 0.009])
 # Relative sizes of pegs that are not the goal, of the next target, and of targets reached.
 OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
 LAST_REACHED = 5
@@ -60,11 +53,9 @@ RING_M = (0.004, 0.03)
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
-_LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
-"""Colour and opacity of the figures that are not the robot."""
+_NOWHERE = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
 """A ghost disappears below the first distance and appears above the second."""
-FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
 CONTACT_M = 0.03
 """m of arrow per N of contact force."""
 FORCE_M = 0.9
@@ -73,8 +64,6 @@ _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 FIRST = "endoscope"
 FAR = "theatre"
 """An inset with this view has no letters: they would hide the instruments."""
-# The endoscope's light: colour, candela.
-LAMP, LAMP_CD = (255, 246, 235), 0.008
 UP = (0.0, 0.0, 1.0)
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
 """The browser window to which the viser client of this task belongs; see `early.js`."""
@@ -88,21 +77,14 @@ class DepthLine:
 
     def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
         root = f"/plumb/{arm}"
-        self._line = add_line_segments(server, f"{root}/line", PLUMB, 1.5, visible=False)
-        self._spot = server.scene.add_cylinder(
-            f"{root}/spot", *SPOT_M, color=SPOT, opacity=0.6, visible=False, **_FLAT
-        )
-        self._letter = server.scene.add_label(
-            # Each on its own side, so that the letters of two near tips do not overlap.
-            f"{root}/letter",
-            LETTERS[arm],
-            font_screen_scale=1.6,
-            anchor="bottom-right" if arm == "gold" else "bottom-left",
-        )
+        nodes = server.scene
+        self._line = nodes.add_line_segments(f"{root}/line", _NOWHERE, **LOOKS["plumb"])
+        self._spot = nodes.add_cylinder(f"{root}/spot", **LOOKS["spot"])
+        self._letter = nodes.add_label(f"{root}/letter", **LOOKS["letters"][arm])
 
     def show(self, tip: np.ndarray) -> None:
         """Follow the tip, world, m."""
-        self._letter.position = tip + LETTER_M
+        self._letter.position = tip + LOOKS["above_tip"]
         foot = np.array([tip[0], tip[1], tissue_height(float(tip[0]), float(tip[1]))])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
@@ -129,12 +111,12 @@ class TaskShapes:
         targets = geometry.get("targets") or ()
         self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
-        self._ring = add_line_segments(server, "/task/ring", GOAL, 2.0, ring, visible=False)
+        self._ring = server.scene.add_line_segments("/task/ring", ring, **LOOKS["ring"])
         self._on_path: Any = None
         if path := geometry.get("path"):
             points = np.asarray(path["points"], float)
-            line = segments_of_path(points)
-            add_line_segments(server, "/task/path", _rgb(path["colour"]), 3.0, line)
+            line, colour = segments_of_path(points), _rgb(path["colour"])
+            server.scene.add_line_segments("/task/path", line, colour, **LOOKS["path"])
             self._places = dict(enumerate(points))
             self._on_path = self._add_ball("on_path", path["radius_m"], GOAL, 0.55, visible=False)
         for target in targets:
@@ -202,28 +184,9 @@ class TaskShapes:
         return node
 
 
-def add_line_segments(
-    server: viser.ViserServer,
-    name: str,
-    colour: Rgb,
-    thickness: float,
-    points: np.ndarray | None = None,
-    **settings: Any,
-) -> Any:
-    """Add line segments [n, 2, 3], m; by default one of length 0."""
-    return server.scene.add_line_segments(
-        name,
-        np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),
-        colour,
-        thickness=thickness,
-        thickness_units="screen",
-        **settings,
-    )
-
-
 def segments_of_path(path: np.ndarray) -> np.ndarray:
     """Return the segments [n - 1, 2, 3] between points [n, 3]."""
-    return np.stack([path[:-1], path[1:]], axis=1)
+    return np.stack([path[:-1], path[1:]], axis=1).astype(np.float32)
 
 
 def _rgb(colour: str) -> Rgb:
@@ -279,10 +242,7 @@ class RobotFigure:
                 if layer == "robot":
                     node = server.scene.add_glb(name, glb, receive_shadow=True)
                 else:
-                    colour, opacity = _LOOKS[layer]
-                    node = server.scene.add_mesh_simple(
-                        name, *mesh, color=colour, opacity=opacity, **_FLAT
-                    )
+                    node = server.scene.add_mesh_simple(name, *mesh, **LOOKS[layer])
                 self._nodes[body] = node
         self._place()
 
@@ -315,6 +275,7 @@ class Scene:
         self._frames = {arm: tuple(map(np.array, frame0_in_world(arm))) for arm in arms}
         shapes = read_shapes(model)
         shown = () if blinded else arms
+        add = server.scene.add_arrows
         with server.atomic():
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
@@ -332,8 +293,10 @@ class Scene:
                 arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in shown
             }
             self._has_ghost = dict.fromkeys(shown, False)
-            self._forces = {arm: _add_arrow(server, arm, FORCE) for arm in shown}
-            self._contacts = {arm: _add_arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
+            self._forces, self._contacts = (
+                {arm: add(f"/force/{kind}_{arm}", _NOWHERE, **LOOKS[kind]) for arm in shown_arms}
+                for kind, shown_arms in (("force", shown), ("contact", arms))
+            )
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
             self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
@@ -387,18 +350,6 @@ def describe_place(arms: Arms) -> Json:
     }
 
 
-def _add_arrow(server: viser.ViserServer, name: str, colour: Rgb) -> Any:
-    return server.scene.add_arrows(
-        f"/force/{name}",
-        np.zeros((1, 2, 3), np.float32),
-        colour,
-        shaft_radius=0.0011,
-        head_radius=0.003,
-        head_length=0.007,
-        visible=False,
-    )
-
-
 def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
     arrow.visible = bool(np.abs(along).max() > 1e-6)
     if arrow.visible:
@@ -416,15 +367,13 @@ class Windows:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = view_pose(FIRST)
         camera.up, camera.near = UP, 0.01
-        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        server.gui.configure_theme(**LOOKS["theme"])
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.configure_default_lights(False)
         # `static/scene.js` makes the lights and the materials of this one.
         server.scene.add_light_directional("/key")
         lamp = tuple(FIELD + ENDOSCOPES[FIRST])
-        server.scene.add_light_point(
-            "/lamp", color=LAMP, intensity=LAMP_CD, position=lamp, cast_shadow=False
-        )
+        server.scene.add_light_point("/lamp", position=lamp, **LOOKS["lamp"])
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:

@@ -193,7 +193,8 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
             rows[-1]["struck_ms"] = event["tick"]
         elif event["kind"] == "hazard_row" and rows:
             rows[-1] |= event["row"]
-    return [HazardRow(**(session_columns(header) | row)) for row in rows]
+    empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)
+    return [HazardRow(**(empty | row)) for row in rows]
 
 
 def session_columns(header: Json) -> Json:

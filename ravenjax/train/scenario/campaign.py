@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
@@ -25,19 +26,10 @@ from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.train.robot import ROBOT, Arms
-from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
+from ravenjax.train.scenario.config import INSTRUCTOR, MOST_FAULTS, Entry, Levels, Scenario
+from ravenjax.vocabulary.effects import FIELDS
 
-RESPONSES: dict[str, tuple[str, ...]] = {
-    "temporarily unavailable": ("restart",),
-    "permanently unavailable": ("convert", "stop"),
-    "sudden jump": ("release", "slow", "stop"),
-}
-"""Right responses to the three hazards of IROS 2016, table 1. They are: restart and troubleshoot;
-convert, reschedule and report; release the pedal, slow down, stop.
-"""
-
-MOVING = ("jump", "displaced", "withheld", "unpublished")
-"""Expected outcomes in which the instrument may move, as in a sudden jump."""
+_RESPONSES = resources.read_tables(__file__, "responses.toml")
 
 ENDLESS_MS = 5000
 """How long a fault without an end stays active, unless the scenario sets a time."""
@@ -51,11 +43,6 @@ BUTTONS = "buttons/estop"
 Key = tuple[str | int, ...]
 _Row = dict[Any, Any]
 """A row of a fault table, by column."""
-_SLOT_COLUMNS = (
-    *("site", "channel", "effect", "trigger", "arm", "value"),
-    *("start_ms", "duration_ms", "every_ms", "period_ms"),
-)
-"""Columns of each fault in a row."""
 _CLUTCHED = {"nominal.resync": 1.0}
 """The model follows the robot while the pedal is up. Without this setting, each clutching would
 leave the model some tenths of a millimetre away from the robot.
@@ -105,25 +92,21 @@ def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
     if entry.right_response is not None:
         return entry.right_response
     if hazard is None:
-        return RESPONSES["sudden jump"]
-    if hazard.scenarios:
-        return tuple(dict.fromkeys(word for name in hazard.scenarios for word in RESPONSES[name]))
-    if any(word in MOVING for word in hazard.expected_class):
-        return RESPONSES["sudden jump"]
-    if "stop" in hazard.expected_class:
-        return RESPONSES["temporarily unavailable"]
-    if "unresponsive" in hazard.expected_class:
-        return RESPONSES["permanently unavailable"]
-    return ("continue",)
+        names = ["sudden jump"]
+    else:
+        expected = (
+            name for word, name in _RESPONSES["expected"].items() if word in hazard.expected_class
+        )
+        names = hazard.scenarios or [*expected][:1]
+    words = dict.fromkeys(word for name in names for word in _RESPONSES["hazards"][name])
+    return tuple(words) or ("continue",)
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """Return a session's campaign. Raises ValueError for what `find_scenario_errors` reports."""
     groups, numbers = _groups(scenario, seed)
-    rows: list[_Row] = []
-    if groups:
-        table = design.table_columns(_config(scenario, seed, groups, _UNBOUNDED_S))
-        rows = table.to_dict("records")
+    drawn = _config(scenario, seed, groups, _UNBOUNDED_S)
+    rows = design.table_columns(drawn).to_dict("records") if groups else []
     fixed: list[dict[str, Any]] = []
     for group, number in zip(groups, numbers, strict=True):
         name, times = group["name"], scenario.hazard[number].times
@@ -155,10 +138,10 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
             message = f"got {name!r} twice, expected a name of its own for each hazard"
             yield ("hazard", h, "name"), message
     task, arms = scenario.task, list(scenario.arms)
-    tasks: list[tuple[Key, Arms]] = [(("task", "arms"), task.arms)]
+    tasks: dict[Key, Arms] = {("task", "arms"): task.arms}
     if isinstance(task, Levels):
-        tasks = [(("task", "level", k, "arms"), level.arms) for k, level in enumerate(task.level)]
-    for key, named in tasks:
+        tasks = {("task", "level", k, "arms"): level.arms for k, level in enumerate(task.level)}
+    for key, named in tasks.items():
         for arm in named:
             if arm not in arms:
                 yield key, f"arm {arm!r} is not in this session: expected some of {arms}"
@@ -172,7 +155,7 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
             yield ("hazard", h, "when"), f"got {entry.when[0]:g}, but the session ends after {last}"
     try:
         groups, written = _groups(scenario, scenario.seed)
-        config = _config(scenario, scenario.seed, groups or [{"name": "none"}], _UNBOUNDED_S)
+        config = _config(scenario, scenario.seed, groups, _UNBOUNDED_S)
     except expansion.WrongGroup as error:
         yield ("hazard", *error.key), error.message
         return
@@ -267,15 +250,13 @@ def _config(
             },
             "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
             "parameters": _CLUTCHED | parameters,
-            "group": groups,
+            "group": groups or [{"name": "none"}],
         }
     )
 
 
 def _slots(row: _Row) -> list[_Row]:
-    slots = [
-        {name: row.get(f"fault{number}_{name}") for name in _SLOT_COLUMNS} for number in range(8)
-    ]
+    slots = ({name: row.get(f"fault{k}_{name}") for name in FIELDS} for k in range(MOST_FAULTS))
     return [slot for slot in slots if slot["site"]]
 
 
@@ -285,17 +266,16 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
     for slot in slots:
-        value, duration = float(slot["value"]), int(slot["duration_ms"])
-        fault = {name: slot[name] for name in ("site", "channel", "effect", "trigger")}
-        fault |= {name: int(slot[name]) for name in ("start_ms", "every_ms", "period_ms")}
-        fault["start_ms"] -= first
-        fault["duration_ms"] = "end" if duration < 0 else duration
+        fault = {name: int(x) if name.endswith("_ms") else x for name, x in slot.items()}
+        # The values were checked when the fault table was made.
+        fault |= {"start_ms": fault["start_ms"] - first, "wraps": True}
+        if fault["duration_ms"] < 0:
+            fault["duration_ms"] = "end"
         if slot["trigger"] == "pedal":
             fault["trigger"] = "time"
-        # The values were checked when the fault table was made.
-        fault["wraps"] = True
-        if ROBOT.sites[slot["site"]].per_arm:
-            fault["arm"] = slot["arm"]
+        if not ROBOT.sites[slot["site"]].per_arm:
+            del fault["arm"]
+        value = float(fault.pop("value"))
         if not math.isnan(value):
             fault["value"] = int(value) if value.is_integer() else value
         faults.append(fault)
@@ -309,30 +289,30 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     identity, _, case = rest.partition("#")[0].partition("-")
     entry = entries[name]
     listed = None if entry.fault else library.find_hazard(identity)
-    title = entry.title or (listed.title if listed is not None else name)
-    if case and not entry.title:
+    title = name if listed is None else listed.title
+    if case:
         title += f" ({case.replace('_', ' ')})"
     slots = _slots(row)
-    lasts_ms = round(entry.within_s * 1000.0) + SETTLE_MS
     if entry.lasts_s is not None:
         lasts_ms = round(entry.lasts_s * 1000.0)
-    elif any(int(slot["duration_ms"]) < 0 or int(slot["every_ms"]) > 0 for slot in slots):
-        lasts_ms = max(lasts_ms, ENDLESS_MS)
     else:
-        ends = [int(slot["start_ms"]) + int(slot["duration_ms"]) for slot in slots]
-        lasts_ms = max(lasts_ms, *ends)
-    when = None if entry.when == INSTRUCTOR else entry.when
+        faults = pd.DataFrame(slots)
+        ends = faults.start_ms + faults.duration_ms
+        is_endless = (faults.duration_ms < 0) | (faults.every_ms > 0)
+        least_ms = round(entry.within_s * 1000.0) + SETTLE_MS
+        lasts_ms = max(least_ms, ENDLESS_MS if is_endless.any() else int(ends.max()))
+    when = entry.when
     return Armable(
         number=number,
         hazard=identity,
-        title=title,
+        title=entry.title or title,
         group=group,
         run_id=f"{int(row['run_id']):016x}",
         arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
         right_response=right_responses(entry, listed),
         within_s=entry.within_s,
         lasts_ms=lasts_ms,
-        when_ms=None if when is None else (when[0] * 1000.0, when[1] * 1000.0),
+        when_ms=None if when == INSTRUCTOR else (when[0] * 1000.0, when[1] * 1000.0),
         layer="" if listed is None else library.library_layers()[listed.layer],
     )
 

@@ -31,7 +31,13 @@ Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 
 INSTRUCTOR = "instructor"
 """`when` of a hazard that becomes active on the instructor's command."""
+MOST_FAULTS = 8
+"""The largest number of faults of a hazard."""
 _Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
+_Duration = Annotated[float, Field(gt=0.0, le=3600.0)]
+_Amount = Annotated[float, Field(ge=0.0, le=1e6)]
+_Seed = Annotated[int, Field(ge=0, lt=2**31)]
+_Count = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Speeds(Section):
@@ -52,13 +58,13 @@ class Cue(Section):
     """whether the operator feels the force"""
     blinded: bool = False
     """hide hazards, cue and score from the operator"""
-    threshold_mm: float = Field(PUBLISHED_CUE_MM, ge=0.0, le=1e6)
+    threshold_mm: _Amount = PUBLISHED_CUE_MM
     """distance from the model above which the cue pulls, mm"""
-    kp_per_mm: float = Field(0.0045, ge=0.0, le=1e6)
+    kp_per_mm: _Amount = 0.0045
     """spring constant, device units per mm"""
-    kd_per_mm_s: float = Field(0.00009, ge=0.0, le=1e6)
+    kd_per_mm_s: _Amount = 0.00009
     """damping constant, device units per mm/s"""
-    cap: float = Field(0.05, ge=0.0, le=1e6)
+    cap: _Amount = 0.05
     """largest force, device units"""
 
 
@@ -89,7 +95,7 @@ class Harm(Section):
 class _Task(Section):
     tolerance_mm: float = Field(2.0, gt=0.0, le=100.0)
     """distance at which a goal counts as reached, mm"""
-    seed: int = Field(0, ge=0, lt=2**31)
+    seed: _Seed = 0
     """seed of the task, in addition to the session's seed"""
     arms: Arms = Field((), max_length=2)
     """arms that do the task, in turn; default: all arms"""
@@ -99,7 +105,7 @@ class Reach(_Task):
     """[task] kind = "reach": one target after another, each to be held for a moment."""
 
     kind: Literal["reach"]
-    targets: int = Field(12, ge=1, le=1000)
+    targets: _Count = 12
     """number of targets"""
     extent_mm: float = Field(12.0, gt=0.0, le=20.0)
     """largest distance of targets from the middle, mm"""
@@ -125,7 +131,7 @@ class Level(Reach):
     """skill that the operator learns, as the page shows it"""
     targets: int = Field(6, ge=2, le=100)
     """number of targets of a round, the same in each round"""
-    within_s: float = Field(gt=0.0, le=3600.0)
+    within_s: _Duration
     """time for a proficient round, from its first target to its last, s"""
 
 
@@ -147,7 +153,7 @@ class PegTransfer(_Task):
     """[task] kind = "peg_transfer": carry the object from one peg to another."""
 
     kind: Literal["peg_transfer"]
-    transfers: int = Field(6, ge=1, le=1000)
+    transfers: _Count = 6
     """number of transfers"""
     pegs: Literal[2, 4, 6, 8] = 6
     """number of pegs, in two rows"""
@@ -167,7 +173,7 @@ class Path(_Task):
     """half of the path's width, mm"""
     height_mm: float = Field(6.0, ge=-10.0, le=30.0)
     """height above the tissue, mm"""
-    laps: int = Field(3, ge=1, le=1000)
+    laps: _Count = 3
     """number of laps"""
 
 
@@ -223,7 +229,7 @@ class Entry(Section):
     ] = ()
     """ids and layers of the hazard library, or "all"
     """
-    fault: tuple[Fault, ...] = Field((), max_length=8)
+    fault: tuple[Fault, ...] = Field((), max_length=MOST_FAULTS)
     """faults in place of `hazards`, as in [[group.fault]]"""
     arm: ArmName | None = None
     """arm of the hazard; default: drawn from the session's arms"""
@@ -304,9 +310,9 @@ class Scenario(Section):
     """arms, gold first"""
     software: Literal["raven2", "fork2015"] = "raven2"
     """raven2, or its fork of 2015"""
-    duration_s: float = Field(120.0, gt=0.0, le=3600.0)
+    duration_s: _Duration = 120.0
     """length of the session from the first pedal-down, s"""
-    seed: int = Field(0, ge=0, lt=2**31)
+    seed: _Seed = 0
     """seed of a session that is not given one"""
     scale: float = Field(0.1, gt=0.0, le=1.0)
     """teleoperation scale: tip motion per hand motion"""

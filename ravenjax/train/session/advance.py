@@ -68,12 +68,11 @@ class Director:
         self.at_work = -1
         """Number of the hazard that is armed or active; -1: none."""
         rng = np.random.default_rng([seed, 3])
-        planned = [
+        self.plan = sorted(
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
             for hazard in self.hazards
             if hazard.when_ms is not None
-        ]
-        self.plan: list[tuple[float, int]] = sorted(planned)
+        )
         """(ms, number) of planned hazards still to come, in order."""
         self._pending = -1  # the instructor's next hazard
         self._ordered = False  # whether at_work has been armed
@@ -111,8 +110,7 @@ class Director:
             hazard = self.hazards[self.at_work]
             cleared = self._up >= CLEARED_MS and "release" in hazard.right_response
             if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
-                self.at_work, self._ordered, self._stop = -1, False, False
-                self._free_from = tick + GAP_MS
+                self.reset(tick)
                 return [("disarm", hazard.number)]
             return []
         self._stop = False
@@ -134,16 +132,8 @@ class Director:
         self._down, self._free_from = 0, tick + GAP_MS
 
 
-_TOLD = (
-    ("phase", "phase"),
-    ("view", "view"),
-    ("console", "alive"),
-    ("pedal", "down"),
-    ("runlevel", "runlevel"),
-)
-"""Kind of event for each state whose changes are reported, and the key of the new value."""
-_STANDS = {PAUSED: "paused", STOPPED: "stopped", LOST: "lost"}
-"""Phases in which no pedal counts as down, with the key in `REASONS`."""
+_TOLD = {"console": "alive", "pedal": "down"}
+"""Key of the new value in an event of this kind. Other kinds of state are also their own key."""
 _OF_TWO_PRESSES = {REAL: "rehearse", VIRTUAL: "reengage", REPLAY: "discard"}
 """Operator's command of two short presses of a network console's pedal, by view."""
 MOST_COMMANDS = 1_000_000
@@ -174,11 +164,9 @@ class Session:
         driven, which has the methods of `SimulatedRobot`.
         """
         self.scenario, self.seed = chosen, seed
-        if ready is None:
-            ready = make_blueprint(
-                scenario.session_campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
-            )
-        self.blueprint = ready
+        self.blueprint = ready or make_blueprint(
+            scenario.session_campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
+        )
         self.layout = self.blueprint.layout
         self.arms = self.layout.arms
         self.hazards = scenario.armable_hazards(chosen, self.blueprint.plan.rows)
@@ -208,21 +196,19 @@ class Session:
         self._tried = (0, 0)
         self._trial_checks, self._trial_trips = Trips(), 0.0
         self._pedal, self._alive = 0.0, False
-        self._told: tuple[Any, ...] = (None,) * len(_TOLD)
+        self._told: Json = {}
         places = self.layout.places
         # Of each arm: hand, hand_quat and grasp, as in a row of motion. Then the channels of the
         # virtual robot, and those that are copied to them.
-        self._hand_places = [
-            slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms
+        self._hand_places = np.r_[
+            *(slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms)
         ]
-        self._shown_places = [
-            (places[f"{arm}/virtual_{to}"], places[f"{arm}/{source}"])
-            for arm in self.arms
-            for to, source in (("jpos", "link_jpos"), ("tip", "tip"))
-        ]
+        self._virtual_places, self._shown_places = (
+            np.r_[*(places[f"{arm}/{name}"] for arm in self.arms for name in names)]
+            for names in (("virtual_jpos", "virtual_tip"), ("link_jpos", "tip"))
+        )
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
-        self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
-        self._soft_estopped = places["soft_estopped"].start
+        self._trips = places["trips"].start
         self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
         self._moved = False  # whether the robots moved in this tick
@@ -285,13 +271,18 @@ class Session:
                 encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
             ]
         self.frame.settle()
-        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
-        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
-        if state != self._told:
-            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
-                if value != before:
-                    self._tell(kind, **{word: value})
-            self._told = state
+        state: Json = {
+            "phase": PHASES[self.phase],
+            "view": VIEWS[self.view],
+            "console": self._alive,
+            "pedal": self._pedal != 0.0,
+        }
+        if self.robot.heard:
+            state["runlevel"] = int(self.frame.number("runlevel"))
+        for kind, value in state.items():
+            if value != self._told.get(kind):
+                self._tell(kind, **{_TOLD.get(kind, kind): value})
+        self._told |= state
         if self._moved:
             self._follow()
         for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
@@ -307,9 +298,9 @@ class Session:
         why = self.arbiter.why_not(console, self.ticks)
         if not self.arbiter.holds(console):
             return why
-        if self.phase in _STANDS:
-            return REASONS[_STANDS[self.phase]]
-        return why or (REASONS["homing"] if self.frame.numbers[self._runlevel] == INIT else "")
+        if self.phase in (PAUSED, STOPPED, LOST):
+            return REASONS[PHASES[self.phase]]
+        return why or (REASONS["homing"] if self.frame.number("runlevel") == INIT else "")
 
     # --- commands ---
 
@@ -370,7 +361,7 @@ class Session:
             self.director.command(command)
         elif do == "start" and self.phase != OVER:
             self._start("instructor")
-        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED, LOST):
+        elif do == "pause" and self.phase not in (PAUSED, OVER):
             self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
@@ -482,10 +473,8 @@ class Session:
             row[: self.robot.row.size] = self.robot.row
             self._estop_hold.apply(row)
             view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
-            for i, place in enumerate(self._hand_places):
-                row[place] = hand.columns[8 * i : 8 * i + 8]
-            for place, source in self._shown_places:
-                row[place] = view_row[source]
+            row[self._hand_places] = hand.columns[:-1]
+            row[self._virtual_places] = view_row[self._shown_places]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         left_ms = 0 if self.over else self.left_ms
         row[self._common] = (
@@ -509,12 +498,12 @@ class Session:
         due = self.ticks - self._looked >= OUTCOMES_EVERY
         checked = self._checked() if due else ()
         self.judge.step(self.ticks, frame, *checked)
-        runlevel = frame.numbers[self._runlevel]
+        runlevel = frame.number("runlevel")
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self._start("pedal")
             self.phase = RUNNING
         elif self.phase in (READY, RUNNING) and (
-            runlevel == E_STOP or frame.numbers[self._soft_estopped]
+            runlevel == E_STOP or frame.number("soft_estopped")
         ):
             self.phase = STOPPED
         if self.started is not None and self.left_ms <= 1:

@@ -20,7 +20,7 @@ from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
-STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+STILL = (0.0,) * 7
 """Speeds of a hand at rest: move 3, turn 3, grasp."""
 LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 """The identity rotation."""
@@ -104,7 +104,7 @@ class _Hand:
         self._move = speeds.move_mm_s  # um of the tip per ms
         self._turn = speeds.turn_rad_s * 1e-3
         self._grasp_step = speeds.grasp_mrad_s * 1e-3
-        self._x = [0.0, 0.0, 0.0]  # um after scaling
+        self._x = [0.0] * 3  # um after scaling
         self._quat = LEVEL
         self._grasped = 0.0
         self._aim: tuple[float, ...] = STILL

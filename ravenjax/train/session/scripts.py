@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from ravenjax.errors import UserError
@@ -17,7 +18,6 @@ from ravenjax.train.protocol import (
     Frame,
     Increments,
     Input,
-    Point,
     closing_point,
     to_world,
     view_from_world,
@@ -107,15 +107,14 @@ class Follower:
         wish = self._task.wish(arm, tip)
         if wish is None:
             return {}
-        way: Point = (wish.point[0] - tip[0], wish.point[1] - tip[1], wish.point[2] - tip[2])
-        right, up, toward = view_from_world(way)
+        way = view_from_world(np.subtract(wish.point, tip).tolist())
         gain = slow * self._gain
         opening = row[5] + row[6]
         # rad, well past the opening at which the pegs' jaws grip or release.
         aim = 0.6 if wish.closed else 1.4
         grasp = min(max((opening - aim) * GRASP_PER_RAD, -1.0), 1.0)
         return {
-            "move": [gain * right, gain * up, gain * toward],
+            "move": [gain * x for x in way],
             "grasp": grasp if abs(opening - aim) > 0.02 else 0.0,
         }
 

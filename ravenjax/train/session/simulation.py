@@ -52,15 +52,16 @@ class Blueprint:
     code: StepCode
     # Varied parameters and faults at the start: no fault.
     inputs: Any
-    # Slots of a row; the button's slot follows them.
-    fault_slots: int
-    # Whether packets come from an outside console, not from the motion.
-    packets: bool
 
     @property
     def setup(self) -> RavenSetup:
         """The settings that select code."""
         return self.plan.program.setup
+
+    @property
+    def fault_slots(self) -> int:
+        """Slots of a row; the button's slot follows them."""
+        return self.setup.injection.slots - 1
 
 
 def make_blueprint(
@@ -73,8 +74,10 @@ def make_blueprint(
     the random numbers of faults depend.
     """
     ready = plan.make_plan(config)
-    slots = ready.program.setup.injection.slots
-    for use in ready.program.setup.injection.sites if packets else ():
+    program = ready.program
+    injection = program.setup.injection
+    slots = injection.slots + 1
+    for use in injection.sites if packets else ():
         for _, channel in use.channels:
             if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
                 raise UserError(
@@ -82,19 +85,17 @@ def make_blueprint(
                     " side of the network, which is another process here. Leave it out of the"
                     " robot's scenario, or train without --robot"
                 )
-    setup = replace(
-        ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1)
-    )
-    params = ready.program.params
-    params = replace(params, monitor=replace(params.monitor, limit=limit_mm / 1e3))
-    program = dataclasses.replace(ready.program, setup=setup, params=params)
+    setup = replace(program.setup, injection=replace(injection, slots=slots))
+    monitored = replace(program.params.monitor, limit=limit_mm / 1e3)
+    params = replace(program.params, monitor=monitored)
+    program = dataclasses.replace(program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
     # Values of the last row, the button's: they belong to no hazard.
     values_of_button = [values[-1] for values in ready.varied.values()]
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
     empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
-    inputs = values_of_button, Faults((empty,) * (slots + 1))
+    inputs = values_of_button, Faults((empty,) * slots)
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
@@ -127,7 +128,7 @@ def make_blueprint(
     code = StepCode(
         begin, step, finish, inputs, entering, tables, compile_cache.object_cache(), key
     )
-    return Blueprint(ready, layout, code, inputs, slots, packets)
+    return Blueprint(ready, layout, code, inputs)
 
 
 def _frame(
