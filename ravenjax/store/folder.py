@@ -19,7 +19,7 @@ from ravenjax import threads
 from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import require_writable
+from ravenjax.store.files import disk_errors, require_writable
 from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:
@@ -238,18 +238,12 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
     A part that was renamed but not yet recorded when the power failed is complete as well.
     """
-    try:
-        if recorded is None:
-            return parts.inspect_part(file, config_hash)
-        parts.verify_part(file, config_hash, recorded)
-        return recorded
-    except StoreError as error:
-        return error
-    # An error of the disk, not of the file's content.
-    except OSError as error:
-        raise StoreError(
-            f"{file}: cannot be read ({error.strerror or error}). Nothing was changed."
-        ) from error
+    # An error of the disk, not of the file's content, is raised.
+    with disk_errors(f"{file}: cannot be read", ". Nothing was changed."):
+        try:
+            return parts.whole_part(file, config_hash, recorded)
+        except StoreError as error:
+            return error
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
@@ -262,13 +256,9 @@ def set_aside(path: Path, name: str, why: str) -> str:
     while target.exists():
         number += 1
         target = place / f"{name}.{number}"
-    try:
+    with disk_errors(f"{target}: cannot be written", f". {why}"):
         place.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
-    except OSError as error:
-        raise StoreError(
-            f"{target}: cannot be written ({error.strerror or error}). {why}"
-        ) from error
     return f"set aside as {target}, to be computed again: {why}"
 
 

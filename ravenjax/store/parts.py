@@ -167,9 +167,7 @@ def read_part(
     Raises StoreError if the file is truncated or changed, has a newer schema, or belongs to another
     campaign.
     """
-    if recorded is not None and path.is_file():
-        _require_unchanged(path, recorded)
-    with _opened(path, config_hash) as file:
+    with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
     first, last = row_range(path)
     if table.num_rows != last - first + 1:
@@ -177,23 +175,40 @@ def read_part(
     return table
 
 
-def verify_part(path: Path, config_hash: str, recorded: Part) -> None:
-    """Check that a part is byte for byte what was recorded, and belongs to this campaign.
+def whole_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
+    """Return the record of a part that belongs to this campaign.
 
+    recorded: what the part must be, byte for byte; None: not known, the part is read in full.
     Raises StoreError as `read_part`.
     """
-    if path.is_file():
-        _require_unchanged(path, recorded)
-    with _opened(path, config_hash):
-        pass
+    if recorded is None:
+        digest, size = hash_file(path), path.stat().st_size
+        failed = count_failures(read_part(path, config_hash))
+        first, last = row_range(path)
+        return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
+    with _opened(path, config_hash, recorded):
+        return recorded
 
 
 @contextlib.contextmanager
-def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
-    """Open a part, and check in its footer that it belongs to this campaign.
+def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Iterator[pq.ParquetFile]:
+    """Open a part, and check that it is what was recorded and, in its footer, that it belongs to
+    this campaign.
 
     Errors while it is read become StoreError.
     """
+    if recorded is not None and path.is_file():
+        if (size := path.stat().st_size) != recorded.size:
+            raise _damaged(
+                path,
+                f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
+                " changed",
+            )
+        if hash_file(path) != recorded.sha256:
+            digest = recorded.sha256[:16]
+            raise _damaged(
+                path, f"does not have the recorded checksum {digest}: its content was changed"
+            )
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             metadata = file.schema_arrow.metadata or {}
@@ -225,14 +240,6 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
         raise _damaged(
             path, f"is not a readable Parquet file ({size} bytes): {first_line(error)}"
         ) from error
-
-
-def inspect_part(path: Path, config_hash: str | None) -> Part:
-    """Return the record of a part found on disk, after reading it in full."""
-    digest, size = hash_file(path), path.stat().st_size
-    failed = count_failures(read_part(path, config_hash))
-    first, last = row_range(path)
-    return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
 
 
 def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
@@ -295,21 +302,6 @@ def row_range(path: Path) -> tuple[int, int]:
             f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)"
         )
     return int(match[1]), int(match[2])
-
-
-def _require_unchanged(path: Path, recorded: Part) -> None:
-    size = path.stat().st_size
-    if size != recorded.size:
-        raise _damaged(
-            path,
-            f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
-            " changed",
-        )
-    if hash_file(path) != recorded.sha256:
-        raise _damaged(
-            path,
-            f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed",
-        )
 
 
 def require_version(path: Path, version: int) -> None:

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import parse_json
+from ravenjax.store.files import EXPECTED_FOLDER, disk_errors, parse_json
 
 FILE = ".lock"
 _TAKEN = (errno.EWOULDBLOCK, errno.EACCES)
@@ -30,13 +30,8 @@ def hold_lock(folder: Path) -> Iterator[None]:
     Raises StoreError that names the holder if another process has the lock.
     """
     path = folder / FILE
-    try:
+    with disk_errors(f"{path}: cannot be written", EXPECTED_FOLDER):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
-    except OSError as error:
-        raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Expected a folder that this"
-            " user may create files in; name another one with --out. No run was started."
-        ) from error
     with open(descriptor, "r+", encoding="utf-8") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

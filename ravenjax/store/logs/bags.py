@@ -192,13 +192,9 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
         with open_bag(recording) as reader:
             if not reader.is2 or not reader.message_count:
                 raise UserError(f"{recording}: holds no messages of ROS 2")
-            try:
+            with files.disk_errors(f"{target}: cannot be written"):
                 target.parent.mkdir(parents=True, exist_ok=True)
                 return _write(reader, ros, target)
-            except OSError as error:
-                raise StoreError(
-                    f"{target}: cannot be written ({error.strerror or error})"
-                ) from error
     except BaseException as error:
         # Delete the incomplete bag.
         if target.is_dir():

@@ -26,7 +26,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import disk_errors, write_aside
 
 _HEAD, _FOOTER = 9, 29
 """Bytes of a record's opcode and length, and of a whole footer."""
@@ -66,18 +66,13 @@ class Scan:
 
 def scan_records(path: Path) -> Scan:
     """Scan a file, even a truncated one. Raises StoreError if it is unreadable or no MCAP file."""
-    try:
-        with open(path, "rb") as file:
-            begins = file.read(len(MCAP0_MAGIC))
-            if begins == MCAP0_MAGIC:
-                data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if begins != MCAP0_MAGIC:
-        raise StoreError(
-            f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole"
-            " or cut"
-        )
+    with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise StoreError(
+                f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one,"
+                " whole or cut"
+            )
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
     foot = end - len(MCAP0_MAGIC) - _FOOTER
     scanned.complete = (

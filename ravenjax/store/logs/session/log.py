@@ -36,6 +36,7 @@ from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
+from ravenjax.store.files import disk_errors
 from ravenjax.store.logs import mcap_records, topics
 from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, METADATA, SIGNALS, Base, Topic
 
@@ -65,12 +66,8 @@ class SessionWriter:
         Raises StoreError if the file cannot be created.
         """
         self.path = path
-        try:
+        with disk_errors(f"{path}: the recording cannot be written"):
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
-        except OSError as error:
-            raise StoreError(
-                f"{path}: the recording cannot be written ({error.strerror or error})"
-            ) from error
         self._start_ns = _start_ns(header)
         self._places: dict[str, list[int]] = {}
         for place, name in enumerate(names):
@@ -105,13 +102,9 @@ class SessionWriter:
         stamp = self._start_ns + max(0, self._next - 1) * TICK_NS
         for event in events:
             self._log.add_event(event, event_text(event), event_level(event), stamp)
-        try:
+        recorded = f"; the first {max(0, first)} ms of the session are recorded"
+        with disk_errors(f"{self.path}: cannot be written", recorded):
             self._log.flush()
-        except OSError as error:
-            raise StoreError(
-                f"{self.path}: cannot be written ({error.strerror or error}); "
-                f"the first {max(0, first)} ms of the session are recorded"
-            ) from error
 
     def close(self) -> None:
         """Write the index, so that the seeking readers of other tools can open the file.
