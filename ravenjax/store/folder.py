@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pyarrow as pa
 
@@ -71,7 +71,14 @@ class ResultFolder:
         record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
             record = manifests.read_manifest(path)
-            _require_same(path, record, wanted)
+            if differences := record.differences(wanted):
+                raise StoreError(
+                    f"{path}: holds {record.done} of {record.runs} runs of campaign"
+                    f" {record.campaign!r}, which differs from the campaign you are starting:\n"
+                    f"{list_lines(differences)}\nNothing was changed. To keep these results, choose"
+                    " another --out. To replace them, delete the folder first: rm -r"
+                    f" {path}"
+                )
             record = record.model_copy(
                 update={
                     "command": wanted.command,
@@ -108,10 +115,15 @@ class ResultFolder:
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
         # The campaign is not finished if a part was lost, or if more rows are wanted now.
-        if any(True for _ in folder.missing(record.runs)):
+        if not folder.complete:
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write_manifest(path, folder.manifest)
         return folder
+
+    @property
+    def complete(self) -> bool:
+        """Whether no row is missing."""
+        return next(self.missing(self._manifest.runs), None) is None
 
     def missing(self, chunk: int) -> Iterator[range]:
         """Yield the row ranges still to compute, cut at the multiples of `chunk`."""
@@ -133,17 +145,13 @@ class ResultFolder:
 
         Records the finish time once no row is missing.
         """
+        told: dict[str, Any] = {"notices": tuple(dict.fromkeys((*self._manifest.notices, *notes)))}
         if rows:
             rate = rows / run_s if run_s else None
-            self._manifest = self._manifest.model_copy(
-                update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
-            )
-        told = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
-        self._manifest = self._manifest.model_copy(update={"notices": told})
-        if self._manifest.finished is None and not any(
-            True for _ in self.missing(self._manifest.runs)
-        ):
-            self._manifest = self._manifest.model_copy(update={"finished": manifests.utc_now()})
+            told |= {"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
+        if self._manifest.finished is None and self.complete:
+            told["finished"] = manifests.utc_now()
+        self._manifest = self._manifest.model_copy(update=told)
         manifests.write_manifest(self.path, self.manifest)
 
 
@@ -260,14 +268,3 @@ def set_aside(path: Path, name: str, why: str) -> str:
         place.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
     return f"set aside as {target}, to be computed again: {why}"
-
-
-def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
-    differences = kept.differences(wanted)
-    if differences:
-        raise StoreError(
-            f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
-            " differs from the campaign you are starting:\n"
-            f"{list_lines(differences)}\nNothing was changed. To keep these results, choose another"
-            f" --out. To replace them, delete the folder first: rm -r {path}"
-        )

@@ -152,19 +152,13 @@ class Manifest(BaseModel):
 
         Parts without a count are left out.
         """
-        causes: Counter[str] = Counter()
-        for part in self.parts:
-            causes.update(part.failed or {})
-        return dict(causes)
+        return dict(sum((Counter(part.failed) for part in self.parts), Counter()))
 
     @property
     def wanted(self) -> tuple[range, ...]:
         """The rows that this folder should hold, as ranges in order."""
-        return (
-            (range(self.runs),)
-            if self.rows is None
-            else tuple(range(a, b + 1) for a, b in self.rows)
-        )
+        pairs = ((0, self.runs - 1),) if self.rows is None else self.rows
+        return tuple(range(first, last + 1) for first, last in pairs)
 
     @property
     def due(self) -> int:

@@ -19,12 +19,14 @@ drawn without replacement. Its intervals are therefore wider than necessary.
 import dataclasses
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
+from ravenjax.bundled import resources
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds, rates_with_intervals
 
 Of = Literal["groups", "whole"]
@@ -133,7 +135,7 @@ class Sequential:
 
         `taken`: draws of each stratum; must be registered sizes.
         """
-        sizes = self.sizes()
+        names = [stratum.name for stratum in self.strata]
         intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n, taken)
         wide = [
             one
@@ -146,17 +148,15 @@ class Sequential:
         return Look(
             number=number,
             looks=len(self.shares),
-            taken={
-                stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)
-            },
-            held={stratum.name: stratum.size for stratum in self.strata},
+            taken=dict(zip(names, taken.tolist(), strict=True)),
+            held=dict(zip(names, self.size.tolist(), strict=True)),
             intervals=tuple(intervals),
             widest=widest,
             waiting=waiting,
             stop=stop,
             half_width=self.half_width,
             each=self.each,
-            even=bool((taken == sizes).all(axis=1).any()),
+            even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
     def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -233,30 +233,7 @@ class Sequential:
 
 def describe_stop(looks: Sequence[Look]) -> str:
     """Return a sentence on why a campaign stopped, or that it has not. `looks`: in order."""
-    if not looks:
-        return "No look at the stop rule yet."
-    last = looks[-1]
-    where, target = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
-    if not last.stop:
-        return (
-            f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for"
-            f" {target}."
-        )
-    uneven = (
-        ""
-        if last.even
-        else " Groups were computed to different shares: weigh them for a rate over several."
-    )
-    if not last.waiting:
-        wide = any(one.half_width > last.half_width for one in last.intervals)
-        whole = ", or its group computed whole" if wide else ""
-        return f"Stopped at {where}: every rate is known within {target}{whole}.{uneven}"
-    names = ", ".join(name or "the whole table" for name in last.waiting[:4])
-    more = f" and {len(last.waiting) - 4} more" if len(last.waiting) > 4 else ""
-    return (
-        f"Stopped at {where}, the last that was planned: not every rate is known within {target}, "
-        f"the widest within +-{last.widest:.2g} ({names}{more}).{uneven}"
-    )
+    return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
 
 
 def stratified_rate(

@@ -173,26 +173,25 @@ def _replay(
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
     _require_moving(recording, begin, end, rows[pedal > 0])
-    hand, quat, grasp = [], [], []
     poses = recording.poses
-    for i, arm in enumerate(arms):
-        position, turn = _itp(
+    hands = [
+        _itp(
             arm,
             resampling.at_rows(poses.position[:, i], rows),
             resampling.at_rows(poses.quat[:, i], rows),
             scale,
         )
-        hand.append(position)
-        quat.append(turn)
-        opening = resampling.at_rows(poses.opening_mrad[:, i], rows)
-        # The console's grasp is positive when it closes.
-        grasp.append(opening[0] - opening)
+        for i, arm in enumerate(arms)
+    ]
+    position, quat = (np.stack(part, axis=1) for part in zip(*hands, strict=True))
+    opening = resampling.at_rows(poses.opening_mrad, rows)
     motion = Motion(
         name=path.stem,
         arms=arms,
-        position_um=np.stack(hand, axis=1),
-        quat=np.stack(quat, axis=1),
-        grasp_mrad=np.stack(grasp, axis=1),
+        position_um=position,
+        quat=quat,
+        # The console's grasp is positive when it closes.
+        grasp_mrad=opening[0] - opening,
         surgeon_mode=pedal,
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )
