@@ -374,13 +374,14 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     """Return the leaves of nested tables by dotted path. Lists of other things are leaves."""
-    flat: dict[str, str] = {}
-    if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
-        for number, entry in enumerate(tree):
-            flat |= _flat(entry, f"{prefix}[{number}]")
-        return flat
-    if not isinstance(tree, dict):
+    if isinstance(tree, dict):
+        branches = {f"{prefix}.{key}" if prefix else str(key): tree[key] for key in tree}
+    elif isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
+        branches = {f"{prefix}[{number}]": entry for number, entry in enumerate(tree)}
+    else:
         return {prefix: json.dumps(tree, sort_keys=True, default=str)}
-    for key, value in tree.items():
-        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
-    return flat
+    return {
+        path: leaf
+        for name, branch in branches.items()
+        for path, leaf in _flat(branch, name).items()
+    }

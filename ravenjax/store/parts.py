@@ -10,7 +10,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -103,7 +103,22 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
         {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
     )
     sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, **_encoding(table.schema))
+    # Measured to be faster and smaller than a dictionary for all columns: floating-point numbers
+    # and ids seldom repeat, words and integers do, and the row's index only counts up.
+    counting = [name for name in ("index", "pair") if name in table.column_names]
+    once = {"run_id", *counting}
+    pq.write_table(
+        table,
+        sink,
+        compression="zstd",
+        use_dictionary=[  # pyright: ignore[reportArgumentType]
+            column.name
+            for column in table.schema
+            if not pa.types.is_floating(column.type) and column.name not in once
+        ],
+        column_encoding=dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
+        write_page_checksum=True,
+    )
     content = sink.getvalue().to_pybytes()
     return Encoded(
         Part(
@@ -131,24 +146,6 @@ def count_failures(table: pa.Table) -> dict[str, int]:
     """Return how many rows of a result table have no valid outcome, by cause."""
     counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
-
-
-def _encoding(columns: pa.Schema) -> dict[str, Any]:
-    """Return Parquet options for the columns, measured to be faster and smaller than a dictionary
-    for all.
-
-    Floating-point numbers and ids seldom repeat, words and integers do, and the row's index only
-    counts up.
-    """
-    counting = [name for name in ("index", "pair") if name in columns.names]
-    once = ("run_id", *counting)
-    repeated = [c.name for c in columns if not pa.types.is_floating(c.type) and c.name not in once]
-    return {
-        "compression": "zstd",
-        "use_dictionary": repeated,
-        "column_encoding": dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
-        "write_page_checksum": True,
-    }
 
 
 def part_files(folder: Path) -> list[Path]:

@@ -18,7 +18,7 @@ drawn without replacement. Its intervals are therefore wider than necessary.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -136,7 +136,7 @@ class Sequential:
         `taken`: draws of each stratum; must be registered sizes.
         """
         names = [stratum.name for stratum in self.strata]
-        intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n, taken)
+        intervals = list(self._intervals(k, n, taken))
         wide = [
             one
             for one in intervals
@@ -203,32 +203,24 @@ class Sequential:
         )
         return bool((taken >= self.size)[of_it].all())
 
-    def _groups(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
+    def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
         there = np.flatnonzero(self.judged)
-        names = [self.strata[s].name for s in there]
-        return [
-            Interval(rate=rate, stratum=name, **found._asdict())
-            for r, rate in enumerate(self.rates)
-            for name, found in zip(
-                names, rates_with_intervals(k[r, there], n[there], self.each, "beta"), strict=True
-            )
-        ]
-
-    def _whole(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> list[Interval]:
-        there = np.flatnonzero(self.judged)
-        # A stratum without any valid draw leaves the rate of the whole table unknown.
-        known = bool((n[there] > 0).all())
-        # Draws that do not count, such as faults that never act, are no part of the table.
-        weight = self.size[there] * n[there] / taken[there]
-        rows = []
-        for r, rate in enumerate(self.rates):
-            found = Rate()
-            if known:
-                hits, runs = k[r, there], n[there]
+        names, runs = [self.strata[s].name for s in there], n[there]
+        for rate, hits in zip(self.rates, k[:, there], strict=True):
+            if self.of == "groups":
+                found = dict(
+                    zip(names, rates_with_intervals(hits, runs, self.each, "beta"), strict=True)
+                )
+            # A stratum without any valid draw leaves the rate of the whole table unknown.
+            elif not (runs > 0).all():
+                found = {"": Rate()}
+            else:
+                # Draws that do not count, such as faults that never act, are no part of the table.
+                weight = self.size[there] * runs / taken[there]
                 estimate = stratified_rate(hits, runs, weight, self.each)
-                found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
-            rows.append(Interval(rate=rate, stratum="", **found._asdict()))
-        return rows
+                found = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
+            for name, one in found.items():
+                yield Interval(rate=rate, stratum=name, **one._asdict())
 
 
 def describe_stop(looks: Sequence[Look]) -> str:
@@ -276,22 +268,16 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
     full = np.where(want > 0, high, low)
     if total > full.sum():
         return allocate_runs(total, np.ones(len(want)), full, high)
-    exact = np.clip(_level(total, want, low, high) * want, low, high)
+    # The level at which the clipped multiples of the spreads sum to the total.
+    bounds = np.stack([low, high])[:, want > 0] / want[want > 0]
+    corners = np.unique(np.append(0.0, bounds))
+    sums = np.clip(corners[:, None] * want, low, high).sum(axis=1)
+    exact = np.clip(np.interp(total, sums, corners) * want, low, high)
     runs = np.floor(exact).astype(np.int64)
     # Distribute by remainders, the largest first.
     largest = np.argsort(runs - exact, kind="stable")
     runs[largest[: total - int(runs.sum())]] += 1
     return runs
-
-
-def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the factor at which the clipped multiples of `spread` sum to `total`."""
-    used = spread > 0
-    corners = np.unique(
-        np.concatenate([[0.0], low[used] / spread[used], high[used] / spread[used]])
-    )
-    sums = np.clip(corners[:, None] * spread, low, high).sum(axis=1)
-    return float(np.interp(total, sums, corners))
 
 
 def wilson_runs(rate: np.ndarray, half_width: float, confidence: float) -> np.ndarray:

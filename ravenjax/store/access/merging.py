@@ -5,7 +5,6 @@ The manifest is written last. The target folder counts as one more shard, so the
 repeated after an interruption, or with further shards.
 """
 
-import contextlib
 import os
 import shutil
 from collections.abc import Sequence
@@ -166,9 +165,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
         return "kept"
 
     def fill(aside: Path) -> None:
-        with contextlib.suppress(FileNotFoundError):
-            # Left by an attempt that was interrupted.
-            aside.unlink()
         try:
             os.link(source.file, aside)
         # Another file system, or one without links.

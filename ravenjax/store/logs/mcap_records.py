@@ -113,14 +113,15 @@ def scan_records(path: Path) -> Scan:
         if data[place] in (Opcode.CHUNK, Opcode.MESSAGE):
             scanned.places.append(place)
         for record in records:
-            if isinstance(record, Header):
-                scanned.profile = record.profile
-            elif isinstance(record, Schema):
-                scanned.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                scanned.channels[record.id] = record
-            elif isinstance(record, Metadata):
-                scanned.metadata.append(record)
+            match record:
+                case Header():
+                    scanned.profile = record.profile
+                case Schema():
+                    scanned.schemas[record.id] = record
+                case Channel():
+                    scanned.channels[record.id] = record
+                case Metadata():
+                    scanned.metadata.append(record)
         place = end if isinstance(record, Footer) else after
     return scanned
 

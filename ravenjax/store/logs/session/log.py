@@ -194,22 +194,24 @@ def _start_ns(header: Mapping[str, Any]) -> int:
 
 
 @cache
-def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
+def _event_kinds() -> dict[str, Any]:
     """Return the sentence of each kind of event, and the severity of those that are not mere
     information.
 
     The kinds are those of `ravenjax.train.protocol`.
     """
-    kinds = resources.read_tables(__file__, "events.toml")
-    environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
-    texts = {kind: environment.from_string(entry["text"]) for kind, entry in kinds.items()}
-    return texts, {kind: entry["level"] for kind, entry in kinds.items() if "level" in entry}
+    return resources.read_tables(__file__, "events.toml")
+
+
+@cache
+def _sentence(kind: str) -> jinja2.Template:
+    return jinja2.Template(_event_kinds()[kind]["text"], undefined=jinja2.StrictUndefined)
 
 
 def event_text(event: Mapping[str, Any]) -> str:
     """Return a sentence for an event; its keys and values if it is unknown or incomplete."""
     try:
-        return _event_texts()[0][event["kind"]].render(event, robot=ROBOT)
+        return _sentence(event["kind"]).render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):
         words = ", ".join(
             f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
@@ -219,4 +221,4 @@ def event_text(event: Mapping[str, Any]) -> str:
 
 def event_level(event: Mapping[str, Any]) -> str:
     """Return the severity of an event, one of `topics.LEVELS`."""
-    return _event_texts()[1].get(event["kind"], "info")
+    return _event_kinds().get(event["kind"], {}).get("level", "info")
