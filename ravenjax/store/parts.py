@@ -54,10 +54,8 @@ class Part(BaseModel):
     last: int  # index of the last row, inclusive
     sha256: str  # hex digest of the file
     size: int  # bytes
-    failed: dict[str, int] | None = (
-        # Number of runs without a valid outcome, by cause; None: not counted.
-        None
-    )
+    # Number of runs without a valid outcome, by cause; None: not counted.
+    failed: dict[str, int] | None = None
 
     @property
     def rows(self) -> range:

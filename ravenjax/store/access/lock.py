@@ -11,13 +11,13 @@ import fcntl
 import os
 import socket
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
 from ravenjax.errors import StoreError
 from ravenjax.store.files import EXPECTED_FOLDER, disk_errors
+from ravenjax.store.manifest import utc_now
 
 FILE = ".lock"
 _TAKEN = (errno.EWOULDBLOCK, errno.EACCES)
@@ -55,8 +55,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
             if holder is not None and _may_run(holder):
                 hint = f" This file system has no locks: if that process has ended, delete {path}."
                 raise _refusal(folder, holder, hint) from None
-        since = datetime.now(UTC).isoformat(timespec="seconds")
-        holder = Holder(pid=os.getpid(), host=socket.gethostname(), since=since)
+        holder = Holder(pid=os.getpid(), host=socket.gethostname(), since=utc_now())
         # A full disk is no reason to refuse, because the lock works without the file's content.
         with contextlib.suppress(OSError):
             _put(file, holder.model_dump_json())

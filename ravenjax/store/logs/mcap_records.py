@@ -93,11 +93,7 @@ def scan_records(path: Path) -> Scan:
             records = [record]
             if isinstance(record, Chunk):
                 records = [
-                    next(
-                        StreamReader(
-                            io.BytesIO(content[begin - _HEAD : last]), skip_magic=True
-                        ).records
-                    )
+                    _parse(content[begin - _HEAD : last])
                     for opcode, content, begin, last in _split(record)
                     if opcode != Opcode.MESSAGE
                 ]
@@ -133,13 +129,16 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    content = io.BytesIO(data[place:end])
-    record = next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+    record = _parse(data[place:end])
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
         raise ValueError("the record does not have the length that it states")
     return record, end
+
+
+def _parse(content: bytes) -> McapRecord:
+    return next(StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records)
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:

@@ -46,15 +46,7 @@ STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
 _BLOCK_ROWS = 4096
 
-_STATES = ("jpos", "jpos_d", "link_jpos", "model_jpos")
-_TIPS = {
-    "position": ("position", "rotation", "jpos"),
-    "tip": ("tip", "tip_rotation", "link_jpos"),
-    "model_tip": ("model_position", "model_rotation", "model_jpos"),
-}
-"""For each channel: the series of its position and of its orientation as named in
-`topics.standard_topics`, and the joints at which the orientation is computed.
-"""
+_CHANNELS = resources.read_tables(__file__, "log.toml")
 
 
 class SessionWriter:
@@ -124,8 +116,8 @@ class SessionWriter:
                 for name, places in self._places.items()
                 if name.startswith(f"{arm}/")
             }
-            series |= {f"{arm}/{name}": own[name] for name in _STATES if name in own}
-            for name, (place, rotation, joints) in _TIPS.items():
+            series |= {f"{arm}/{name}": own[name] for name in _CHANNELS["states"] if name in own}
+            for name, (place, rotation, joints) in _CHANNELS["tips"].items():
                 if name in own and joints in own:
                     series[f"{arm}/{place}"] = own[name]
                     series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
@@ -164,6 +156,10 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
     columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
     numbers: list[int] = []
+
+    def kept(block: bytearray) -> np.ndarray:
+        return np.frombuffer(block, "<f4").reshape(-1, len(names))[:, columns]
+
     data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
     events: list[dict[str, Any]] = []
     for message in content.messages((SIGNALS, EVENTS)):
@@ -172,11 +168,11 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
             numbers.append(message.sequence)
             data += message.data[-width:]
             if len(data) == _BLOCK_ROWS * width:
-                blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
+                blocks.append(kept(data))
                 data = bytearray()
         elif channel is not None and channel.topic == EVENTS:
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
-    blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
+    blocks.append(kept(data))
     return SessionLog(
         header,
         names,
