@@ -31,20 +31,21 @@ def read_tables(module: str, name: str) -> dict[str, Any]:
 
 def render_rows(template: Path, **values: Any) -> list[tuple[str, str]]:
     """Return (name, text) of each line `name | text` that a template of Jinja gives."""
+    lines = (line.partition(" | ") for line in render_text(template, **values).splitlines())
+    return [(name, content) for name, bar, content in lines if bar]
+
+
+def render_text(template: Path, **values: Any) -> str:
+    """Return the text that a template of Jinja gives."""
     # Imported here because few processes describe anything.
     import jinja2
 
-    text = jinja2.Template(
+    return jinja2.Template(
         template.read_text(encoding="utf-8"),
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     ).render(values)
-    return [
-        (name, content)
-        for name, bar, content in (line.partition(" | ") for line in text.splitlines())
-        if bar
-    ]
 
 
 def find_model(name: str | Path) -> Path:

@@ -61,9 +61,7 @@ def rates_with_intervals(
     k and n are whole numbers of one shape [m] or a number each. Raises ValueError unless 0 <= k <=
     n and 0 < confidence < 1.
     """
-    hits, trials = (
-        np.atleast_1d(part) for part in np.broadcast_arrays(np.asarray(k, int), np.asarray(n, int))
-    )
+    hits, trials = np.broadcast_arrays(np.atleast_1d(k).astype(int), np.atleast_1d(n).astype(int))
     outside = np.flatnonzero((hits < 0) | (hits > trials))
     if len(outside):
         raise ValueError(
@@ -87,11 +85,9 @@ def rate_bounds(
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
     with np.errstate(all="ignore"):
-        low, high = proportion_confint(np.asarray(k), np.asarray(n), alpha, method)
-    none = np.asarray(n) == 0
-    low = np.where(none, np.nan, np.where(np.asarray(k) == 0, 0.0, low))
-    high = np.where(none, np.nan, np.where(np.asarray(k) == n, 1.0, high))
-    return low, high
+        low, high = proportion_confint(k, n, alpha, method)
+    low = np.where(n == 0, np.nan, np.where(k == 0, 0.0, low))
+    return low, np.where(n == 0, np.nan, np.where(k == n, 1.0, high))
 
 
 def alpha_of(confidence: float) -> float:

@@ -42,9 +42,10 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
         return UnitRate(Rate(total, among, value), count, np.nan)
     mean, root, weight = _posterior(hits, trials)
     low, high = (_quantile(mean, root, weight, q) for q in (0.025, 0.975))
-    if not 0 < total < among:  # the prior alone would decide how units differ
-        return UnitRate(Rate(total, among, value, low, high), count, np.nan)
-    deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
+    deviation = np.nan
+    # Else the prior alone would decide how units differ.
+    if 0 < total < among:
+        deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(total, among, value, low, high), count, deviation)
 
 

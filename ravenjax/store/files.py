@@ -8,7 +8,7 @@ import itertools
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,15 @@ from ravenjax.errors import StoreError, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+@contextlib.contextmanager
+def disk_errors(begin: str, end: str = "") -> Iterator[None]:
+    """Turn an OSError into a StoreError: `begin`, the disk's reason in brackets, `end`."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(f"{begin} ({error.strerror or error}){end}") from error
 
 
 def write_aside(path: Path, write: Callable[[Path], object]) -> None:
@@ -26,21 +35,27 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
     refuses.
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        # A link of that name would lead out of the folder.
-        temporary.unlink(missing_ok=True)
-        write(temporary)
-        with open(temporary, "rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        with contextlib.suppress(OSError):
+    kept = (
+        ". Nothing that was there before is lost; free space or make the folder writable, then"
+        " start the same command again."
+    )
+    with disk_errors(f"{path}: cannot be written", kept):
+        try:
+            # A link of that name would lead out of the folder.
             temporary.unlink(missing_ok=True)
-        raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Nothing that was there before"
-            " is lost; free space or make the folder writable, then start the same command again."
-        ) from error
+            write(temporary)
+            with open(temporary, "rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
+    # The name reaches the disk with the folder.
+    with contextlib.suppress(OSError), contextlib.ExitStack() as closing:
+        descriptor = os.open(path.parent, os.O_RDONLY)
+        closing.callback(os.close, descriptor)
+        os.fsync(descriptor)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -70,6 +85,21 @@ def parse_json(text: str) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("lists or tables are nested too deeply") from None
+
+
+def read_json(path: Path, missing: str, advice: str) -> Any:
+    """Return the content of a JSON file.
+
+    Raises StoreError: `missing` if there is no such file, a message that ends in `advice` if it is
+    damaged.
+    """
+    try:
+        with disk_errors(f"{path}: cannot be read"):
+            if not path.exists():
+                raise StoreError(missing)
+            return parse_json(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise StoreError(f"{path}: is not valid JSON ({error}){advice}") from error
 
 
 def json_values(value: Any) -> Any:
@@ -159,13 +189,10 @@ def read_table(
         ) from None
 
 
-def _sync_folder(folder: Path) -> None:
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+EXPECTED_FOLDER = (
+    ". Expected a folder that this user may create files in; name another one with --out. No run"
+    " was started."
+)
 
 
 def hash_file(path: Path) -> str:
@@ -180,14 +207,8 @@ def require_writable(folder: Path) -> None:
     Raises StoreError if it is not.
     """
     probe = folder / ".write-test"
-    try:
+    with disk_errors(f"{folder}: the output folder cannot be written to", EXPECTED_FOLDER):
         folder.mkdir(parents=True, exist_ok=True)
         probe.unlink(missing_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
-    except OSError as error:
-        raise StoreError(
-            f"{folder}: the output folder cannot be written to ({error.strerror or error})."
-            " Expected a folder that this user may create files in; name another one with --out."
-            " No run was started."
-        ) from error

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pyarrow as pa
 
@@ -19,7 +19,7 @@ from ravenjax import threads
 from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import require_writable
+from ravenjax.store.files import disk_errors, require_writable
 from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:
@@ -71,7 +71,14 @@ class ResultFolder:
         record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
             record = manifests.read_manifest(path)
-            _require_same(path, record, wanted)
+            if differences := record.differences(wanted):
+                raise StoreError(
+                    f"{path}: holds {record.done} of {record.runs} runs of campaign"
+                    f" {record.campaign!r}, which differs from the campaign you are starting:\n"
+                    f"{list_lines(differences)}\nNothing was changed. To keep these results, choose"
+                    " another --out. To replace them, delete the folder first: rm -r"
+                    f" {path}"
+                )
             record = record.model_copy(
                 update={
                     "command": wanted.command,
@@ -108,10 +115,15 @@ class ResultFolder:
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
         # The campaign is not finished if a part was lost, or if more rows are wanted now.
-        if any(True for _ in folder.missing(record.runs)):
+        if not folder.complete:
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write_manifest(path, folder.manifest)
         return folder
+
+    @property
+    def complete(self) -> bool:
+        """Whether no row is missing."""
+        return next(self.missing(self._manifest.runs), None) is None
 
     def missing(self, chunk: int) -> Iterator[range]:
         """Yield the row ranges still to compute, cut at the multiples of `chunk`."""
@@ -133,17 +145,13 @@ class ResultFolder:
 
         Records the finish time once no row is missing.
         """
+        told: dict[str, Any] = {"notices": tuple(dict.fromkeys((*self._manifest.notices, *notes)))}
         if rows:
             rate = rows / run_s if run_s else None
-            self._manifest = self._manifest.model_copy(
-                update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
-            )
-        told = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
-        self._manifest = self._manifest.model_copy(update={"notices": told})
-        if self._manifest.finished is None and not any(
-            True for _ in self.missing(self._manifest.runs)
-        ):
-            self._manifest = self._manifest.model_copy(update={"finished": manifests.utc_now()})
+            told |= {"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
+        if self._manifest.finished is None and self.complete:
+            told["finished"] = manifests.utc_now()
+        self._manifest = self._manifest.model_copy(update=told)
         manifests.write_manifest(self.path, self.manifest)
 
 
@@ -238,18 +246,12 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
     A part that was renamed but not yet recorded when the power failed is complete as well.
     """
-    try:
-        if recorded is None:
-            return parts.inspect_part(file, config_hash)
-        parts.verify_part(file, config_hash, recorded)
-        return recorded
-    except StoreError as error:
-        return error
-    # An error of the disk, not of the file's content.
-    except OSError as error:
-        raise StoreError(
-            f"{file}: cannot be read ({error.strerror or error}). Nothing was changed."
-        ) from error
+    # An error of the disk, not of the file's content, is raised.
+    with disk_errors(f"{file}: cannot be read", ". Nothing was changed."):
+        try:
+            return parts.whole_part(file, config_hash, recorded)
+        except StoreError as error:
+            return error
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
@@ -262,22 +264,7 @@ def set_aside(path: Path, name: str, why: str) -> str:
     while target.exists():
         number += 1
         target = place / f"{name}.{number}"
-    try:
+    with disk_errors(f"{target}: cannot be written", f". {why}"):
         place.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
-    except OSError as error:
-        raise StoreError(
-            f"{target}: cannot be written ({error.strerror or error}). {why}"
-        ) from error
     return f"set aside as {target}, to be computed again: {why}"
-
-
-def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
-    differences = kept.differences(wanted)
-    if differences:
-        raise StoreError(
-            f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
-            " differs from the campaign you are starting:\n"
-            f"{list_lines(differences)}\nNothing was changed. To keep these results, choose another"
-            f" --out. To replace them, delete the folder first: rm -r {path}"
-        )

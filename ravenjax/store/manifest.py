@@ -29,7 +29,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import parse_json, path_inside, write_text
+from ravenjax.store.files import disk_errors, path_inside, read_json, write_text
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.checks import built_in_column
@@ -152,19 +152,13 @@ class Manifest(BaseModel):
 
         Parts without a count are left out.
         """
-        causes: Counter[str] = Counter()
-        for part in self.parts:
-            causes.update(part.failed or {})
-        return dict(causes)
+        return dict(sum((Counter(part.failed) for part in self.parts), Counter()))
 
     @property
     def wanted(self) -> tuple[range, ...]:
         """The ranges of rows that this folder should hold, in order."""
-        return (
-            (range(self.runs),)
-            if self.rows is None
-            else tuple(range(a, b + 1) for a, b in self.rows)
-        )
+        pairs = ((0, self.runs - 1),) if self.rows is None else self.rows
+        return tuple(range(first, last + 1) for first, last in pairs)
 
     @property
     def due(self) -> int:
@@ -224,17 +218,11 @@ def read_manifest(folder: Path) -> Manifest:
     Raises StoreError if it is missing, damaged, or newer than this reader.
     """
     path = folder / FILE
-    try:
-        data = parse_json(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise StoreError(
-            f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out"
-            " of `ravenjax run`."
-        ) from error
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except ValueError as error:
-        raise StoreError(f"{path}: is not valid JSON ({error}). {_RESTORE}") from error
+    missing = (
+        f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of"
+        " `ravenjax run`."
+    )
+    data = read_json(path, missing, f". {_RESTORE}")
     version = data.get("schema_version") if isinstance(data, dict) else None
     if isinstance(version, int):
         require_version(path, version)
@@ -259,10 +247,8 @@ def read_parts(folder: Path) -> tuple[Part, ...]:
     path = folder / PARTS_FILE
     if not path.exists():
         return ()
-    try:
+    with disk_errors(f"{path}: cannot be read"):
         lines = path.read_bytes().splitlines(keepends=True)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     entries = []
     with contextlib.suppress(pydantic.ValidationError):
         for line in lines:
@@ -286,14 +272,12 @@ def record_part(folder: Path, part: Part) -> None:
     This does not wait for the disk: a record that a crash loses is made again from the part itself.
     """
     path = folder / PARTS_FILE
-    try:
-        with open(path, "ab") as file:
-            file.write(f"{part.model_dump_json()}\n".encode())
-    except OSError as error:
-        raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Whole parts are kept; "
-            "free space or make the folder writable, then start the same command again."
-        ) from error
+    kept = (
+        ". Whole parts are kept; free space or make the folder writable, then start the same"
+        " command again."
+    )
+    with disk_errors(f"{path}: cannot be written", kept), open(path, "ab") as file:
+        file.write(f"{part.model_dump_json()}\n".encode())
 
 
 def join_ranges(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
@@ -390,13 +374,14 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
     """Return the values of nested tables by dotted path. A list of values is one value."""
-    flat: dict[str, str] = {}
-    if isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
-        for number, entry in enumerate(tree):
-            flat |= _flat(entry, f"{prefix}[{number}]")
-        return flat
-    if not isinstance(tree, dict):
+    if isinstance(tree, dict):
+        branches = {f"{prefix}.{key}" if prefix else str(key): tree[key] for key in tree}
+    elif isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):
+        branches = {f"{prefix}[{number}]": entry for number, entry in enumerate(tree)}
+    else:
         return {prefix: json.dumps(tree, sort_keys=True, default=str)}
-    for key, value in tree.items():
-        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
-    return flat
+    return {
+        path: leaf
+        for name, branch in branches.items()
+        for path, leaf in _flat(branch, name).items()
+    }

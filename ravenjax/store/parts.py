@@ -10,7 +10,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -54,10 +54,8 @@ class Part(BaseModel):
     last: int  # index of the last row, inclusive
     sha256: str  # hex digest of the file
     size: int  # bytes
-    failed: dict[str, int] | None = (
-        # Number of runs without a valid outcome, by cause; None: not counted.
-        None
-    )
+    # Number of runs without a valid outcome, by cause; None: not counted.
+    failed: dict[str, int] | None = None
 
     @property
     def rows(self) -> range:
@@ -103,7 +101,22 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
         {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
     )
     sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, **_encoding(table.schema))
+    # Measured to be faster and smaller than a dictionary for all columns: floating-point numbers
+    # and ids seldom repeat, words and integers do, and the row's index only counts up.
+    counting = [name for name in ("index", "pair") if name in table.column_names]
+    once = {"run_id", *counting}
+    pq.write_table(
+        table,
+        sink,
+        compression="zstd",
+        use_dictionary=[  # pyright: ignore[reportArgumentType]
+            column.name
+            for column in table.schema
+            if not pa.types.is_floating(column.type) and column.name not in once
+        ],
+        column_encoding=dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
+        write_page_checksum=True,
+    )
     content = sink.getvalue().to_pybytes()
     return Encoded(
         Part(
@@ -133,24 +146,6 @@ def count_failures(table: pa.Table) -> dict[str, int]:
     return {cause: number for cause, number in counted.items() if cause and number}
 
 
-def _encoding(columns: pa.Schema) -> dict[str, Any]:
-    """Return Parquet options for the columns, measured to be faster and smaller than a dictionary
-    for all.
-
-    Floating-point numbers and ids seldom repeat, words and integers do, and the row's index only
-    counts up.
-    """
-    counting = [name for name in ("index", "pair") if name in columns.names]
-    once = ("run_id", *counting)
-    repeated = [c.name for c in columns if not pa.types.is_floating(c.type) and c.name not in once]
-    return {
-        "compression": "zstd",
-        "use_dictionary": repeated,
-        "column_encoding": dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
-        "write_page_checksum": True,
-    }
-
-
 def part_files(folder: Path) -> list[Path]:
     """Return the paths of the parts in `folder`, by first row, without unfinished files."""
     return sorted(path for path in folder.glob("part-*.parquet") if _NAME.fullmatch(path.name))
@@ -167,9 +162,7 @@ def read_part(
     Raises StoreError if the file is truncated or changed, has a newer schema, or belongs to another
     campaign.
     """
-    if recorded is not None and path.is_file():
-        _require_unchanged(path, recorded)
-    with _opened(path, config_hash) as file:
+    with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
     first, last = row_range(path)
     if table.num_rows != last - first + 1:
@@ -177,23 +170,40 @@ def read_part(
     return table
 
 
-def verify_part(path: Path, config_hash: str, recorded: Part) -> None:
-    """Check that a part is byte for byte what was recorded, and belongs to this campaign.
+def whole_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
+    """Return the record of a part that belongs to this campaign.
 
+    recorded: what the part must be, byte for byte; None: not known, the part is read in full.
     Raises StoreError as `read_part`.
     """
-    if path.is_file():
-        _require_unchanged(path, recorded)
-    with _opened(path, config_hash):
-        pass
+    if recorded is None:
+        digest, size = hash_file(path), path.stat().st_size
+        failed = count_failures(read_part(path, config_hash))
+        first, last = row_range(path)
+        return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
+    with _opened(path, config_hash, recorded):
+        return recorded
 
 
 @contextlib.contextmanager
-def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
-    """Open a part, and check in its footer that it belongs to this campaign.
+def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Iterator[pq.ParquetFile]:
+    """Open a part, and check that it is what was recorded and, in its footer, that it belongs to
+    this campaign.
 
     Errors while it is read become StoreError.
     """
+    if recorded is not None and path.is_file():
+        if (size := path.stat().st_size) != recorded.size:
+            raise _damaged(
+                path,
+                f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
+                " changed",
+            )
+        if hash_file(path) != recorded.sha256:
+            digest = recorded.sha256[:16]
+            raise _damaged(
+                path, f"does not have the recorded checksum {digest}: its content was changed"
+            )
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             metadata = file.schema_arrow.metadata or {}
@@ -225,14 +235,6 @@ def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
         raise _damaged(
             path, f"is not a readable Parquet file ({size} bytes): {first_line(error)}"
         ) from error
-
-
-def inspect_part(path: Path, config_hash: str | None) -> Part:
-    """Return the record of a part found on disk, after reading it in full."""
-    digest, size = hash_file(path), path.stat().st_size
-    failed = count_failures(read_part(path, config_hash))
-    first, last = row_range(path)
-    return Part(file=path.name, first=first, last=last, sha256=digest, size=size, failed=failed)
 
 
 def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
@@ -295,21 +297,6 @@ def row_range(path: Path) -> tuple[int, int]:
             f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)"
         )
     return int(match[1]), int(match[2])
-
-
-def _require_unchanged(path: Path, recorded: Part) -> None:
-    size = path.stat().st_size
-    if size != recorded.size:
-        raise _damaged(
-            path,
-            f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
-            " changed",
-        )
-    if hash_file(path) != recorded.sha256:
-        raise _damaged(
-            path,
-            f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed",
-        )
 
 
 def require_version(path: Path, version: int) -> None:

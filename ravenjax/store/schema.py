@@ -1,16 +1,15 @@
 """Defines the result table: one row per run, with input columns and outcome columns.
 
 Each column has a name, the smallest type that holds it, a unit and a meaning, listed in
-columns.csv. results/README.md describes them in prose. The names of repeated columns (fault slots,
-cues, checks, arms, varied parameters) follow from a `Shape`.
+columns.csv.j2. results/README.md describes them in prose. The names of repeated columns (fault
+slots, cues, checks, arms, varied parameters) follow from a `Shape`.
 """
 
 import csv
 import dataclasses
 import functools
-import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError, suggest_name
 from ravenjax.store import words
 from ravenjax.vocabulary import checks
@@ -74,65 +74,32 @@ class Shape:
     stops: bool = False  # a detector may stop the robot
 
 
+@functools.cache
 def table_columns(shape: Shape) -> tuple[Column, ...]:
     """Every column of a campaign's table, in order."""
     robot = robots.find_robot(shape.robot).with_checks(shape.own_checks)
-    levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
-    rows = list(_part("run"))
-    for slot in range(shape.slots):
-        rows += _part("fault", slot=slot)
-    for path in shape.parameters:
-        rows += _part("parameter", path=path)
-    for slot in range(shape.slots):
-        rows += _part("applied", slot=slot)
-    if shape.observes:
-        rows += _part("observed")
-    rows += _part("course", levels=levels)
-    if checks.needs_own_columns(shape.own_checks, shape.stops):
-        rows += _part("built_in")
-    for name in shape.checks:
-        check = robot.check(name)
-        rows += _part("check", check=check.name, unit=check.unit, what=check.meaning)
-    for cue in range(shape.cues):
-        rows += _part("cue", cue=cue)
-    for part, there in (("reaction", shape.reacts), ("hand", shape.hand_yields)):
-        rows += _part(part) if there else ()
-    for detector, thresholds in enumerate(shape.detectors):
-        rows += _part("detector", detector=detector)
-        for threshold in range(thresholds):
-            rows += _part("threshold", detector=detector, threshold=threshold)
-    rows += _part("motion")
-    for name in shape.harms:
-        rows += _part("harm", harm=name)
-    if shape.cables:
-        rows += _part("cables")
-    if shape.contact:
-        rows += _part("contact")
-        rows += _part("two_instruments") if len(shape.arms) > 1 else ()
-    rows += [
-        dataclasses.replace(one, name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}")
-        for one in rows
-        if kept_of_golden(one.name)
-    ]
-    for arm in shape.arms:
-        for joint in shape.joints:
-            rows += _part("motor", arm=arm, joint=joint)
-    return (*rows, *_part("result"))
-
-
-@functools.cache
-def _table() -> dict[str, list[Column]]:
-    parts: dict[str, list[Column]] = {}
-    with open(Path(__file__).with_name("columns.csv"), encoding="utf-8", newline="") as file:
-        for part, *column in itertools.islice(csv.reader(file), 1, None):
-            parts.setdefault(part, []).append(Column(*column))
-    return parts
-
-
-def _part(part: str, **words: object) -> Iterator[Column]:
-    for one in _table()[part]:
-        name, unit, meaning = (text.format(**words) for text in (one.name, one.unit, one.meaning))
-        yield Column(name, one.dtype, unit, meaning)
+    text = resources.render_text(
+        Path(__file__).with_name("columns.csv.j2"),
+        shape=shape,
+        levels=", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels)),
+        checks=[robot.check(name) for name in shape.checks],
+        needs_own_columns=checks.needs_own_columns(shape.own_checks, shape.stops),
+    )
+    rows: list[Column] = []
+    for name, *others in csv.reader(text.splitlines(keepends=True)):
+        # The columns of golden runs follow those that they repeat.
+        rows += (
+            [Column(name, *others)]
+            if others
+            else [
+                dataclasses.replace(
+                    one, name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}"
+                )
+                for one in rows
+                if kept_of_golden(one.name)
+            ]
+        )
+    return tuple(rows)
 
 
 OBSERVED = "observed_ms"

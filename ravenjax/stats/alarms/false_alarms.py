@@ -18,16 +18,16 @@ class AlarmRate(NamedTuple):
     """Alarms counted over hours. per_hour has its exact Poisson interval; NaN if hours is 0."""
 
     count: int
-    hours: float
-    per_hour: float
-    low: float
-    high: float
+    hours: float = 0.0
+    per_hour: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
 
 
 def alarm_rate(count: int, hours: float) -> AlarmRate:
     """Return alarms per hour with the exact 95 % Poisson interval (Garwood 1936)."""
     if not hours:
-        return AlarmRate(int(count), 0.0, math.nan, math.nan, math.nan)
+        return AlarmRate(int(count))
     low, high = rate_bounds(count, hours)
     return AlarmRate(int(count), float(hours), count / hours, float(low), float(high))
 
@@ -53,7 +53,7 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     """
     count, quiet = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
-        return AlarmRate(count, 0.0, math.nan, math.nan, math.nan)
+        return AlarmRate(count)
     share = clopper_pearson(count, len(alarm))
     mean = float(quiet.mean() if quiet.any() else hours.max())
     low, high = (

@@ -18,13 +18,15 @@ drawn without replacement. Its intervals are therefore wider than necessary.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
+from ravenjax.bundled import resources
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds, rates_with_intervals
 
 Of = Literal["groups", "whole"]
@@ -133,8 +135,8 @@ class Sequential:
 
         `taken`: draws of each stratum; must be registered sizes.
         """
-        sizes = self.sizes()
-        intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n, taken)
+        names = [stratum.name for stratum in self.strata]
+        intervals = list(self._intervals(k, n, taken))
         wide = [
             one
             for one in intervals
@@ -146,17 +148,15 @@ class Sequential:
         return Look(
             number=number,
             looks=len(self.shares),
-            taken={
-                stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)
-            },
-            held={stratum.name: stratum.size for stratum in self.strata},
+            taken=dict(zip(names, taken.tolist(), strict=True)),
+            held=dict(zip(names, self.size.tolist(), strict=True)),
             intervals=tuple(intervals),
             widest=widest,
             waiting=waiting,
             stop=stop,
             half_width=self.half_width,
             each=self.each,
-            even=bool((taken == sizes).all(axis=1).any()),
+            even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
     def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -203,60 +203,29 @@ class Sequential:
         )
         return bool((taken >= self.size)[of_it].all())
 
-    def _groups(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
+    def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
         there = np.flatnonzero(self.judged)
-        names = [self.strata[s].name for s in there]
-        return [
-            Interval(rate=rate, stratum=name, **found._asdict())
-            for r, rate in enumerate(self.rates)
-            for name, found in zip(
-                names, rates_with_intervals(k[r, there], n[there], self.each, "beta"), strict=True
-            )
-        ]
-
-    def _whole(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> list[Interval]:
-        there = np.flatnonzero(self.judged)
-        # A stratum without any valid draw leaves the rate of the whole table unknown.
-        known = bool((n[there] > 0).all())
-        # Draws that do not count, such as faults that never act, are no part of the table.
-        weight = self.size[there] * n[there] / taken[there]
-        rows = []
-        for r, rate in enumerate(self.rates):
-            found = Rate()
-            if known:
-                hits, runs = k[r, there], n[there]
+        names, runs = [self.strata[s].name for s in there], n[there]
+        for rate, hits in zip(self.rates, k[:, there], strict=True):
+            if self.of == "groups":
+                found = dict(
+                    zip(names, rates_with_intervals(hits, runs, self.each, "beta"), strict=True)
+                )
+            # A stratum without any valid draw leaves the rate of the whole table unknown.
+            elif not (runs > 0).all():
+                found = {"": Rate()}
+            else:
+                # Draws that do not count, such as faults that never act, are no part of the table.
+                weight = self.size[there] * runs / taken[there]
                 estimate = stratified_rate(hits, runs, weight, self.each)
-                found = Rate(int(hits.sum()), int(runs.sum()), *estimate)
-            rows.append(Interval(rate=rate, stratum="", **found._asdict()))
-        return rows
+                found = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
+            for name, one in found.items():
+                yield Interval(rate=rate, stratum=name, **one._asdict())
 
 
 def describe_stop(looks: Sequence[Look]) -> str:
     """Return a sentence on why a campaign stopped, or that it has not. `looks`: in order."""
-    if not looks:
-        return "No look at the stop rule yet."
-    last = looks[-1]
-    where, target = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
-    if not last.stop:
-        return (
-            f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for"
-            f" {target}."
-        )
-    uneven = (
-        ""
-        if last.even
-        else " Groups were computed to different shares: weigh them for a rate over several."
-    )
-    if not last.waiting:
-        wide = any(one.half_width > last.half_width for one in last.intervals)
-        whole = ", or its group computed whole" if wide else ""
-        return f"Stopped at {where}: every rate is known within {target}{whole}.{uneven}"
-    names = ", ".join(name or "the whole table" for name in last.waiting[:4])
-    more = f" and {len(last.waiting) - 4} more" if len(last.waiting) > 4 else ""
-    return (
-        f"Stopped at {where}, the last that was planned: not every rate is known within {target}, "
-        f"the widest within +-{last.widest:.2g} ({names}{more}).{uneven}"
-    )
+    return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
 
 
 def stratified_rate(
@@ -299,22 +268,16 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
     full = np.where(want > 0, high, low)
     if total > full.sum():
         return allocate_runs(total, np.ones(len(want)), full, high)
-    exact = np.clip(_level(total, want, low, high) * want, low, high)
+    # The level at which the clipped multiples of the spreads sum to the total.
+    bounds = np.stack([low, high])[:, want > 0] / want[want > 0]
+    corners = np.unique(np.append(0.0, bounds))
+    sums = np.clip(corners[:, None] * want, low, high).sum(axis=1)
+    exact = np.clip(np.interp(total, sums, corners) * want, low, high)
     runs = np.floor(exact).astype(np.int64)
     # Distribute by remainders, the largest first.
     largest = np.argsort(runs - exact, kind="stable")
     runs[largest[: total - int(runs.sum())]] += 1
     return runs
-
-
-def _level(total: int, spread: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the factor at which the clipped multiples of `spread` sum to `total`."""
-    used = spread > 0
-    corners = np.unique(
-        np.concatenate([[0.0], low[used] / spread[used], high[used] / spread[used]])
-    )
-    sums = np.clip(corners[:, None] * spread, low, high).sum(axis=1)
-    return float(np.interp(total, sums, corners))
 
 
 def wilson_runs(rate: np.ndarray, half_width: float, confidence: float) -> np.ndarray:

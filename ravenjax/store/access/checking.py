@@ -57,7 +57,7 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
     def problem(part: parts.Part) -> str:
         path = folder / PARTS / part.file
         try:
-            parts.verify_part(path, record.config_hash, part)
+            parts.whole_part(path, record.config_hash, part)
             return _differs(path, part, record.shape)
         except StoreError as error:
             return str(error)
@@ -85,12 +85,11 @@ def check_rows(record: Manifest) -> FolderCheck:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
         complaints.append("every row is there, but no start of the command ended: start it again")
-    beyond = [
-        part
+    complaints += [
+        f"{part.file}: holds rows that are not asked of this folder"
         for part in record.parts
-        if not any(r.start <= part.first and part.last < r.stop for r in record.wanted)
+        if not any(part.first in rows and part.last in rows for rows in record.wanted)
     ]
-    complaints += [f"{part.file}: holds rows that are not asked of this folder" for part in beyond]
     return FolderCheck("rows", f"{record.done:,} of {record.due:,} rows", _short(complaints))
 
 
@@ -122,8 +121,7 @@ def _check(
         if "must" in rule:
             terms = {
                 "name": quote_name(column.name),
-                "column": column.name,
-                "unit": column.unit,
+                "column": column,
                 "words": ", ".join(map(quote_text, WORDS.get(column.name, ()))),
                 "end": record.duration_ms,
                 "last_row": record.runs - 1,

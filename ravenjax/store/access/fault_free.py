@@ -78,11 +78,7 @@ def motion_of(manifest: Manifest) -> str:
     other. With noise, or with packets of random durations, it also includes what the run draws: the
     same hands then cause another motion of the robot.
     """
-    operator = {
-        name: value
-        for name, value in (manifest.config.get("operator") or {}).items()
-        if name != SCALE
-    }
+    operator = _without(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
     random = (
         campaign.get("noise")
@@ -105,13 +101,15 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
 
 def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
     """Return the parts of a campaign that decide how the robot follows fault-free motion."""
-    parts = {name: value for name, value in config.items() if name not in _WITHOUT_PART}
-    parts["campaign"] = {
-        name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT
-    }
+    parts = _without(config, _WITHOUT_PART)
+    parts["campaign"] = _without(config.get("campaign", {}), _NOT_OF_ROBOT)
     parts["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}
     parts["parameters"] = without_reaction(config.get("parameters", {}))
     return parts
+
+
+def _without(table: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name not in names}
 
 
 def without_reaction(parameters: dict[str, Any]) -> dict[str, Any]:

@@ -8,19 +8,28 @@ without locks, the name decides: a folder is refused if its holder is on another
 import contextlib
 import errno
 import fcntl
-import json
 import os
 import socket
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
+from pydantic import BaseModel, ValidationError
+
 from ravenjax.errors import StoreError
-from ravenjax.store.files import parse_json
+from ravenjax.store.files import EXPECTED_FOLDER, disk_errors
+from ravenjax.store.manifest import utc_now
 
 FILE = ".lock"
 _TAKEN = (errno.EWOULDBLOCK, errno.EACCES)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
+
+
+class Holder(BaseModel):
+    """Content of the file: the process that holds the lock."""
+
+    pid: int
+    host: str
+    since: str
 
 
 @contextlib.contextmanager
@@ -30,30 +39,26 @@ def hold_lock(folder: Path) -> Iterator[None]:
     Raises StoreError that names the holder if another process has the lock.
     """
     path = folder / FILE
-    try:
+    with disk_errors(f"{path}: cannot be written", EXPECTED_FOLDER):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
-    except OSError as error:
-        raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Expected a folder that this"
-            " user may create files in; name another one with --out. No run was started."
-        ) from error
     with open(descriptor, "r+", encoding="utf-8") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             if error.errno not in (*_TAKEN, *_NO_LOCKS):
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
-            holder = file.read()
+            holder = None
+            with contextlib.suppress(ValidationError):
+                holder = Holder.model_validate_json(file.read())
             if error.errno in _TAKEN:
                 raise _refusal(folder, holder) from None
-            if _may_run(holder):
+            if holder is not None and _may_run(holder):
                 hint = f" This file system has no locks: if that process has ended, delete {path}."
                 raise _refusal(folder, holder, hint) from None
-        since = datetime.now(UTC).isoformat(timespec="seconds")
-        holder = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
+        holder = Holder(pid=os.getpid(), host=socket.gethostname(), since=utc_now())
         # A full disk is no reason to refuse, because the lock works without the file's content.
         with contextlib.suppress(OSError):
-            _put(file, json.dumps(holder))
+            _put(file, holder.model_dump_json())
         try:
             yield
         finally:
@@ -68,12 +73,11 @@ def _put(file, text: str) -> None:
     file.flush()
 
 
-def _may_run(text: str) -> bool:
+def _may_run(holder: Holder) -> bool:
     try:
-        holder = parse_json(text)
-        if holder["host"] == socket.gethostname():
-            os.kill(int(holder["pid"]), 0)
-    except (ValueError, KeyError, TypeError, ProcessLookupError):
+        if holder.host == socket.gethostname():
+            os.kill(holder.pid, 0)
+    except ProcessLookupError:
         return False
     except PermissionError:
         # It is the process of another user.
@@ -81,12 +85,10 @@ def _may_run(text: str) -> bool:
     return True
 
 
-def _refusal(folder: Path, text: str, hint: str = "") -> StoreError:
-    try:
-        holder = parse_json(text)
-        who = f"process {holder['pid']} on {holder['host']}, since {holder['since']}"
-    except (ValueError, KeyError, TypeError):
-        who = "another process"
+def _refusal(folder: Path, holder: Holder | None, hint: str = "") -> StoreError:
+    who = "another process"
+    if holder is not None:
+        who = f"process {holder.pid} on {holder.host}, since {holder.since}"
     return StoreError(
         f"{folder}: is being written by {who}. Two runs into one folder would do the same work"
         f" twice: wait for it, stop it, or choose another --out.{hint} Nothing was changed."

@@ -5,7 +5,6 @@ The manifest is written last. The target folder counts as one more shard, so the
 repeated after an interruption, or with further shards.
 """
 
-import contextlib
 import os
 import shutil
 from collections.abc import Sequence
@@ -116,10 +115,7 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
     def checked(name: str) -> PartSource:
         path = there.get(name, folder / PARTS / name)
-        if name not in recorded:
-            return PartSource(folder, parts.inspect_part(path, record.config_hash))
-        parts.verify_part(path, record.config_hash, recorded[name])
-        return PartSource(folder, recorded[name])
+        return PartSource(folder, parts.whole_part(path, record.config_hash, recorded.get(name)))
 
     return threads.map_in_threads(checked, sorted(recorded.keys() | there.keys()), READERS)
 
@@ -169,9 +165,6 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
         return "kept"
 
     def fill(aside: Path) -> None:
-        with contextlib.suppress(FileNotFoundError):
-            # Left by an attempt that was interrupted.
-            aside.unlink()
         try:
             os.link(source.file, aside)
         # Another file system, or one without links.
@@ -181,7 +174,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     write_aside(target, fill)
     if target.samefile(source.file):
         return "linked"
-    parts.verify_part(target, config_hash, source.part)
+    parts.whole_part(target, config_hash, source.part)
     return "copied"
 
 

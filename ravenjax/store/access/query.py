@@ -32,31 +32,17 @@ RESULTS = "results"
 """Name of the view of the whole table."""
 
 
-class ResultTable:
-    """SQL over one result table. Use it as a context manager, or `close` it."""
+class ResultTable(contextlib.ExitStack):
+    """SQL over one result table. Use it as a context manager, or `close` it.
 
-    def __init__(
-        self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack
-    ) -> None:
-        self._connection, self._closing = connection, closing
+    Its end closes the connection and deletes temporary files.
+    """
 
-    def __enter__(self) -> ResultTable:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the connection and delete its temporary files."""
-        self._closing.close()
-
-    def run(self, sql: str) -> None:
-        """Run a statement without a result, such as the definition of a view."""
-        self._execute(sql)
+    connection: duckdb.DuckDBPyConnection
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """Return the rows of a query; `given` replaces its question marks."""
-        return self._execute(sql, given).fetchall()
+        return self.run(sql, given).fetchall()
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
         """Return the only row of a query."""
@@ -65,11 +51,11 @@ class ResultTable:
 
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
         """Return the result of a query as a DataFrame. The result must be small."""
-        return self._execute(sql, given).df()
+        return self.run(sql, given).df()
 
     def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
         """Return the result of a query as Arrow batches of `rows` rows."""
-        yield from self._connection.sql(sql).to_arrow_reader(rows)
+        yield from self.connection.sql(sql).to_arrow_reader(rows)
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
         """Return the columns of a table or view, in order, and their SQL types."""
@@ -79,19 +65,19 @@ class ResultTable:
 
     def register(self, name: str, table: pa.Table) -> None:
         """Make an Arrow table readable under a name."""
-        self._connection.register(name, table)
+        self.connection.register(name, table)
 
-    def _execute(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
-        # Executes one statement of SQL, and turns DuckDB's errors into StoreError.
+    def run(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+        """Run one statement, as a view's definition. DuckDB's errors become StoreError."""
         import duckdb
 
         # A name in somebody else's file must not add a statement that writes.
-        if self._connection.extract_statements(sql)[1:]:
+        if self.connection.extract_statements(sql)[1:]:
             raise StoreError(
                 "a name in the result contains SQL, so it is forged; nothing was computed"
             )
         try:
-            return self._connection.execute(sql, list(given))
+            return self.connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
                 "a query of the result table needs more memory than DuckDB may take:"
@@ -143,7 +129,7 @@ def whole_parts(path: Path) -> list[Path]:
     """
     record = read_complete_manifest(path)
     threads.map_in_threads(
-        lambda part: parts.verify_part(path / PARTS / part.file, record.config_hash, part),
+        lambda part: parts.whole_part(path / PARTS / part.file, record.config_hash, part),
         record.parts,
         READERS,
     )
@@ -159,7 +145,7 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
     import duckdb
 
     limit_mb = memory_mb or _memory_mb()
-    with contextlib.ExitStack() as closing:
+    with ResultTable() as closing:
         place = aside if aside is not None and os.access(aside, os.W_OK) else None
         folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=place))
         connection = duckdb.connect(
@@ -179,7 +165,9 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
         # Intermediate tables take a third of the space.
         connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")
         connection.execute("USE aside")
-        return ResultTable(connection, closing.pop_all())
+        table = closing.pop_all()
+        table.connection = connection
+        return table
 
 
 def in_words(ranges: Sequence[range]) -> str:

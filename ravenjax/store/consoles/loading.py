@@ -2,7 +2,6 @@
 
 import functools
 import tomllib
-from importlib import resources
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -12,17 +11,14 @@ from ravenjax.errors import UserError, format_value, list_lines, suggest_name
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 
 AUTO = "auto"
-_FOLDER = resources.files("ravenjax.store.consoles")
 _SUFFIX = ".toml"
 
 
 @functools.cache
 def bundled_profiles() -> tuple[ConsoleProfile, ...]:
     """Return every bundled profile, the robot's native protocol first."""
-    texts = {
-        file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)
-    }
-    profiles = [_checked(name, text) for name, text in sorted(texts.items())]
+    files = sorted(Path(__file__).parent.glob(f"*{_SUFFIX}"))
+    profiles = [_checked(file.name, file.read_text(encoding="utf-8")) for file in files]
     return tuple(sorted(profiles, key=lambda profile: profile.name != "raven"))
 
 

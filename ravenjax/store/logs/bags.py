@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store import files
@@ -32,11 +33,7 @@ Ros = Literal[1, 2]
 SUFFIXES = (".bag", ".mcap", ".db3")
 DAY_NS = 86_400_000_000_000
 _NAME = re.compile(r"^(gold|green|arm[12])_|_joint|_[lr]$")
-RAVEN2_NAMES = {
-    "ins": "insertion",
-    "roll": "tool_roll",
-    **{f"{jaw}{side}": f"grasp{side}" for jaw in ("jaw", "grasper_") for side in "12"},
-}
+RAVEN2_NAMES = resources.read_tables(__file__, "bags.toml")["raven2_names"]
 """Names of joints in raven2's messages, without the arm, that differ from those of ravenjax."""
 RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
@@ -192,13 +189,9 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
         with open_bag(recording) as reader:
             if not reader.is2 or not reader.message_count:
                 raise UserError(f"{recording}: holds no messages of ROS 2")
-            try:
+            with files.disk_errors(f"{target}: cannot be written"):
                 target.parent.mkdir(parents=True, exist_ok=True)
                 return _write(reader, ros, target)
-            except OSError as error:
-                raise StoreError(
-                    f"{target}: cannot be written ({error.strerror or error})"
-                ) from error
     except BaseException as error:
         # Delete the incomplete bag.
         if target.is_dir():

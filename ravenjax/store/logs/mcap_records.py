@@ -26,7 +26,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from ravenjax.errors import StoreError
-from ravenjax.store.files import write_aside
+from ravenjax.store.files import disk_errors, write_aside
 
 _HEAD, _FOOTER = 9, 29
 """Bytes of a record's opcode and length, and of a whole footer."""
@@ -66,18 +66,13 @@ class Scan:
 
 def scan_records(path: Path) -> Scan:
     """Scan a file, even a truncated one. Raises StoreError if it is unreadable or no MCAP file."""
-    try:
-        with open(path, "rb") as file:
-            begins = file.read(len(MCAP0_MAGIC))
-            if begins == MCAP0_MAGIC:
-                data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if begins != MCAP0_MAGIC:
-        raise StoreError(
-            f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole"
-            " or cut"
-        )
+    with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise StoreError(
+                f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one,"
+                " whole or cut"
+            )
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
     foot = end - len(MCAP0_MAGIC) - _FOOTER
     scanned.complete = (
@@ -98,11 +93,7 @@ def scan_records(path: Path) -> Scan:
             records = [record]
             if isinstance(record, Chunk):
                 records = [
-                    next(
-                        StreamReader(
-                            io.BytesIO(content[begin - _HEAD : last]), skip_magic=True
-                        ).records
-                    )
+                    _parse(content[begin - _HEAD : last])
                     for opcode, content, begin, last in _split(record)
                     if opcode != Opcode.MESSAGE
                 ]
@@ -118,14 +109,15 @@ def scan_records(path: Path) -> Scan:
         if data[place] in (Opcode.CHUNK, Opcode.MESSAGE):
             scanned.places.append(place)
         for record in records:
-            if isinstance(record, Header):
-                scanned.profile = record.profile
-            elif isinstance(record, Schema):
-                scanned.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                scanned.channels[record.id] = record
-            elif isinstance(record, Metadata):
-                scanned.metadata.append(record)
+            match record:
+                case Header():
+                    scanned.profile = record.profile
+                case Schema():
+                    scanned.schemas[record.id] = record
+                case Channel():
+                    scanned.channels[record.id] = record
+                case Metadata():
+                    scanned.metadata.append(record)
         place = end if isinstance(record, Footer) else after
     return scanned
 
@@ -137,13 +129,16 @@ def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
     same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    content = io.BytesIO(data[place:end])
-    record = next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+    record = _parse(data[place:end])
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
         raise ValueError("the record does not have the length that it states")
     return record, end
+
+
+def _parse(content: bytes) -> McapRecord:
+    return next(StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records)
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:

@@ -24,6 +24,9 @@ class MessageTypes:
 
         self.ros: Ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
+        self._write, self._read = self.store.serialize_cdr, self.store.deserialize_cdr
+        if ros == "ros1":
+            self._write, self._read = self.store.serialize_ros1, self.store.deserialize_ros1
         for kind, text in (definitions or {}).items():
             types = get_types_from_msg(text, kind)
             known = self.store.types
@@ -31,16 +34,12 @@ class MessageTypes:
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message: CDR with its header, or the format of ROS 1."""
-        store = self.store
-        write = store.serialize_ros1 if self.ros == "ros1" else store.serialize_cdr
-        return bytes(write(message, message.__msgtype__))
+        return bytes(self._write(message, message.__msgtype__))
 
     def decode(self, content: bytes, kind: str) -> Any:
         """Return the message. Raises ValueError if the bytes are not a message of this type."""
-        store = self.store
-        read = store.deserialize_ros1 if self.ros == "ros1" else store.deserialize_cdr
         try:
-            return read(content, kind)
+            return self._read(content, kind)
         # The library may raise any exception here.
         except Exception as error:
             raise ValueError(f"no {kind}: {error}") from None

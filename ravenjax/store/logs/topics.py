@@ -109,17 +109,10 @@ def tip_frame(arm: str, which: str) -> str:
 
 
 @functools.cache
-def joint_state(
-    arm: str,
-    name: str,
-    joints: tuple[str, ...],
-    position: bool = True,
-    velocity: bool = False,
-    effort: bool = False,
-) -> Topic:
+def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) -> Topic:
     """JointState with those of position, velocity and effort that are present, in this order."""
-    marks = np.split(_marks(3 * len(joints)), 3)
-    filled = [marks.pop(0) if present else () for present in (position, velocity, effort)]
+    marks = iter(np.split(_marks(3 * len(joints)), 3))
+    filled = [next(marks) if there else () for there in present]
     return _topic(arm, name, JOINT_STATE, list(joints), *filled)
 
 

@@ -35,7 +35,7 @@ from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store import files
 from ravenjax.store.consoles import loading
-from ravenjax.store.motion import stamps
+from ravenjax.store.motion import resampling, stamps
 from ravenjax.store.motion.track import ArmTrack, Home, Track
 from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
 
@@ -136,12 +136,9 @@ def _read_capture(path: Path) -> RawPackets:
             f" port {UDP_PORT} or to one other port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
-    (console, _), *others = Counter(
-        datagram.sender for datagram in datagrams if datagram.port == port
-    ).most_common()
-    stream = [
-        datagram for datagram in datagrams if datagram.port == port and datagram.sender == console
-    ]
+    there = [datagram for datagram in datagrams if datagram.port == port]
+    (console, _), *others = Counter(datagram.sender for datagram in there).most_common()
+    stream = [datagram for datagram in there if datagram.sender == console]
     more = sum(count for _, count in others)
     note = f"{more} packets of {len(others)} other senders to port {port} are left out"
     return RawPackets(
@@ -385,6 +382,4 @@ def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
         out[begin:row] = at.as_quat()
         at, begin = Rotation.from_quat(turns[row]) * at, row
     out[begin:] = at.as_quat()
-    flips = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))
-    out[1:] *= flips[:, None]
-    return out
+    return resampling.continuous_turns(out)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
@@ -25,12 +26,7 @@ from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
 
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 TABLE, BAG, STREAM = "table", "bag", "stream of packets"
-OPTIONS_OF = {
-    **dict.fromkeys(("columns", "sensors"), (TABLE,)),
-    **dict.fromkeys(("frame", "rotation", "offset_mm", "rate_hz"), (TABLE, BAG)),
-    "topics": (BAG,),
-    "console": (STREAM,),
-}
+OPTIONS_OF = resources.read_tables(__file__, "recording.toml")["kinds"]
 """Options that apply to some kinds of recordings only."""
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 

@@ -69,20 +69,20 @@ class OperatorReplay:
             read=track.read,
             ignored=track.ignored,
             notes=track.notes,
-            duration_s=float(times[-1] - times[0]),
-            rate_hz=float(1e3 / steps.mean()),
-            steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
+            duration_s=times[-1] - times[0],
+            rate_hz=1e3 / steps.mean(),
+            steps_ms=(steps.min(), np.median(steps), steps.max()),
             gaps=len(recording.gaps),
             longest_gap=None if gap is None else (gap[0], gap[1], gap[2] - gap[1]),
             spikes=tuple(spike.words for spike in recording.spikes),
             outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:OUTSIDE_LISTED]),
-            outside_share=float(lost.mean()),
+            outside_share=lost.mean(),
             window_s=(self.begin * TICK_S, (self.end - 1) * TICK_S),
             campaign_s=len(course.row) * TICK_S,
             end_s=course.end_s,
             turns=course.turns,
             pedal="down" if recording.pedal is None else "recorded",
-            pedal_down=float(np.mean(self.motion.surgeon_mode)),
+            pedal_down=self.motion.surgeon_mode.mean(),
             scale=self.scale,
             arms=tuple(self._arm_summary(i, arm) for i, arm in enumerate(arms)),
             notices=tuple(self._cut_jaws()),
@@ -99,17 +99,16 @@ class OperatorReplay:
             moved = (recording.unfiltered - recording.poses.position)[begin : self.end, i]
             size = np.linalg.norm(moved, axis=1) * 1e3
             at_s = (begin + int(np.argmax(size))) * TICK_S
-            removed = float(np.sqrt(np.mean(size**2))), float(size.max()), at_s
-        x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
+            removed = np.sqrt(np.mean(size**2)), size.max(), at_s
         return ArmSummary(
             arm=arm,
             orientation="home" if samples.quat is None else "recorded",
             jaws="home" if samples.opening_mrad is None else "recorded",
-            inside=float(inside.mean()) if len(inside) else 0.0,
-            extent_mm=(x, y, z),
-            path_mm=float(steps.sum()) * 1e3,
-            fastest_mm_s=float(steps.max(initial=0.0)) * 1e3 / TICK_S,
-            distance_mm=(float(distance.min()), float(distance.max())),
+            inside=inside.mean() if len(inside) else 0.0,
+            extent_mm=tuple(np.ptp(path, axis=0) * 1e3),
+            path_mm=steps.sum() * 1e3,
+            fastest_mm_s=steps.max(initial=0.0) * 1e3 / TICK_S,
+            distance_mm=(distance.min(), distance.max()),
             removed=removed,
         )
 
@@ -173,26 +172,25 @@ def _replay(
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
     _require_moving(recording, begin, end, rows[pedal > 0])
-    hand, quat, grasp = [], [], []
     poses = recording.poses
-    for i, arm in enumerate(arms):
-        position, turn = _itp(
+    hands = [
+        _itp(
             arm,
             resampling.at_rows(poses.position[:, i], rows),
             resampling.at_rows(poses.quat[:, i], rows),
             scale,
         )
-        hand.append(position)
-        quat.append(turn)
-        opening = resampling.at_rows(poses.opening_mrad[:, i], rows)
-        # The console's grasp is positive when it closes.
-        grasp.append(opening[0] - opening)
+        for i, arm in enumerate(arms)
+    ]
+    position, quat = (np.stack(part, axis=1) for part in zip(*hands, strict=True))
+    opening = resampling.at_rows(poses.opening_mrad, rows)
     motion = Motion(
         name=path.stem,
         arms=arms,
-        position_um=np.stack(hand, axis=1),
-        quat=np.stack(quat, axis=1),
-        grasp_mrad=np.stack(grasp, axis=1),
+        position_um=position,
+        quat=quat,
+        # The console's grasp is positive when it closes.
+        grasp_mrad=opening[0] - opening,
         surgeon_mode=pedal,
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )

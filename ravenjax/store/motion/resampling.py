@@ -26,13 +26,18 @@ def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndar
 
 
 def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate unit quaternions [T, 4] at times `at_s`.
-
-    Neighbours of opposite sign are the same rotation.
-    """
-    signs = np.cumprod(np.where(np.sum(quat[1:] * quat[:-1], axis=1) < 0.0, -1.0, 1.0))
-    turns = by_time(time_s, quat * np.concatenate([[1.0], signs])[:, None], at_s)
+    """Interpolate unit quaternions [T, 4] at times `at_s`."""
+    turns = by_time(time_s, continuous_turns(quat), at_s)
     return turns / np.linalg.norm(turns, axis=1, keepdims=True)
+
+
+def continuous_turns(quat: np.ndarray) -> np.ndarray:
+    """Return quaternions [T, 4], each with the sign that is nearer to the one before.
+
+    Both signs are the same rotation.
+    """
+    flips = np.where(np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return np.concatenate([quat[:1], quat[1:] * np.cumprod(flips, axis=0)])
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:

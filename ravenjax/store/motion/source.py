@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.store import files
@@ -37,17 +38,7 @@ SOURCES = ("setpoint", "measured")
 """Kinds of topics that a motion may come from, in order of preference."""
 MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 QUAT = tuple(f"q{axis}" for axis in "xyzw")
-JIGSAWS = [
-    f"{arm}_{name}"
-    for arm in ("left_master", "right_master", "gold", "green")
-    for name in (
-        *(f"{axis}_m" for axis in "xyz"),
-        *MATRIX,
-        *(f"v{axis}" for axis in "xyz"),
-        *(f"w{axis}" for axis in "xyz"),
-        "grasp_rad",
-    )
-]
+JIGSAWS = resources.read_tables(__file__, "source.toml")["jigsaws"]
 """Columns of JIGSAWS' kinematics. The slave on the left is gold."""
 
 

@@ -70,15 +70,12 @@ def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptio
             + (f", or operator.slow_down = {slower:g}" if slower <= SLOWEST else "")
         )
     whole = _there(rows - 1, slow_down)
-    row, turns = [np.zeros(REST_TICKS), whole], 0
-    length = REST_TICKS + len(whole)
-    while options.at_end == "reverse" and length < ticks:
-        turns += 1
-        row.append(whole[::-1] if turns % 2 else whole)
-        length += len(whole)
-    row = np.concatenate(row)
-    row = np.concatenate([row, np.full(max(0, ticks - len(row)), row[-1])])[:ticks]
-    return Timeline(np.clip(row, 0.0, rows - 1), pedal, (REST_TICKS + len(whole)) * TICK_S, turns)
+    end = REST_TICKS + len(whole)
+    turns = max(0, math.ceil((ticks - end) / len(whole))) if options.at_end == "reverse" else 0
+    ways = (whole[::-1] if turn % 2 else whole for turn in range(turns + 1))
+    row = np.concatenate([np.zeros(REST_TICKS), *ways])
+    row = np.pad(row, (0, max(0, ticks - len(row))), "edge")[:ticks]
+    return Timeline(np.clip(row, 0.0, rows - 1), pedal, end * TICK_S, turns)
 
 
 def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:

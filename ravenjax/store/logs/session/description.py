@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ravenjax.errors import StoreError, format_value
-from ravenjax.store.files import parse_json, require_writable, write_text
+from ravenjax.store.files import read_json, require_writable, write_text
 
 FILE = "session.json"
 VERSION = 1
@@ -85,16 +85,13 @@ def read_session(folder: Path) -> dict[str, Any]:
     reader.
     """
     path = Path(folder) / FILE
+    missing = (
+        f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that"
+        " `ravenjax train` wrote."
+    )
+    header = read_json(path, missing, "; the recording beside it holds a copy")
     try:
-        header = parse_json(path.read_text(encoding="utf-8"))
         SessionHeader.model_validate(header)
-    except FileNotFoundError as error:
-        raise StoreError(
-            f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that"
-            " `ravenjax train` wrote."
-        ) from error
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"])) or "the file"
@@ -103,10 +100,6 @@ def read_session(folder: Path) -> dict[str, Any]:
             f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; the"
             " recording beside it holds a copy"
         ) from None
-    except ValueError as error:
-        raise StoreError(
-            f"{path}: is not valid JSON ({error}); the recording beside it holds a copy"
-        ) from error
     return header
 
 

@@ -36,6 +36,7 @@ from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
+from ravenjax.store.files import disk_errors
 from ravenjax.store.logs import mcap_records, topics
 from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, METADATA, SIGNALS, Base, Topic
 
@@ -45,15 +46,7 @@ STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
 _BLOCK_ROWS = 4096
 
-_STATES = ("jpos", "jpos_d", "link_jpos", "model_jpos")
-_TIPS = {
-    "position": ("position", "rotation", "jpos"),
-    "tip": ("tip", "tip_rotation", "link_jpos"),
-    "model_tip": ("model_position", "model_rotation", "model_jpos"),
-}
-"""For each channel: the series of its position and of its orientation as named in
-`topics.standard_topics`, and the joints at which the orientation is computed.
-"""
+_CHANNELS = resources.read_tables(__file__, "log.toml")
 
 
 class SessionWriter:
@@ -65,12 +58,8 @@ class SessionWriter:
         Raises StoreError if the file cannot be created.
         """
         self.path = path
-        try:
+        with disk_errors(f"{path}: the recording cannot be written"):
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
-        except OSError as error:
-            raise StoreError(
-                f"{path}: the recording cannot be written ({error.strerror or error})"
-            ) from error
         self._start_ns = _start_ns(header)
         self._places: dict[str, list[int]] = {}
         for place, name in enumerate(names):
@@ -105,13 +94,9 @@ class SessionWriter:
         stamp = self._start_ns + max(0, self._next - 1) * TICK_NS
         for event in events:
             self._log.add_event(event, event_text(event), event_level(event), stamp)
-        try:
+        recorded = f"; the first {max(0, first)} ms of the session are recorded"
+        with disk_errors(f"{self.path}: cannot be written", recorded):
             self._log.flush()
-        except OSError as error:
-            raise StoreError(
-                f"{self.path}: cannot be written ({error.strerror or error}); "
-                f"the first {max(0, first)} ms of the session are recorded"
-            ) from error
 
     def close(self) -> None:
         """Write the index, so that the seeking readers of other tools can open the file.
@@ -131,8 +116,8 @@ class SessionWriter:
                 for name, places in self._places.items()
                 if name.startswith(f"{arm}/")
             }
-            series |= {f"{arm}/{name}": own[name] for name in _STATES if name in own}
-            for name, (place, rotation, joints) in _TIPS.items():
+            series |= {f"{arm}/{name}": own[name] for name in _CHANNELS["states"] if name in own}
+            for name, (place, rotation, joints) in _CHANNELS["tips"].items():
                 if name in own and joints in own:
                     series[f"{arm}/{place}"] = own[name]
                     series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
@@ -171,6 +156,10 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
     columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
     numbers: list[int] = []
+
+    def kept(block: bytearray) -> np.ndarray:
+        return np.frombuffer(block, "<f4").reshape(-1, len(names))[:, columns]
+
     data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
     events: list[dict[str, Any]] = []
     for message in content.messages((SIGNALS, EVENTS)):
@@ -179,11 +168,11 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
             numbers.append(message.sequence)
             data += message.data[-width:]
             if len(data) == _BLOCK_ROWS * width:
-                blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
+                blocks.append(kept(data))
                 data = bytearray()
         elif channel is not None and channel.topic == EVENTS:
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
-    blocks.append(np.frombuffer(data, "<f4").reshape(-1, len(names))[:, columns])
+    blocks.append(kept(data))
     return SessionLog(
         header,
         names,
@@ -201,22 +190,24 @@ def _start_ns(header: Mapping[str, Any]) -> int:
 
 
 @cache
-def _event_texts() -> tuple[dict[str, jinja2.Template], dict[str, str]]:
+def _event_kinds() -> dict[str, Any]:
     """Return the sentence of each kind of event, and the severity of those that are not mere
     information.
 
     The kinds are those of `ravenjax.train.protocol`.
     """
-    kinds = resources.read_tables(__file__, "events.toml")
-    environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
-    texts = {kind: environment.from_string(entry["text"]) for kind, entry in kinds.items()}
-    return texts, {kind: entry["level"] for kind, entry in kinds.items() if "level" in entry}
+    return resources.read_tables(__file__, "events.toml")
+
+
+@cache
+def _sentence(kind: str) -> jinja2.Template:
+    return jinja2.Template(_event_kinds()[kind]["text"], undefined=jinja2.StrictUndefined)
 
 
 def event_text(event: Mapping[str, Any]) -> str:
     """Return a sentence for an event; its keys and values if it is unknown or incomplete."""
     try:
-        return _event_texts()[0][event["kind"]].render(event, robot=ROBOT)
+        return _sentence(event["kind"]).render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):
         words = ", ".join(
             f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
@@ -226,4 +217,4 @@ def event_text(event: Mapping[str, Any]) -> str:
 
 def event_level(event: Mapping[str, Any]) -> str:
     """Return the severity of an event, one of `topics.LEVELS`."""
-    return _event_texts()[1].get(event["kind"], "info")
+    return _event_kinds().get(event["kind"], {}).get("level", "info")
