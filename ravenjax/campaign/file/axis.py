@@ -217,18 +217,11 @@ class OneValue:
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of what a file may contain here."""
         some = {"type": "array", "items": self.schema, "minItems": 1}
-        pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         properties = {
-            form: {"description": FORMS[form], **(pair if form in _PAIRS else some)}
+            form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else some)}
             for form in self.forms
         }
-        table = {
-            "type": "object",
-            "properties": properties,
-            "additionalProperties": False,
-            "minProperties": 1,
-            "maxProperties": 1,
-        }
+        table = {**_TABLES["table"], "properties": properties}
         forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
             "description": f"{self.expected}, a list of them, or one of {forms}",

@@ -252,6 +252,7 @@ class CampaignConfig(Section):
             for c in self.check
             if c.acts != "watch"
         ]
+        own = {"stops": stops, "checks": checks, "harms": [one.use for one in self.harm]}
         return {
             "campaign": self.campaign.model_dump(
                 mode="json", exclude=deciding_nothing, exclude_defaults=True
@@ -262,9 +263,7 @@ class CampaignConfig(Section):
                 "cue": 0,
                 **self.outcomes.model_dump(exclude_defaults=True),
             },
-            **({"stops": stops} if stops else {}),
-            **({"checks": checks} if checks else {}),
-            **({"harms": [one.use for one in self.harm]} if self.harm else {}),
+            **{key: parts for key, parts in own.items() if parts},
         }
 
     @property

@@ -133,10 +133,7 @@ class Haptics(Section):
         return self
 
     def _lists(self) -> dict[str, tuple[float, ...]]:
-        return {
-            name: getattr(self, name)
-            for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")
-        }
+        return self.model_dump(exclude={"combine"})
 
     def cues(self) -> tuple[CueSet, ...]:
         """Every haptic set, in the order of the lists. The last list varies fastest."""
@@ -216,9 +213,7 @@ class Detector(Section):
         many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
         return tuple(
             (
-                self.name
-                + (f"/{fusion}" if many_fusions else "")
-                + (f"/{count}" if many_counts else ""),
+                self.name + f"/{fusion}" * many_fusions + f"/{count}" * many_counts,
                 DetectorUse(
                     self.kind or "own",
                     fusion,

@@ -134,11 +134,9 @@ def count_cases(
     k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)
-        valid, *cases = happened[:, rows.start : rows.stop].reshape(
-            1 + len(rates), count, group.rows
-        )
+        marks = happened[:, rows.start : rows.stop].reshape(1 + len(rates), count, group.rows)
+        valid, cases = marks[0], marks[1:]
         first = valid.argmax(axis=1)[:, None]
-        for rate, case in enumerate(cases):
-            k[rate, number] = np.take_along_axis(case & valid, first, axis=1).sum()
+        k[:, number] = np.take_along_axis(cases & valid, first[None], axis=2).sum(axis=(1, 2))
         n[number] = valid.any(axis=1).sum()
     return k, n
