@@ -8,16 +8,14 @@ look found.
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.campaign import runner
-from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import decisions
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
@@ -31,24 +29,16 @@ def run_adaptively(
     out: Path | None = None,
     engine: str = "auto",
     *,
-    on_progress: OnProgress | None = None,
-    executor: Executor | None = None,
     shard: Shard | None = None,
-    command: Sequence[str] = (),
+    **options: Any,
 ) -> Results:
     """Run `config`, or finish it if `out` holds a part of it.
 
     A campaign with a stop rule is computed until the rule is met. Arguments and errors are those of
-    `runner.run_campaign`. Raises UserError for a shard of a campaign with a stop rule.
+    `runner.run_campaign`; options: its other arguments, but `rows`. Raises UserError for a shard of
+    a campaign with a stop rule.
     """
-    compute = functools.partial(
-        runner.run_campaign,
-        config,
-        engine=engine,
-        on_progress=on_progress,
-        executor=executor,
-        command=command,
-    )
+    compute = functools.partial(runner.run_campaign, config, engine=engine, **options)
     if config.stop is None:
         return compute(out, shard=shard)
     if shard is not None:
@@ -58,9 +48,7 @@ def run_adaptively(
         )
     if out is None:
         return runner.in_temporary_folder(
-            lambda folder: run_adaptively(
-                config, folder, engine, on_progress=on_progress, executor=executor
-            )
+            lambda folder: run_adaptively(config, folder, engine, **options)
         )
     rule, draws = stop_rule(config), group_draws(config)
     looks: list[Look] = []
@@ -109,9 +97,7 @@ def stop_rule(config: CampaignConfig) -> Sequential:
         Stratum(group.name, draws.number, bool(group.fault))
         for group, draws in zip(config.group, group_draws(config), strict=True)
     )
-    return Sequential(
-        strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation
-    )
+    return Sequential(strata, shares=stop.looks, **stop.model_dump(exclude={"looks"}))
 
 
 def count_cases(
