@@ -1,7 +1,6 @@
 """A fault as numbers, its state, and its window on the clock of its trigger; for any robot."""
 
 from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
-from ravenjax.numbers.vec import earliest_tick
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 
@@ -53,13 +52,14 @@ class FaultState:
 def outcomes(state: FaultState) -> dict[str, Scalar]:
     """Return what the faults have done so far, as columns of the result table."""
     out: dict[str, Scalar] = {}
-    ticks = jnp.int32(0)
+    first, ticks = jnp.int32(-1), jnp.int32(0)
     for k, slot in enumerate(state.slots):
         out[f"applied{k}_first_ms"] = slot.first_tick
         out[f"applied{k}_last_ms"] = slot.last_tick
         out[f"applied{k}_ticks"] = slot.changed_ticks
+        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
+        first = jnp.where(earlier, slot.first_tick, first)
         ticks = ticks + slot.changed_ticks
-    first = earliest_tick([jnp.int32(-1), *(slot.first_tick for slot in state.slots)])
     return out | {"first_active_ms": first, "active_ticks": ticks}
 
 
