@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.replay import replay_run
+from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.campaign.loading import load_campaign, load_source, result_folder
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.notebook.campaign import Campaign, run_config
@@ -70,7 +70,7 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
     Raises UserError.
     """
     config = _config(campaign)
-    again = replay_run(config, run, engine)
+    again = Replayer(config, engine).replay(run)
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
     plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
     attributes = {name: str(row[name]) for name in plain} | {

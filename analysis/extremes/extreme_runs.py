@@ -259,7 +259,7 @@ def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> d
 
 def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
     """Return the ends of the legal range, and some values between them."""
-    low, high, whole, _ = legal.legal_values(channel, effect)
+    _, low, high, whole, _ = legal.legal_values(channel, effect)
     values = [
         x
         for x in (low, high, *LARGE, *(draw.gauss(0.0, 100.0) for _ in range(3)))

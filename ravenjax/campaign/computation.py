@@ -35,6 +35,7 @@ from ravenjax.campaign.memory_windows import (
     concatenate,
     cut_into_windows,
     join_blocks,
+    take_rows,
 )
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
@@ -250,9 +251,7 @@ class Computation:
                 block, ends=self._fast_forward.last_end[self.plan.golden[self._filled(rows)]]
             )
         result = self.kernel.run(block, self.plan.columns, self._count)
-        columns = {
-            name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
-        }
+        columns = take_rows(outcomes.of_golden(result.outcomes), slice(len(rows)))
         self._fault_free_outcomes.append(columns)
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
@@ -263,7 +262,7 @@ class Computation:
         kernel = cast(BranchingKernel, self.kernel)
         block = self._block(np.array([row]), golden_runs.computed.result(), harmless=True)
         trunk, columns = kernel.trunk(block, self.plan.columns, last, ends)
-        return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
+        return Branches(trunk, ends, outcomes.of_golden(columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
         """Return `outcomes.of_golden` of the golden run of each row at the time when the row ends.
@@ -282,7 +281,7 @@ class Computation:
                 for name, values in computed.outcomes.items()
             }
         at_end = np.searchsorted(computed.numbers, golden)
-        columns = {name: values[at_end] for name, values in computed.outcomes.items()}
+        columns = take_rows(computed.outcomes, at_end)
         for number in np.unique(golden[early]).tolist():
             mine = early & (golden == number)
             if number in golden_runs.branches:
@@ -315,7 +314,7 @@ class Computation:
         ]
         block = dataclasses.replace(self._block(rows, computed), trunks=trunks)
         result = self.kernel.run(block, self.plan.columns, self._count)
-        columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
+        columns = take_rows(result.outcomes, slice(len(rows)))
         if self.plan.program.ends:
             columns[schema.OBSERVED] = self.plan.ends[rows]
         return columns, self._golden_outcomes(rows, golden_runs)

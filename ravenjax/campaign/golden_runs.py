@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax.campaign.memory_windows import Columns, take_rows
 from ravenjax.campaign.plan import Plan
 
 WORTH = 2
@@ -21,8 +22,6 @@ WORTH = 2
 
 What the group shares must also be computed again.
 """
-
-Columns = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Computed:
     def picked(self, numbers: np.ndarray) -> Computed:
         """Return the golden runs among `numbers` that are held here."""
         mask = np.isin(self.numbers, numbers)
-        outcomes = {name: values[mask] for name, values in self.outcomes.items()}
+        outcomes = take_rows(self.outcomes, mask)
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
 

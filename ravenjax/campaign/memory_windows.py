@@ -1,7 +1,7 @@
 """Divides rows into windows that fit in memory, and these into blocks. Joins results to parts."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,13 @@ def cut_into_windows(
 
 
 Columns = dict[str, np.ndarray]
+
+
+def take_rows(columns: Mapping[str, np.ndarray], rows: Any) -> Columns:
+    """Return some rows of each column. rows: indices, a mask or a slice."""
+    return {name: values[rows] for name, values in columns.items()}
+
+
 Pair = tuple[Columns, Columns]
 """Outcomes of some rows, and those of their golden runs."""
 
@@ -110,9 +117,7 @@ def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator
                 pair, first = next(coming), 0
                 size = len(next(iter(pair[0].values())))
             end = min(size, first + lacking)
-            outcomes, golden_runs = (
-                {name: values[first:end] for name, values in columns.items()} for columns in pair
-            )
+            outcomes, golden_runs = (take_rows(columns, slice(first, end)) for columns in pair)
             pieces.append((outcomes, golden_runs))
             first, lacking = end, lacking - (end - first)
         whole = pieces[0] if len(pieces) == 1 else map(concatenate, zip(*pieces, strict=True))

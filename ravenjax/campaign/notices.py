@@ -15,7 +15,6 @@ from ravenjax.campaign.faults import design, span, table
 from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
-from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers import paths
 from ravenjax.store.motion.summary import list_names
@@ -30,7 +29,7 @@ NAMED = 4
 
 def of_plan(plan: Plan) -> tuple[str, ...]:
     """Return every notice of a campaign in words, in the order of the file."""
-    declared = [f"{location.format_key(key)}: {message}" for key, message in of_config(plan.config)]
+    declared = list(of_config(plan.config))
     if plan.operator is not None:
         declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
     of_runs = plan.config.notices_of_runs(plan)
@@ -46,89 +45,88 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
     )
 
 
-def of_config(config: CampaignConfig) -> Iterator[Complaint]:
-    """Yield (key, message) of what the sections of a file declare without effect."""
-    yield from config.notices()
+def of_config(config: CampaignConfig) -> Iterator[str]:
+    """Yield "key: message" of what the sections of a file declare without effect."""
+    for key, message in config.notices():
+        yield f"{location.format_key(key)}: {message}"
     least, largest = config.distances_mm
     of_tip = [(n, d.threshold) for n, d in enumerate(config.detector) if d.kind == "tip_error"]
     for key, values, lowest in (
-        (("haptics", "threshold_mm"), config.haptics.threshold_mm, least),
-        (("outcomes", "limit_mm"), config.outcomes.limit_mm, least),
-        (("outcomes", "jump_step_mm"), config.outcomes.jump_step_mm, 0.0),
-        (("outcomes", "large_jump_mm"), config.outcomes.large_jump_mm, 0.0),
-        *((("detector", number, "threshold"), values, least) for number, values in of_tip),
+        ("haptics.threshold_mm", config.haptics.threshold_mm, least),
+        ("outcomes.limit_mm", config.outcomes.limit_mm, least),
+        ("outcomes.jump_step_mm", config.outcomes.jump_step_mm, 0.0),
+        ("outcomes.large_jump_mm", config.outcomes.large_jump_mm, 0.0),
+        *((f"detector[{number}].threshold", values, least) for number, values in of_tip),
     ):
         for value in np.ravel(values):
             if value >= largest:
                 yield (
-                    key,
-                    f"{value:g} mm is never reached: two positions of the tip are at most"
-                    f" {largest:g} mm apart",
+                    f"{key}: {value:g} mm is never reached: two positions of the tip are at most"
+                    f" {largest:g} mm apart"
                 )
             elif value <= lowest:
                 yield (
-                    key,
-                    f"{value:g} mm is always exceeded: without a fault the moving tip is already"
-                    f" {lowest:g} mm off the model",
+                    f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
+                    f" already {lowest:g} mm off the model"
                 )
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
+            key = f"{kind}[{number}]"
             thresholds = np.ravel(part.threshold)
             if 0.0 in thresholds:
-                yield (kind, number, "threshold"), "0 is exceeded by any score: it is always on"
+                yield f"{key}.threshold: 0 is exceeded by any score: it is always on"
             if len(np.unique(thresholds)) < len(thresholds):
-                yield (kind, number, "threshold"), "has a number twice: both alarm alike"
+                yield f"{key}.threshold: has a number twice: both alarm alike"
             alike = [part.model_copy(update={"name": other.name}) == other for other in parts]
             if (first := alike.index(True)) < number:
-                yield (kind, number), f"is the same as {kind}[{first}] but for its name"
+                yield f"{key}: is the same as {kind}[{first}] but for its name"
     for number, one in enumerate(config.harm):
         if one.counts != "watch":
             beside = "also means" if config.limit_counts else "means"
-            yield ("harm", number), f"unintended motion {beside} {one.name!r}: {one.when}"
+            yield f"harm[{number}]: unintended motion {beside} {one.name!r}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:
-            yield ("haptics",), f"set {number} is the same as set {first}"
+            yield f"haptics: set {number} is the same as set {first}"
         if not cue.cap or not (cue.kp or cue.kd):
             yield (
-                ("haptics",),
-                f"set {number} has cap 0, or no spring and damper: its force is always 0",
+                f"haptics: set {number} has cap 0, or no spring and damper: its force is always 0"
             )
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
-        yield ("campaign", "limit"), f"{limit} is no limit: the campaign has no more runs"
+        yield f"campaign.limit: {limit} is no limit: the campaign has no more runs"
     if config.stop is not None:
         if config.stop.looks == (1.0,):
-            yield ("stop", "looks"), "the only look comes at the end, so it ends nothing early"
+            yield "stop.looks: the only look comes at the end, so it ends nothing early"
         if config.stop.allocation == "neyman" and sum(bool(g.fault) for g in config.group) == 1:
-            yield ("stop", "allocation"), "one group has faults: there is nothing to allocate"
+            yield "stop.allocation: one group has faults: there is nothing to allocate"
     if config.campaign.seed and not any(_draws(config, group) for group in config.group):
-        yield ("campaign", "seed"), "nothing in the campaign is drawn, so no outcome depends on it"
+        yield "campaign.seed: nothing in the campaign is drawn, so no outcome depends on it"
     for path in config.parameters:
         if all(
             path in group.parameters
             or (group.run and all(path in run.parameters for run in group.run))
             for group in config.group
         ):
-            yield ("parameters", path), "no run has this value, because every group sets its own"
+            yield f"parameters.{path}: no run has this value, because every group sets its own"
     robot = config.robot
     for g, group in enumerate(config.group):
         for f, fault in enumerate(() if group.run else group.fault):
             if fault.wraps and not any(semantics.find_unfit_values(config, group, fault, False)):
                 yield (
-                    ("group", g, "fault", f, "wraps"),
-                    "no value is beyond the 16 bits of its number, so the key permits nothing",
+                    f"group[{g}].fault[{f}].wraps: no value is beyond the 16 bits of its number,"
+                    " so the key permits nothing"
                 )
         if config.campaign.noise and semantics.is_silent(config, group):
             yield (
-                ("campaign", "noise"),
-                f"nothing is drawn in group {group.name!r}, because every size of noise is 0",
+                f"campaign.noise: nothing is drawn in group {group.name!r}, because every size of"
+                " noise is 0"
             )
     for key, axes in config.parameter_tables():
         for path, axis in axes.items() if not config.campaign.noise else ():
             if bounds.shorten_path(robot, path) in robot.noise and axis.values != (0,):
                 yield (
-                    (*key, path),
-                    "nothing reads it while campaign.noise is off; set campaign.noise = true",
+                    f"{location.format_key((*key, path))}: nothing reads it while campaign.noise"
+                    " is off; set campaign.noise = true"
                 )
 
 
@@ -334,10 +332,11 @@ def find_copies(plan: Plan) -> np.ndarray:
     Their inputs are equal and nothing in them is random. A window beyond the run's end is as long
     as one that ends with it.
     """
-    fixed = [not semantics.random_in_itself(plan.config, group) for group in plan.config.group]
-    names = [group.name for group in plan.config.group]
-    groups = plan.rows["group"].cat
-    rows = np.array([fixed[names.index(name)] for name in groups.categories])[groups.codes]
+    fixed = {
+        group.name: not semantics.random_in_itself(plan.config, group)
+        for group in plan.config.group
+    }
+    rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
     # Packet numbers begin at 1.

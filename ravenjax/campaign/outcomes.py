@@ -1,7 +1,7 @@
 """Converts an engine's results to rows of the result table: names, types, response, verdict."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,13 @@ MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm"
 """Endings of outcome names that an engine returns as infinite if nothing was measured."""
 
 
-def of_golden(names: Iterable[str]) -> tuple[str, ...]:
+def of_golden(outcomes: Columns) -> dict[str, np.ndarray]:
     """Return the outcome columns that a golden run needs: its stored columns, and first alarms."""
-    return tuple(
-        name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
-    )
+    return {
+        name: values
+        for name, values in outcomes.items()
+        if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
+    }
 
 
 def result_columns(

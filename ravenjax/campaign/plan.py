@@ -14,6 +14,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, run_id, span, table
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.memory_windows import take_rows
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.engines.interface import TickProgram
 from ravenjax.errors import UserError
@@ -53,8 +54,8 @@ class Plan:
         """Return the fields with one entry per run, for some rows only."""
         return {
             "rows": self.rows.iloc[rows],
-            "faults": {name: values[rows] for name, values in self.faults.items()},
-            "varied": {path: values[rows] for path, values in self.varied.items()},
+            "faults": take_rows(self.faults, rows),
+            "varied": take_rows(self.varied, rows),
             "golden": self.golden[rows],
         }
 
@@ -103,17 +104,12 @@ class Plan:
         faults.
         """
         index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
-        varied = {path: values[index] for path, values in self.varied.items()}
-        picked = {name: values[index] for name, values in self.faults.items()}
+        faults = take_rows(self.faults, index)
         if harmless:
-            picked["code"] = np.zeros_like(picked["code"])
+            faults["code"] = np.zeros_like(faults["code"])
         slots = range(self.program.setup.injection.slots)
-        return varied, Faults(
-            tuple(
-                FaultSlot(**{name: values[:, slot] for name, values in picked.items()})
-                for slot in slots
-            )
-        )
+        slots = tuple(FaultSlot(**take_rows(faults, np.s_[:, slot])) for slot in slots)
+        return take_rows(self.varied, index), Faults(slots)
 
 
 def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:

@@ -7,7 +7,7 @@ are valid. If the campaign also sets a parameter, the campaign's value is used.
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ravenjax.campaign.file.group import flatten_parameters
+from ravenjax.campaign.file.group import flatten_table
 from ravenjax.campaign.file.location import Where, read_toml
 from ravenjax.errors import UserError, format_value
 
@@ -50,11 +50,9 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
                 "campaign",
                 name,
             )
-    robots = flatten_parameters({"parameters": content.get("parameters", {})})["parameters"]
     rest = {name: value for name, value in own.items() if name != KEY}
-    own_paths = flatten_parameters({"parameters": rest})["parameters"]
     return {
         **raw,
         "campaign": {**content.get("campaign", {}), **campaign},
-        "parameters": {**robots, **own_paths},
+        "parameters": {**flatten_table(content.get("parameters", {})), **flatten_table(rest)},
     }

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.campaign.file.group import PATHS, flatten_parameters
+from ravenjax.campaign.file.group import PATHS, flatten_table
 from ravenjax.campaign.loading import ARRAYS
 
 _ARRAYS = {*ARRAYS, "fault", "run"}
@@ -36,7 +36,7 @@ def _item(key: str, value: Any, headed: bool = False) -> Any:
 
     if isinstance(value, Mapping):
         if key in PATHS:
-            value = flatten_parameters({key: value})[key]
+            value = flatten_table(value)
         headed = headed or key in PATHS
         return _filled(tomlkit.table() if headed else tomlkit.inline_table(), value)
     if not isinstance(value, list):

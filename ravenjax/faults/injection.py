@@ -5,6 +5,7 @@ the sites that it uses, and only these add code to the tick. At a site, each fau
 channel, applies its effect once, and writes the result back. Every other channel keeps its bits.
 """
 
+import dataclasses
 import functools
 import math
 from collections.abc import Mapping
@@ -172,25 +173,17 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
+@dataclasses.dataclass(eq=False)
 class Injector:
     """Injects faults by `inject(site, signal)` in one tick, from site to site."""
 
-    def __init__(
-        self,
-        setup: Setup,
-        paths: Mapping[ChannelKey, Target],
-        faults: Faults,
-        state: FaultState,
-        clock: TriggerClocks,
-    ) -> None:
-        """Prepare the injection of one tick.
-
-        paths: path in its site's signal and kind of each channel of `channel_keys`; the kinds are
-        "int16", "int16 saturated", "int32", "float" and "bool".
-        """
-        self.setup: Any = setup  # a setup of the robot's class
-        self._paths, self._faults, self._clock = paths, faults, clock
-        self.state = state
+    setup: Any  # a setup of the robot's class
+    # Path in its site's signal and kind of each channel of `channel_keys`; the kinds are "int16",
+    # "int16 saturated", "int32", "float" and "bool".
+    paths: Mapping[ChannelKey, Target]
+    faults: Faults
+    state: FaultState
+    clock: TriggerClocks
 
     def strikes(self, *sites: str) -> bool:
         """Return whether the campaign injects faults at any of these sites."""
@@ -202,9 +195,9 @@ class Injector:
         for use in self.setup.injection.sites:
             if use.site != site:
                 continue
-            targets = [(i + 1, *self._paths[key]) for i, key in enumerate(keys) if key[0] == site]
+            targets = [(i + 1, *self.paths[key]) for i, key in enumerate(keys) if key[0] == site]
             slots = list(self.state.slots)
-            for i, fault in enumerate(self._faults.slots):
+            for i, fault in enumerate(self.faults.slots):
                 slots[i], signal = self._strike(use, targets, fault, slots[i], signal, present)
             self.state = FaultState(tuple(slots))
         return signal
@@ -219,7 +212,7 @@ class Injector:
         present: Scalar,
     ) -> tuple[SlotState, Any]:
         """Apply one slot at one site; `targets` are (code, path, kind) of the site's channels."""
-        real, tick = self.setup.precision.real, self._clock.tick
+        real, tick = self.setup.precision.real, self.clock.tick
         numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
         aims = [fault.code == code for code, _, _ in targets]
         x = lax.convert_element_type(numbers[0], real)

@@ -7,16 +7,17 @@ terms are explained in `data/terms.toml`.
 
 import tomllib
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
-DATA = resources.files("ravenjax.hazards") / "data"
+DATA = Path(__file__).with_name("data")
 
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
@@ -109,15 +110,14 @@ class Hazard(LibraryTable):
 @cache
 def library_terms() -> dict[str, dict[str, str]]:
     """Return word -> meaning of accidents, hazards, control actions, classes and sources."""
-    return tomllib.loads(_data("terms.toml"))
+    return resources.read_tables(__file__, "data/terms.toml")
 
 
 @cache
 def _layer_tables() -> list[dict[str, Any]]:
     """Return the tables of the layers' files, L1 first."""
-    names = [file.name for file in DATA.iterdir() if file.name.startswith("L")]
-    names.sort(key=lambda name: int(name[1:].partition("_")[0]))
-    return [tomllib.loads(_data(name)) for name in names]
+    files = sorted(DATA.glob("L*.toml"), key=lambda file: int(file.name[1:].partition("_")[0]))
+    return [tomllib.loads(file.read_text(encoding="utf-8")) for file in files]
 
 
 def library_layers() -> dict[str, str]:
@@ -143,7 +143,3 @@ def find_hazard(name: str) -> Hazard:
             f"unknown hazard {name!r}, expected an id such as 'C09'{suggest_name(name, by_id)}"
         )
     return by_id[name]
-
-
-def _data(name: str) -> str:
-    return (DATA / name).read_text(encoding="utf-8")

@@ -26,7 +26,7 @@ class ChannelRange(NamedTuple):
     low_permille: float  # 0.1 % of the ticks were below
     high_permille: float  # 0.1 % of the ticks were above
     high: float
-    ticks: int
+    ticks: float  # number of ticks that were measured
 
 
 @cache
@@ -35,10 +35,8 @@ def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
     text = (DATA / FILE).read_text(encoding="utf-8")
     _, *rows = csv.reader(text.splitlines())
     return {
-        (site, arm, channel): ChannelRange(
-            site, arm, channel, unit, *map(float, numbers), ticks=int(ticks)
-        )
-        for site, arm, channel, unit, *numbers, ticks in rows
+        (site, arm, channel): ChannelRange(site, arm, channel, unit, *map(float, numbers))
+        for site, arm, channel, unit, *numbers in rows
     }
 
 

@@ -6,6 +6,7 @@ import functools
 import io
 import weakref
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,14 @@ if TYPE_CHECKING:
     from ravenjax.report.data.runs import Runs
 
 
+def _style() -> AbstractContextManager[None]:
+    import matplotlib
+
+    from ravenjax.document.figure_style import STYLE
+
+    return matplotlib.rc_context(STYLE)
+
+
 class ShownFigure:
     """A figure that a notebook shows with any backend of matplotlib.
 
@@ -35,11 +44,7 @@ class ShownFigure:
 
     def savefig(self, path: str | io.StringIO, **options: object) -> None:
         """Write the figure to a file; the arguments are those of matplotlib."""
-        import matplotlib
-
-        from ravenjax.document.figure_style import STYLE
-
-        with matplotlib.rc_context(STYLE):
+        with _style():
             self.figure.savefig(path, **options)  # pyright: ignore[reportArgumentType]
 
     def _repr_svg_(self) -> str:
@@ -218,11 +223,7 @@ class CampaignResults:
         )
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
-        import matplotlib
-
-        from ravenjax.document.figure_style import STYLE
-
-        with matplotlib.rc_context(STYLE):
+        with _style():
             figure = drawn(self._runs)
         if figure is None:
             raise UserError(f"there is nothing to draw: {absent}")

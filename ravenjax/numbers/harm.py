@@ -11,32 +11,19 @@ its windows are over. A window reaches no further than the beginning of the run.
 """
 
 import ast
+import dataclasses
 import functools
+import itertools
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.setup import Setup, cast_to_real
-from ravenjax.numbers.vec import Scalar, Vec, first_tick, largest, record
+from ravenjax.numbers.setup import Setup, cast_to_real, for_each_arm
+from ravenjax.numbers.vec import Scalar, Vec, earliest_tick, first_tick, largest, record
 
-SIGNALS = {
-    "unintended": "mm, least distance of the tip from golden run, nominal model and standing still",
-    "loss": "mm, distance of the tip due to motion that the robot missed",
-    "false_report": "mm, error of the reported tip beyond the golden run's",
-    "from_golden": "mm, distance of the tip from the golden run",
-    "from_model": "mm, distance of the tip from the nominal model",
-    "depth": "mm, of the tip below the tissue's surface, negative above it",
-    "between_tips": "mm, distance between the tips of two arms; infinite with one arm",
-    "speed": "mm/s, of the tip",
-    "x": "mm, of the tip in frame 0",
-    "y": "mm",
-    "z": "mm",
-    "dac": "DAC counts, largest magnitude of the commands written to USB",
-    "live": "1 while the robot is live, else 0",
-    "pedal": "1 while the operator holds the pedal down, else 0",
-    "time": "ms since the run began",
-}
+SIGNALS: dict[str, str] = resources.read_tables(__file__, "harm.toml")
 """What an expression reads, for each arm. All tips are the true ones."""
 MOST_MS = 500
 """Longest memory of an expression. Each millisecond costs every run some time."""
@@ -63,21 +50,19 @@ class HarmState:
     first: Scalar  # int32, tick in which it was first positive; -1: never
 
 
+@dataclasses.dataclass(eq=False)
 class Moment:
     """The signals of one arm in this tick, and what its expression remembers."""
 
-    def __init__(
-        self, signals: Mapping[str, Scalar], tick: Scalar, memory: Sequence[Vec] | None
-    ) -> None:
-        """memory: None before the first tick."""
-        self.signals, self.tick = signals, tick
-        self.after: list[Vec] = []
-        self._before: Iterator[Vec] | None = None if memory is None else iter(memory)
+    signals: Mapping[str, Scalar]
+    tick: Scalar
+    before: Iterator[Vec] | None = None  # None: before the first tick
+    after: list[Vec] = dataclasses.field(default_factory=list)
 
     def remember(self, ticks: int, empty: Scalar, new: Callable[[Vec], Vec]) -> Vec:
         """Return the values of the last ticks, latest first, and remember `new` of them."""
-        first = self._before is None
-        before = Vec.full(ticks, empty) if self._before is None else next(self._before)
+        first = self.before is None
+        before = Vec.full(ticks, empty) if self.before is None else next(self.before)
         self.after.append(before if first else new(before))
         return before
 
@@ -107,7 +92,7 @@ def parse_harm(text: str) -> Formula:
     except (SyntaxError, ValueError) as error:
         raise ValueError(f"got {text!r}, expected an expression such as depth > 2") from error
     formula = _truth(tree)
-    moment = Moment(dict.fromkeys(SIGNALS, 0.0), 0, None)
+    moment = Moment(dict.fromkeys(SIGNALS, 0.0), 0)
     formula.value(moment, formula.ahead)
     if (needed := sum(map(len, moment.after))) > MOST_MS:
         raise ValueError(
@@ -147,12 +132,12 @@ def _truth(node: ast.AST) -> Formula:
             terms = [_number(term) for term in (left, *rights)]
 
             def distance(moment: Moment, delay: int) -> Scalar:
-                values = [term(moment) for term in terms]
+                pairs = itertools.pairwise(term(moment) for term in terms)
                 least = functools.reduce(
                     jnp.minimum,
                     (
                         a - b if type(op) is ast.Gt else b - a
-                        for a, b, op in zip(values, values[1:], ops, strict=False)
+                        for (a, b), op in zip(pairs, ops, strict=True)
                     ),
                 )
                 return moment.delay(least, delay, 0.0)
@@ -223,19 +208,20 @@ def _over_window(upper: bool, ahead: bool, a: int, b: int, inner: Formula) -> Fo
     return Formula(inner.ahead + b if ahead else max(0, inner.ahead - a), value)
 
 
+def _robustness(use: HarmUse, moment: Moment) -> Scalar:
+    formula = parse_harm(use.when)
+    value = formula.value(moment, formula.ahead)
+    return jnp.where(moment.tick >= formula.ahead, value, -jnp.inf)
+
+
 def init(setup: Setup) -> tuple[HarmState, ...]:
     """Return the state of each harm before the first tick."""
-    zeros = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0))
-
-    def memory(use: HarmUse) -> tuple[Vec, ...]:
-        formula, moment = parse_harm(use.when), Moment(zeros, jnp.int32(0), None)
-        formula.value(moment, formula.ahead)
-        return tuple(cast_to_real(setup, values) for values in moment.after)
-
-    nothing = cast_to_real(setup, -jnp.inf)
-    return tuple(
-        HarmState((memory(use),) * len(setup.arms), nothing, jnp.int32(-1)) for use in setup.harms
-    )
+    zeros, states = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0)), []
+    for use in setup.harms:
+        _robustness(use, moment := Moment(zeros, jnp.int32(0)))
+        memory, nothing = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
+        states.append(HarmState(for_each_arm(setup, memory), nothing, jnp.int32(-1)))
+    return tuple(states)
 
 
 def step(
@@ -247,19 +233,12 @@ def step(
     """Return the harms after this tick. signals: SIGNALS of each arm."""
     after = []
     for use, before in zip(setup.harms, state, strict=True):
-        formula = parse_harm(use.when)
-        moments = [
-            Moment(arm, tick, memory) for arm, memory in zip(signals, before.memory, strict=True)
-        ]
-        now = largest(formula.value(moment, formula.ahead) for moment in moments)
-        now = cast_to_real(setup, jnp.where(tick >= formula.ahead, now, -jnp.inf))
-        after.append(
-            HarmState(
-                tuple(cast_to_real(setup, tuple(moment.after)) for moment in moments),
-                jnp.maximum(before.peak, now),
-                first_tick(tick, now > 0.0, before.first),
-            )
-        )
+        memories = map(iter, before.memory)
+        moments = [Moment(arm, tick, next(memories)) for arm in signals]
+        now = cast_to_real(setup, largest(_robustness(use, moment) for moment in moments))
+        memory = cast_to_real(setup, tuple(tuple(moment.after) for moment in moments))
+        first = first_tick(tick, now > 0.0, before.first)
+        after.append(HarmState(memory, jnp.maximum(before.peak, now), first))
     return tuple(after)
 
 
@@ -276,10 +255,8 @@ def decide_harm(setup: Setup, state: tuple[HarmState, ...], moved: Scalar) -> Sc
 
     This decides what counts as harm in every table, report and analysis.
     """
-    uses = list(zip(setup.harms, state, strict=True))
-    first = jnp.int32(-1) if any(use.counts == "replaces" for use, _ in uses) else moved
-    for use, harm in uses:
-        if use.counts != "watch":
-            sooner = (harm.first >= 0) & ((first < 0) | (harm.first < first))
-            first = jnp.where(sooner, harm.first, first)
-    return first
+    replaced = any(use.counts == "replaces" for use in setup.harms)
+    counted = [
+        harm.first for use, harm in zip(setup.harms, state, strict=True) if use.counts != "watch"
+    ]
+    return earliest_tick([jnp.int32(-1) if replaced else moved, *counted])

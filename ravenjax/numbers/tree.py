@@ -6,7 +6,7 @@
 import dataclasses
 import itertools
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 
@@ -15,7 +15,17 @@ def tree_leaves(tree: Any) -> list[Any]:
     branches = _branches(tree)
     if branches is None:
         return [tree]
-    return [leaf for branch in branches for leaf in tree_leaves(branch)]
+    return [leaf for branch in branches.values() for leaf in tree_leaves(branch)]
+
+
+def named_leaves(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (dotted path, number) for every number of a tree, in order."""
+    branches = _branches(tree)
+    if branches is None:
+        yield above, tree
+    else:
+        for name, branch in branches.items():
+            yield from named_leaves(branch, f"{above}.{name}" if above else f"{name}")
 
 
 def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
@@ -30,9 +40,8 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     rows = [_branches(other) for other in others]
     if any(row is None or len(row) != len(branches) for row in rows):
         raise ValueError(f"trees of unlike structure: {tree!r} beside {others!r}")
-    return _joined(
-        tree, [map_leaves(function, *items) for items in zip(branches, *rows, strict=True)]
-    )  # type: ignore[arg-type]
+    columns = (row.values() for row in (branches, *rows))  # pyright: ignore[reportOptionalMemberAccess]
+    return _joined(tree, [map_leaves(function, *items) for items in zip(*columns, strict=True)])
 
 
 def fill_tree(tree: Any, numbers: list[Any]) -> Any:
@@ -50,22 +59,22 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
         branches = _branches(node)
         if branches is None:
             return operator.itemgetter(next(places))
-        parts = [of(branch) for branch in branches]
+        parts = [of(branch) for branch in branches.values()]
         return lambda numbers: _joined(node, [part(numbers) for part in parts])
 
     return of(tree)
 
 
-def _branches(tree: Any) -> list[Any] | None:
-    # Children of a node, in JAX's order of pytrees; None for a leaf.
+def _branches(tree: Any) -> dict[Any, Any] | None:
+    # Children of a node by name, in JAX's order of pytrees; None for a leaf.
     if tree is None:
-        return []
+        return {}
     if isinstance(tree, tuple | list):
-        return list(tree)
+        return dict(enumerate(tree))
     if isinstance(tree, dict):
-        return [tree[key] for key in sorted(tree)]
+        return {key: tree[key] for key in sorted(tree)}
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
-        return [getattr(tree, field.name) for field in dataclasses.fields(tree)]
+        return {field.name: getattr(tree, field.name) for field in dataclasses.fields(tree)}
     return None
 
 

@@ -1,9 +1,8 @@
 """Gives the words of a verdict with a campaign's own numbers."""
 
-import tomllib
-from pathlib import Path
 from typing import NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.outcomes.events import Rules, describe_harms
 from ravenjax.outcomes.verdict import HALT_MS, HAZARDS
 from ravenjax.vocabulary.robot import Robot
@@ -36,7 +35,7 @@ def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
         "condition": f" while the operator held the {robot.dead_man} down" * bool(robot.dead_man),
         "live": robot.live[:1].upper() + robot.live[1:],
     }
-    kinds = tomllib.loads(Path(__file__).with_name("definitions.toml").read_text(encoding="utf-8"))
+    kinds = resources.read_tables(__file__, "definitions.toml")
     return [
         Definition(
             kind,

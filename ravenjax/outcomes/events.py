@@ -6,11 +6,10 @@ Stop rules, report and search share them, on Parquet files, Arrow tables and Dat
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, UNTOLD
 
 if TYPE_CHECKING:
@@ -60,9 +59,7 @@ def check_ms_sql(name: str) -> str:
     )
 
 
-EVENTS: dict[str, dict[str, str]] = tomllib.loads(
-    Path(__file__).with_name("events.toml").read_text(encoding="utf-8")
-)
+EVENTS: dict[str, dict[str, str]] = resources.read_tables(__file__, "events.toml")
 """Meaning and SQL of each event."""
 
 TOLD_SQL = f"response IN {_among(TOLD)}"

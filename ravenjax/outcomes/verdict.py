@@ -146,18 +146,11 @@ def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
     `outcomes`: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
     golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
     """
-    halted = is_halt(
-        np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped
-    )
-    return np.select(
-        [
-            np.asarray(outcomes["unintended_first_ms"]) >= 0,
-            (np.asarray(outcomes["loss_first_ms"]) >= 0) | halted,
-            np.asarray(outcomes["false_report_first_ms"]) >= 0,
-        ],
-        [0, 1, 2],
-        _NONE,
-    ).astype(np.int8)
+    names = ("unintended", "loss", "false_report")
+    came = [np.asarray(outcomes[f"{name}_first_ms"]) >= 0 for name in names]
+    halted, golden = (np.asarray(outcomes[f"{of}halted_ms"]) for of in ("", "golden_"))
+    came[1] |= is_halt(halted, golden, stopped)
+    return np.select(came, range(3), _NONE).astype(np.int8)
 
 
 def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:

@@ -192,7 +192,10 @@ class Part:
         """Return the state before the first millisecond: floats of `width`, int32 and bool."""
         with _blame(self.source, INIT):
             state = self._call("init", params)
-            named = ((f"the state's {name or 'number'}", value) for name, value in _named(state))
+            named = (
+                (f"the state's {name or 'number'}", value)
+                for name, value in tree.named_leaves(state)
+            )
             return tree.fill_tree(state, [self._number(INIT, *pair, width) for pair in named])
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
@@ -208,7 +211,9 @@ class Part:
             if type(result) is not tuple or len(result) != len(wanted):
                 expected = ", ".join(wanted)
                 raise self._error(STEP, f"gives {format_value(result)}, expected ({expected})")
-            names = ", ".join(name or "one number" for name, _ in _named(state)) or "nothing"
+            names = (
+                ", ".join(name or "one number" for name, _ in tree.named_leaves(state)) or "nothing"
+            )
             out = [self._like("state", state, result[0], width, f"{names}, as init begins")]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
@@ -246,7 +251,7 @@ class Part:
 
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
-        expected, given = list(_named(like)), list(_named(values))
+        expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
         if [place for place, _ in expected] != [place for place, _ in given]:
             several = f"{len(expected)} numbers, a Vec or a record as view has them"
             words = words or ("one number" if len(expected) == 1 else several)
@@ -281,7 +286,7 @@ class Part:
             expected = "expected a record of numbers, made with @record"
             raise self._error(PARAMS, f"gives {format_value(record)}, {expected}")
         ranges = dict(quantity.list_quantities(type(record)))
-        for name, value in _named(record):
+        for name, value in tree.named_leaves(record):
             limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
             if limits is None:
                 remedy = "annotate it with Quantity(unit, low, high, meaning)"
@@ -306,23 +311,6 @@ def _kind(value: Any) -> str | None:
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
     return None if dtype is None else _KINDS.get(np.dtype(dtype).kind)
-
-
-def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (name, number) for every number of a tree, in the order of `tree.tree_leaves`."""
-    if node is None:
-        return
-    if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        entries = list(vars(node).items())
-    elif isinstance(node, dict):
-        entries = [(str(key), node[key]) for key in sorted(node)]
-    elif isinstance(node, tuple | list):
-        entries = [(str(place), item) for place, item in enumerate(node)]
-    else:
-        yield above, node
-        return
-    for name, item in entries:
-        yield from _named(item, f"{above}.{name}" if above else name)
 
 
 # --- parameters of several files ---

@@ -4,6 +4,7 @@ The part's content is the user's file and these files. Campaigns store a hash of
 """
 
 import builtins
+import dataclasses
 import hashlib
 import io
 import sys
@@ -17,6 +18,7 @@ import numpy as np
 from ravenjax.errors import UserError, format_value
 
 
+@dataclasses.dataclass(eq=False)
 class Reader:
     """Runs one part, and the modules beside it that it imports.
 
@@ -24,38 +26,30 @@ class Reader:
     names. Two campaigns may therefore each have a module `filters`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        folder: Path,
-        known: Mapping[str, bytes] | None,
-        require: Callable[[Path, bytes], None],
-    ) -> None:
-        """Prepare to run the part whose module is called `name`.
-
-        known: files of a part that was read before, maybe in another process, which are used
-        unchanged. None: the folder's are read. require: raises UserError for refused code.
-        """
-        self.folder = folder
-        self.taken: dict[str, bytes] = {}
-        self._name, self._known, self._require = name, known, require
-        self._modules: dict[str, types.ModuleType] = {}
+    name: str  # of the part's module
+    folder: Path
+    # Files of a part that was read before, maybe in another process, which are used unchanged.
+    # None: the folder's are read.
+    known: Mapping[str, bytes] | None
+    require: Callable[[Path, bytes], None]  # raises UserError for refused code
+    taken: dict[str, bytes] = dataclasses.field(default_factory=dict)
+    _modules: dict[str, types.ModuleType] = dataclasses.field(default_factory=dict)
 
     def read(self, text: str, path: Path) -> types.ModuleType:
         """Return the module of the part's file."""
-        self._require(path, text.encode())
+        self.require(path, text.encode())
         _READERS.append(self)
         try:
-            return self._run(text, path, self._name)
+            return self._run(text, path, self.name)
         finally:
             _READERS.remove(self)
 
     def content(self, name: str) -> bytes:
         """Return a file beside the part, and add it to the part's content. Raises OSError."""
-        if self._known is None:
+        if self.known is None:
             self.taken[name] = (self.folder / name).read_bytes()
-        elif name in self._known:
-            self.taken[name] = self._known[name]
+        elif name in self.known:
+            self.taken[name] = self.known[name]
         else:
             raise FileNotFoundError(2, "No such file when the part was first read", name)
         return self.taken[name]
@@ -102,9 +96,9 @@ class Reader:
             content = self.content(path.name)
         except OSError:
             return None
-        self._require(path, content)
+        self.require(path, content)
         digest = hashlib.sha256(content).hexdigest()[:16]
-        self._modules[name] = self._run(content, path, f"{self._name}_{name}_{digest}")
+        self._modules[name] = self._run(content, path, f"{self.name}_{name}_{digest}")
         return self._modules[name]
 
 

@@ -5,9 +5,9 @@ value. The window opens when the trigger's clock reaches `start`, and lasts `dur
 is above 0, the window opens again after each `every`.
 """
 
-import tomllib
-from pathlib import Path
 from typing import Literal, NamedTuple
+
+from ravenjax.bundled import resources
 
 FIELDS = (
     "site",
@@ -63,7 +63,7 @@ class Effect(NamedTuple):
         return self.value in ("number", "change", "amount")
 
 
-_TABLES = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
+_TABLES = resources.read_tables(__file__, "effects.toml")
 
 
 EFFECTS: dict[str, Effect] = {

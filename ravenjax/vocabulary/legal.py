@@ -23,6 +23,7 @@ COUNTER = (-(2**23), 2**23 - 1)
 class Legal(NamedTuple):
     """The values that one effect may have at one channel; both ends are included."""
 
+    expected: str  # in words
     low: float = -math.inf
     high: float = math.inf
     whole: bool = False  # only whole numbers
@@ -34,56 +35,46 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 
     beyond: the value may exceed a 16-bit word.
     """
+    name, kind = channel.name, channel.kind
     if effect == "bit_flip":
-        return Legal(0, channel.bits - 1, whole=True, rounded=True)
+        noun, high = kind if channel.field is None else channel.field.noun, channel.bits - 1
+        words = f"bit_flip at {name} ({noun}) takes the index of a bit, 0..{high}"
+        return Legal(words, 0, high, True, True)
     if effect == "delay":
-        return Legal(1, 100_000, whole=True, rounded=True)
+        words = "delay takes a whole number of packets from 1 to 100000"
+        return Legal(words, 1, 100_000, True, True)
     if effect == "lose":
-        return Legal(0, 1)
-    of_its_type, in_its_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
-    if channel.kind == "bool":
-        return Legal(0, 1, whole=True, rounded=of_its_type)
-    if channel.kind == "int16" and in_its_unit and not beyond:
-        return Legal(*WORD, whole=of_its_type, rounded=of_its_type)
-    if channel.kind == "int24" and in_its_unit:
-        return Legal(*COUNTER, whole=of_its_type, rounded=of_its_type)
-    if channel.kind != "float" and of_its_type:
-        return Legal(1 - 2**31, 2**31 - 1, whole=True, rounded=True)
-    return Legal()
+        return Legal("lose takes a probability from 0 to 1", 0, 1)
+    whole, in_its_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
+    if kind == "bool":
+        return Legal(f"{name} is a truth value: expected 0 or 1", 0, 1, True, whole)
+    if kind == "int16" and in_its_unit and not beyond:
+        ends = WORD
+    elif kind == "int24" and in_its_unit:
+        ends = COUNTER
+    elif kind != "float" and whole:
+        ends = 1 - 2**31, 2**31 - 1
+    else:
+        return Legal("any number")
+    words = f"{name} is a {BITS[kind]}-bit number: expected {ends[0]}..{ends[1]}"
+    return Legal(words, *ends, whole, whole)
 
 
 def find_illegal_value(
     site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
     """Return the error message for a value that is not legal at this channel of `site`."""
-    low, high, _, _ = legal_values(channel, effect, beyond)
-    if effect == "bit_flip":
-        kind = channel.kind if channel.field is None else channel.field.noun
-        return (
-            f"bit_flip at {channel.name} ({kind}) takes the index of a bit, 0..{high}, got"
-            f" {value:g}"
-        )
-    if effect == "delay":
-        return f"delay takes a whole number of packets from {low} to {high}, got {value:g}"
-    if effect == "lose":
-        return f"lose takes a probability from 0 to 1, got {value:g}"
-    if channel.kind == "bool":
-        return f"{channel.name} is a truth value: expected 0 or 1, got {value:g}"
-    if value != math.floor(value) and EFFECTS[effect].of_its_type:
+    legal = legal_values(channel, effect, beyond)
+    refusal = f"{legal.expected}, got {value:.10g}"
+    if channel.kind == "bool" or effect in ("bit_flip", "delay", "lose"):
+        return refusal
+    if value % 1 and legal.whole:
         return f"{channel.name} is a whole number ({channel.unit}): got {value:g}"
-    if channel.kind == "int16" and not beyond:
-        refusal = (
-            f"{channel.name} is a 16-bit number: expected {WORD[0]}..{WORD[1]}, got {value:.10g}"
-        )
-        if abs(value) >= 2**31:
-            return refusal
-        way = site.beyond or "wraps = true here"
-        stored = (math.trunc(value) - WORD[0]) % 2**16 + WORD[0]
-        return f"{refusal}, which would wrap to {stored}; if that is meant, write {way}"
-    return (
-        f"{channel.name} is a {BITS[channel.kind]}-bit number: expected {low}..{high}, got"
-        f" {value:.10g}"
-    )
+    if channel.kind != "int16" or beyond or abs(value) >= 2**31:
+        return refusal
+    way = site.beyond or "wraps = true here"
+    stored = (math.trunc(value) - WORD[0]) % 2**16 + WORD[0]
+    return f"{refusal}, which would wrap to {stored}; if that is meant, write {way}"
 
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:

@@ -11,7 +11,7 @@ import itertools
 import json
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,22 +62,33 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
     runs = sum(piece.runs for piece in pieces)
-    seed = _joined(pieces, [piece.seed for piece in pieces], np.int64)
+
+    def joined(columns: Iterable[Any], dtype: Any) -> np.ndarray:
+        lengths = (piece.runs for piece in pieces)
+        return np.concatenate(
+            [
+                np.broadcast_to(np.asarray(values, dtype), length)
+                for values, length in zip(columns, lengths, strict=True)
+            ]
+        )
+
+    def coded(columns: Iterable[Any], known: Sequence[str]) -> pd.Categorical:
+        return word_column(joined(columns, np.min_scalar_type(-len(known))), known)
+
+    seed = joined((piece.seed for piece in pieces), np.int64)
     words: dict[str, pd.Categorical] = {}
     numbers: dict[str, np.ndarray] = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
         for name, vocabulary in words_of(config.robot).items():
-            words[f"fault{s}_{name}"] = _words(
-                pieces, [fault.get(name, 0) for fault in faults], vocabulary
-            )
+            words[f"fault{s}_{name}"] = coded((fault.get(name, 0) for fault in faults), vocabulary)
         for name, (dtype, empty) in NUMBERS.items():
-            numbers[f"fault{s}_{name}"] = _joined(
-                pieces, [fault.get(name, empty) for fault in faults], dtype
+            numbers[f"fault{s}_{name}"] = joined(
+                (fault.get(name, empty) for fault in faults), dtype
             )
     parameters = {
-        f"param:{path}": _joined(
-            pieces, [piece.parameters.get(path, math.nan) for piece in pieces], np.float64
+        f"param:{path}": joined(
+            (piece.parameters.get(path, math.nan) for piece in pieces), np.float64
         )
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
@@ -92,16 +103,14 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
     ids = run_id.compute_run_ids(
         hashlib.sha256(common.encode()).hexdigest(), words, {"seed": seed} | counted | parameters
     )
-    pair = np.arange(runs, dtype=np.int32) - _joined(
-        pieces, [piece.behind for piece in pieces], np.int32
-    )
+    pair = np.arange(runs, dtype=np.int32) - joined((piece.behind for piece in pieces), np.int32)
     table: dict[str, Any] = {
         "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
         "pair": pair,
-        "group": _words(pieces, [groups.index(piece.group) for piece in pieces], groups),
+        "group": coded((groups.index(piece.group) for piece in pieces), groups),
         "seed": seed,
-        "operator": _words(pieces, [0] * len(pieces), [config.operator_label]),
+        "operator": coded([0] * len(pieces), [config.operator_label]),
         **{
             f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"]
             for s in range(config.slots)
@@ -133,21 +142,6 @@ def count_group_rows(config: CampaignConfig) -> dict[str, int]:
         )
         for group in config.group
     }
-
-
-def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
-    return np.concatenate(
-        [
-            np.broadcast_to(np.asarray(values, dtype), piece.runs)
-            for piece, values in zip(pieces, columns, strict=True)
-        ]
-    )
-
-
-def _words(
-    pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]
-) -> pd.Categorical:
-    return word_column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:

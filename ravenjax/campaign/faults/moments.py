@@ -12,16 +12,16 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError
 
 
+@dataclasses.dataclass(eq=False)
 class Moments:
     """The phases of a campaign's operation. They are computed when the first onset needs them."""
 
-    def __init__(self, config: CampaignConfig) -> None:
-        self._config = config
+    config: CampaignConfig
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
         """{phase: int [stretches, 2]}, each from its first tick to before its end."""
-        return self._config.robot.part("campaign").phases(self._config)
+        return self.config.robot.part("campaign").phases(self.config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
         """Return a group's axes with all onsets in milliseconds.
@@ -37,8 +37,6 @@ class Moments:
         # Replaces phases and moments of an axis by milliseconds of this operation.
         if axis.kind == PHASE:
             return self._phase(axis.values[0], where)
-        if not axis.phases:
-            return axis
         values = (self._ms(v, where) if isinstance(v, Moment) else v for v in axis.values)
         return dataclasses.replace(axis, values=tuple(values))
 
@@ -52,8 +50,8 @@ class Moments:
         if not len(stretches):
             there = ", ".join(name for name, some in self.phases.items() if len(some))
             raise UserError(
-                f"{where}: phase {phase!r} ({self._config.robot.phases[phase]}) never comes in the"
-                f" {self._config.campaign.ticks} ms of this operation; expected one that does:"
+                f"{where}: phase {phase!r} ({self.config.robot.phases[phase]}) never comes in the"
+                f" {self.config.campaign.ticks} ms of this operation; expected one that does:"
                 f" {there}. Write that, or take another motion, a longer campaign.duration_s or"
                 " another scale"
             )

@@ -42,7 +42,7 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(count_slots(table)):
-        for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
+        for site, arm, channel, effect, trigger in _word_groups(table, slot)[1]:
             if site:
                 effects.setdefault((site, arm, channel), set()).add(
                     NETWORK_EFFECTS.get(effect, ("", effect))[1]
@@ -83,22 +83,19 @@ def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndar
     code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, count_slots(table))):
-        words = _Words(table, slot)
-        meant = np.zeros((3, words.size), np.int32)
-        constant = np.full(words.size, np.nan)
-        for number, (site, arm, channel, effect, trigger) in words.combinations.items():
+        number, combinations = _word_groups(table, slot)
+        meant = np.zeros((len(combinations), 4))
+        for place, (site, arm, channel, effect, trigger) in enumerate(combinations):
             if site:
                 _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
-                meant[:, number] = (
-                    code_of[site, arm, channel],
-                    EFFECT_CODES[plain],
-                    TRIGGER_CODES[trigger],
+                code = code_of[site, arm, channel]
+                meant[place] = (
+                    *(code, EFFECT_CODES[plain], TRIGGER_CODES[trigger]),
+                    math.nan if value is None else value,
                 )
-                constant[number] = math.nan if value is None else value
-        out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[
-            :, words.number
-        ]
-        of_effect = constant[words.number]
+        *codes, of_effect = meant[number].T
+        for name, code in zip(("code", "effect", "trigger"), codes, strict=True):
+            out[name][:, slot] = code
         value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"].to_numpy(), of_effect)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
         for name in ("start", "duration", "every", "period"):
@@ -117,21 +114,12 @@ def shared_ids(table: pd.DataFrame) -> np.ndarray:
     return table[SHARED if SHARED in table else "run_id"].to_numpy()
 
 
-class _Words:
-    """The words of one fault slot: their combinations, and each row's index of its combination."""
-
-    def __init__(self, table: pd.DataFrame, slot: int) -> None:
-        columns = [table[f"fault{slot}_{name}"].cat for name in WORDS]
-        sizes = [len(column.categories) for column in columns]
-        self.size = math.prod(sizes)
-        # int64 [rows]
-        self.number = np.ravel_multi_index([column.codes for column in columns], sizes)
-        present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
-        places = np.stack(np.unravel_index(present, sizes), axis=1)
-        self.combinations = {
-            number: tuple(column.categories[i] for column, i in zip(columns, row, strict=True))
-            for number, row in zip(present.tolist(), places.tolist(), strict=True)
-        }
+def _word_groups(
+    table: pd.DataFrame, slot: int
+) -> tuple[np.ndarray, list[tuple[str, str, str, str, str]]]:
+    """Return the number of each row's combination of WORDS, and the combinations."""
+    groups = table.groupby([f"fault{slot}_{name}" for name in WORDS], observed=True)
+    return groups.ngroup().to_numpy(), groups.size().index.to_list()
 
 
 def varied_parameters(table: pd.DataFrame) -> dict[str, np.ndarray]:

@@ -13,21 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
+from ravenjax.bundled import resources
 from ravenjax.errors import describe_unknown_name, format_value, suggest_name
 
 Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]
 
-DISTRIBUTIONS = {
-    "uniform": "[low, high]; whole numbers include both ends",
-    "loguniform": "[low, high], both above 0",
-    "normal": "[mean, standard deviation]",
-    "choice": "[value, value, ..], each equally likely",
-    "together": (
-        "[value, value, ..], drawn with every other parameter that says together: a run gets the"
-        " n-th value of each"
-    ),
-}
+_TABLES = resources.read_tables(__file__, "axis.toml")
 
+DISTRIBUTIONS: dict[str, str] = _TABLES["distributions"]
 
 LIST = "list"
 """Marks a list as a list of levels: each run gets one of its values."""
@@ -41,14 +34,7 @@ PHASE = "phase"
 """A distribution of times: one of the milliseconds of a phase of the operation."""
 SHARE = "share"
 
-PHASE_FORMS = {
-    f'{{ {PHASE} = "fast" }}': "drawn: each millisecond of the phase is as likely",
-    f'{{ {PHASE} = "fast", {SHARE} = 0.5 }}': (
-        "the millisecond in the middle of the phase's; 0 is its first one, 1 its last"
-    ),
-    f'{{ {PHASE} = "fast", {SHARE} = [0, 0.5, 1] }}': "a list of such",
-    f'[500, {{ {PHASE} = "slow", {SHARE} = 0.1 }}]': "a list of both; so is `{ choice = [..] }`",
-}
+PHASE_FORMS: dict[str, str] = _TABLES["phase_forms"]
 """Tables that `start_ms` may hold in place of a time, shown with the phase `fast`."""
 
 LONGEST_MS = 1_000_000_000
@@ -231,18 +217,11 @@ class OneValue:
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of what a file may contain here."""
         some = {"type": "array", "items": self.schema, "minItems": 1}
-        pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         properties = {
-            form: {"description": FORMS[form], **(pair if form in _PAIRS else some)}
+            form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else some)}
             for form in self.forms
         }
-        table = {
-            "type": "object",
-            "properties": properties,
-            "additionalProperties": False,
-            "minProperties": 1,
-            "maxProperties": 1,
-        }
+        table = {**_TABLES["table"], "properties": properties}
         forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
             "description": f"{self.expected}, a list of them, or one of {forms}",
@@ -306,23 +285,10 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 NUMBER = OneValue("a number", _number, {"type": "number"})
 _ONSET = time_axis(0)
-_SHARE = {"type": "number", "minimum": 0, "maximum": 1}
-_PLACE = {
-    "type": "object",
-    "properties": {
-        PHASE: {"description": "a phase of the operation", "type": "string"},
-        SHARE: {
-            "description": "0: the first millisecond, 1: the last; or a list of such",
-            "anyOf": [_SHARE, {"type": "array", "items": _SHARE, "minItems": 1}],
-        },
-    },
-    "required": [PHASE],
-    "additionalProperties": False,
-}
 _MOMENTS = dataclasses.replace(
     _ONSET,
     parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
-    schema={"anyOf": [_ONSET.schema, _PLACE]},
+    schema={"anyOf": [_ONSET.schema, _TABLES["place"]]},
 )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -130,15 +130,10 @@ class CampaignConfig(Section):
         """Whether a detector may stop the robot."""
         return any(detector.acts == "stop" for detector in self.detector)
 
-    @property
-    def watches_cables(self) -> bool:
-        """Whether overload of the robot's cables is an outcome."""
-        return False
-
-    @property
-    def touches(self) -> bool:
-        """Whether contact of the robot with its surroundings is an outcome."""
-        return False
+    watches_cables: ClassVar[bool] = False
+    """Whether overload of the robot's cables is an outcome."""
+    touches: ClassVar[bool] = False
+    """Whether contact of the robot with its surroundings is an outcome."""
 
     @property
     def slots(self) -> int:
@@ -166,30 +161,16 @@ class CampaignConfig(Section):
         """The content of `lines` as values for JSON."""
         return {"robot": self.robot.name}
 
-    @property
-    def substeps(self) -> int:
-        """Steps of the plant per tick."""
-        return 1
-
-    @property
-    def operator_label(self) -> str:
-        """Name of the operator's motion in tables."""
-        return "own"
-
-    @property
-    def reacts(self) -> bool:
-        """Whether the operator may react to the cue."""
-        return False
-
-    @property
-    def random_packets(self) -> bool:
-        """Whether each run draws the durations of the console's packets."""
-        return False
-
-    @property
-    def cycles_a_packet(self) -> float:
-        """Mean number of control cycles per packet of the console."""
-        return 1.0
+    substeps: ClassVar[int] = 1
+    """Steps of the plant per tick."""
+    operator_label: ClassVar[str] = "own"
+    """Name of the operator's motion in tables."""
+    reacts: ClassVar[bool] = False
+    """Whether the operator may react to the cue."""
+    random_packets: ClassVar[bool] = False
+    """Whether each run draws the durations of the console's packets."""
+    cycles_a_packet: ClassVar[float] = 1.0
+    """Mean number of control cycles per packet of the console."""
 
     def generated_motions(self) -> tuple[str, ...]:
         """Names of the motions that the robot can generate."""
@@ -249,6 +230,7 @@ class CampaignConfig(Section):
             for c in self.check
             if c.acts != "watch"
         ]
+        own = {"stops": stops, "checks": checks, "harms": [one.use for one in self.harm]}
         return {
             "campaign": self.campaign.model_dump(
                 mode="json", exclude=deciding_nothing, exclude_defaults=True
@@ -259,9 +241,7 @@ class CampaignConfig(Section):
                 "cue": 0,
                 **self.outcomes.model_dump(exclude_defaults=True),
             },
-            **({"stops": stops} if stops else {}),
-            **({"checks": checks} if checks else {}),
-            **({"harms": [one.use for one in self.harm]} if self.harm else {}),
+            **{key: parts for key, parts in own.items() if parts},
         }
 
     @property

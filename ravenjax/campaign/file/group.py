@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
@@ -56,21 +56,19 @@ def flatten_parameters(raw: Any) -> Any:
     """Convert the nested tables of PATHS into dotted paths. Distributions stay tables."""
     if not isinstance(raw, dict):
         return raw
+    tables = {name: raw[name] for name in PATHS if isinstance(raw.get(name), dict)}
+    return {**raw, **{name: flatten_table(table) for name, table in tables.items()}}
 
-    def flat(table: dict[str, Any], path: str) -> dict[str, Any]:
-        # Joins nested keys into dotted paths.
-        out: dict[str, Any] = {}
-        for key, value in table.items():
-            if isinstance(value, dict) and not _is_distribution(value):
-                out |= flat(value, f"{path}{key}.")
-            else:
-                out[f"{path}{key}"] = value
-        return out
 
-    return {
-        **raw,
-        **{name: flat(raw[name], "") for name in PATHS if isinstance(raw.get(name), dict)},
-    }
+def flatten_table(table: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Join the nested keys of a table of parameters into dotted paths."""
+    out: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict) and not _is_distribution(value):
+            out |= flatten_table(value, f"{above}{key}.")
+        else:
+            out[f"{above}{key}"] = value
+    return out
 
 
 def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:

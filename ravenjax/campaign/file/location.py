@@ -164,10 +164,7 @@ def nearest_line(found: dict[str, int], key: Key) -> int | None:
 
 
 def _parts(dotted: str) -> Key:
-    return tuple(
-        next(group for group in match.groups() if group is not None)
-        for match in _PART.finditer(dotted)
-    )
+    return tuple(match[match.lastindex or 0] for match in _PART.finditer(dotted))
 
 
 def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:

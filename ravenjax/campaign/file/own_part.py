@@ -3,7 +3,9 @@
 import keyword
 import re
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
+
+from pydantic import AfterValidator, Field
 
 from ravenjax import consent
 from ravenjax.campaign.file.section import Section
@@ -22,10 +24,15 @@ def require_identifier(name: str) -> str:
     return name
 
 
+OwnName = Annotated[str, AfterValidator(require_identifier), Field(max_length=60)]
+"""The name of a user's part."""
+
 SHA256 = "^[0-9a-f]{64}$"
 """Pattern of the hash that identifies the content of a file."""
 CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"
 """Description of a key that holds such a hash; the file's name precedes it."""
+Sha256 = Annotated[str | None, Field(pattern=SHA256, description=f"of that file {CONTENT}")]
+"""The hash of the file of a table."""
 
 AnySection = TypeVar("AnySection", bound=Section)
 

@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
@@ -133,10 +133,7 @@ class Haptics(Section):
         return self
 
     def _lists(self) -> dict[str, tuple[float, ...]]:
-        return {
-            name: getattr(self, name)
-            for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")
-        }
+        return self.model_dump(exclude={"combine"})
 
     def cues(self) -> tuple[CueSet, ...]:
         """Every haptic set, in the order of the lists. The last list varies fastest."""
@@ -174,9 +171,7 @@ class Detector(Section):
     )
     file: Path | None = None
     """in place of kind: a Python file with a detector of your own, from this file's folder"""
-    sha256: str | None = Field(
-        default=None, pattern=own_part.SHA256, description=f"of that file {own_part.CONTENT}"
-    )
+    sha256: own_part.Sha256 = None
     acts: Literal["watch", "stop"] = "watch"
     """of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond
     later"""
@@ -216,9 +211,7 @@ class Detector(Section):
         many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
         return tuple(
             (
-                self.name
-                + (f"/{fusion}" if many_fusions else "")
-                + (f"/{count}" if many_counts else ""),
+                self.name + f"/{fusion}" * many_fusions + f"/{count}" * many_counts,
                 DetectorUse(
                     self.kind or "own",
                     fusion,
@@ -246,13 +239,11 @@ class Detector(Section):
 class OwnCheck(Section):
     """[[check]]: a check of your own inside the control loop. It acts in the same millisecond."""
 
-    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
+    name: own_part.OwnName
     """what it is called in tables, where its columns are check_own_NAME_.."""
     file: Path
     """a Python file with the check, from this file's folder"""
-    sha256: str | None = Field(
-        default=None, pattern=own_part.SHA256, description=f"of that file {own_part.CONTENT}"
-    )
+    sha256: own_part.Sha256 = None
     at: str
     """seam at which the check acts"""
     acts: Action = Field(
@@ -286,7 +277,7 @@ class OwnHarm(Section):
     true, also if it comes without a fault.
     """
 
-    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(max_length=60)
+    name: own_part.OwnName
     """what it is called in tables, where its columns are harm_NAME_.."""
     when: str
     """expression over signals and time, such as depth > 2 and once[0:100](speed > 50)"""

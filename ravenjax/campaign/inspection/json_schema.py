@@ -53,12 +53,7 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
     any_path = _paths(robot)
     definitions |= {
         TABLE: _parameters(robot, any_path),
-        "ParameterPath": {
-            "type": "object",
-            "additionalProperties": _REST,
-            "propertyNames": any_path,
-            "minProperties": 1,
-        },
+        "ParameterPath": _table({}, any_path) | {"minProperties": 1},
         "ParameterValue": TypeAdapter(Number).json_schema(),
     }
     return whole
@@ -133,10 +128,13 @@ def _node(tree: Schema, any_path: Schema) -> Schema:
     """Return the schema of one word of a path: a number at its end, else the next words."""
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
-    inner = {word: _node(below, any_path) for word, below in tree.items()}
+    return _table({word: _node(below, any_path) for word, below in tree.items()}, any_path)
+
+
+def _table(properties: Schema, any_path: Schema) -> Schema:
     return {
         "type": "object",
-        "properties": inner,
+        "properties": properties,
         "additionalProperties": _REST,
         "propertyNames": any_path,
     }

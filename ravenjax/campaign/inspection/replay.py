@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import compile_cache, outcomes
+from ravenjax.campaign import compile_cache, memory_windows, outcomes
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.plan import make_plan
@@ -96,7 +96,7 @@ class Replayer(PlannedCampaign):
             self.plan.columns,
         )
         own, fault_free = (
-            {name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden)
+            memory_windows.take_rows(one.outcomes, slice(1)) for one in (result, golden)
         )
         if program.ends:
             own[schema.OBSERVED] = self.plan.ends[[row]]
@@ -106,16 +106,11 @@ class Replayer(PlannedCampaign):
         )
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
-            series={name: values[:end] for name, values in series.items()},
+            series=memory_windows.take_rows(series, slice(end)),
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
             engine=self.engine,
         )
-
-
-def replay_run(config: CampaignConfig, run: Any, engine: str) -> Replay:
-    """Compute one run of a campaign again, by its run id, the id's beginning, or its index."""
-    return Replayer(config, engine).replay(run)
 
 
 def find_run(ids: np.ndarray, run: Any) -> int:

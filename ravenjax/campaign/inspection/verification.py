@@ -95,13 +95,8 @@ def verify_folder(
         plan = make_plan(validate_tables(record.config))
     except ValueError as error:
         # UserError, and pydantic's error for a config that this version cannot read.
-        return Verification(
-            [
-                *checks,
-                FolderCheck("campaign", "the manifest's campaign, expanded again", [str(error)]),
-            ],
-            None,
-        )
+        what = "the manifest's campaign, expanded again"
+        return Verification([*checks, FolderCheck("campaign", what, [str(error)])], None)
     checks.append(_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
@@ -114,33 +109,28 @@ def verify_folder(
 def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
     # Checks that the campaign expands to the runs that the manifest and the parts hold.
     ids = plan.rows["run_id"].to_numpy()
-    complaints = []
     if plan.runs != record.runs:
-        complaints.append(
-            f"the campaign expands to {plan.runs} runs, the manifest says {record.runs}"
-        )
+        problems = [f"the campaign expands to {plan.runs} runs, the manifest says {record.runs}"]
     elif record.config_hash != manifest.campaign_hash(
         record.config, record.operator, run_id.hash_run_ids(ids)
     ):
-        complaints.append(
+        problems = [
             f"{manifest.FILE}: config_hash is not that of its config and of the runs that it"
             " expands to"
-        )
+        ]
     else:
-        for part in whole:
-            stored = (
-                pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
-            )
-            if stored != run_id.format_run_ids(ids[part.first : part.last + 1]).to_pylist():
-                complaints.append(
-                    f"{part.file}: its run ids are not those of the campaign's rows {part.first} to"
-                    f" {part.last}"
-                )
+        problems = [
+            f"{part.file}: its run ids are not those of the campaign's rows {part.first} to"
+            f" {part.last}"
+            for part in whole
+            if pq.read_table(folder / PARTS / part.file, columns=["run_id"])[0].to_pylist()
+            != run_id.format_run_ids(ids[part.first : part.last + 1]).to_pylist()
+        ]
     rows = sum(len(part.rows) for part in whole)
     return FolderCheck(
         "campaign",
         f"expanded again, {rows:,} run ids and the config hash compared",
-        complaints[: checking.MOST],
+        problems[: checking.MOST],
     )
 
 
@@ -188,9 +178,8 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
         same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
         return ColumnAgreement(name, int(same.sum()), np.nan)
     one, other = kept.to_numpy(), new.to_numpy()
-    same = (one == other) | ((one != one) & (other != other))
-    if one.dtype.kind == "f":
-        same &= (np.signbit(one) == np.signbit(other)) | (one != one)
+    alike = (one == other) & (np.signbit(one) == np.signbit(other))
+    same = alike | ((one != one) & (other != other))
     apart = np.abs(one[~same].astype(float) - other[~same].astype(float))
     return ColumnAgreement(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
 

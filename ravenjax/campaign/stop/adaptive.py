@@ -7,16 +7,14 @@ decisions and gives the same bytes. `decisions.jsonl` in the result folder recor
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.campaign import runner
-from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import decisions
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
@@ -30,24 +28,16 @@ def run_adaptively(
     out: Path | None = None,
     engine: str = "auto",
     *,
-    on_progress: OnProgress | None = None,
-    executor: Executor | None = None,
     shard: Shard | None = None,
-    command: Sequence[str] = (),
+    **options: Any,
 ) -> Results:
     """Run `config`, or finish it if `out` holds a part of it.
 
     A campaign with a stop rule is computed until the rule is met. Arguments and errors are those of
-    `runner.run_campaign`. Raises UserError for a shard of a campaign with a stop rule.
+    `runner.run_campaign`; options: its other arguments, but `rows`. Raises UserError for a shard of
+    a campaign with a stop rule.
     """
-    compute = functools.partial(
-        runner.run_campaign,
-        config,
-        engine=engine,
-        on_progress=on_progress,
-        executor=executor,
-        command=command,
-    )
+    compute = functools.partial(runner.run_campaign, config, engine=engine, **options)
     if config.stop is None:
         return compute(out, shard=shard)
     if shard is not None:
@@ -57,9 +47,7 @@ def run_adaptively(
         )
     if out is None:
         return runner.in_temporary_folder(
-            lambda folder: run_adaptively(
-                config, folder, engine, on_progress=on_progress, executor=executor
-            )
+            lambda folder: run_adaptively(config, folder, engine, **options)
         )
     rule, draws = stop_rule(config), group_draws(config)
     looks: list[Look] = []
@@ -108,9 +96,7 @@ def stop_rule(config: CampaignConfig) -> Sequential:
         Stratum(group.name, draws.number, bool(group.fault))
         for group, draws in zip(config.group, group_draws(config), strict=True)
     )
-    return Sequential(
-        strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation
-    )
+    return Sequential(strata, shares=stop.looks, **stop.model_dump(exclude={"looks"}))
 
 
 def count_cases(
@@ -133,11 +119,9 @@ def count_cases(
     k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)
-        valid, *cases = happened[:, rows.start : rows.stop].reshape(
-            1 + len(rates), count, group.rows
-        )
+        marks = happened[:, rows.start : rows.stop].reshape(1 + len(rates), count, group.rows)
+        valid, cases = marks[0], marks[1:]
         first = valid.argmax(axis=1)[:, None]
-        for rate, case in enumerate(cases):
-            k[rate, number] = np.take_along_axis(case & valid, first, axis=1).sum()
+        k[:, number] = np.take_along_axis(cases & valid, first[None], axis=2).sum(axis=(1, 2))
         n[number] = valid.any(axis=1).sum()
     return k, n

@@ -53,7 +53,7 @@ class RavenInjector(injection.Injector):
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
             # The kind of a parameter's number is known only here.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
-            self._paths = {**self._paths, key: ((i,), kind)}
+            self.paths = {**self.paths, key: ((i,), kind)}
         for key, number in zip(keys, super().__call__(PARAMETER, numbers), strict=True):
             params = paths.assign_numbers(params, self.setup, key[2], number)
         return params
