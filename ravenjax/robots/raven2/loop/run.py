@@ -7,25 +7,17 @@ from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults, read_channel
-from ravenjax.numbers import (
-    Scalar,
-    Vec,
-    at_once,
-    cast_to_real,
-    for_each_arm,
-    jnp,
-    per_arm,
-    widen_numbers,
-)
+from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, widen_numbers
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.declaration import SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
-from ravenjax.robots.raven2.loop.optional import Start, find_stages
+from ravenjax.robots.raven2.loop.optional import find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
     NetworkParams,
+    Start,
     TickParams,
     TickSignals,
     TickState,
@@ -34,7 +26,7 @@ from ravenjax.robots.raven2.loop.records import (
 from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, motor_angles
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.vocabulary.checks import OWN
@@ -52,14 +44,15 @@ def params(
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
     `parameter_sets.Name`.
     """
+    names = for_each_arm(setup, parameter_set)
     return TickParams(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(),
         usb=UsbParams(),
         control=control.params(setup),
         plc=plc.PlcParams(),
-        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
-        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
+        plant=map_arms(setup, plant.params, names),
+        nominal=map_arms(setup, nominal.params, names),
         haptics=haptics.params(setup),
         reaction=reaction.ReactionParams() if setup.reacts else None,
         hand=hand.HandParams() if setup.hand_yields else None,
@@ -75,10 +68,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = cast_to_real(setup, params.start)
-    plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
-    robots = per_arm(
-        setup, lambda i, arm: plant.observe_robot(setup, arm, params.plant[i], plants[i])
-    )
+    plants = map_arms(setup, plant.init, params.plant, start)
+    robots = map_arms(setup, plant.observe_robot, params.plant, plants)
     tips = plant.true_tips(setup, params.plant, plants, robots)
     beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
