@@ -23,6 +23,7 @@ from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition,
 from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, record, tree
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup, map_arms
@@ -116,10 +117,7 @@ def _signals(
         pins=plc.input_pins(state.plc.runlevel),
         runlevel=relays.runlevel,
         brakes=relays.brakes,
-        mpos=tuple(out.mpos for out in arms),
-        mvel=tuple(out.mvel for out in arms),
-        jpos=tuple(out.jpos for out in arms),
-        jvel=tuple(out.jvel for out in arms),
+        **control.columns_of(arms, "mpos", "mvel", "jpos", "jvel"),
         tip=plant.true_tips(setup, params.arms, state.arms, arms),
     )
 

@@ -202,7 +202,7 @@ def control_cycle(
         pedal_down,
         tuple(arm.pos_d for arm in state.cartesian),
     )
-    cartesian = _changed(state.cartesian, pos_d=poses_d)
+    cartesian = changed_arms(state.cartesian, pos_d=poses_d)
     machine, following = state_machine.advance_sublevel(setup, machine)
     cartesian = cartesian_control.follow_measured(cartesian, following)
 
@@ -225,9 +225,9 @@ def control_cycle(
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     poses = map_arms(setup, cartesian_control.measure_pose, jpos)
     poses = _struck(inject, ("pos", "ori"), poses)
-    cartesian = cartesian_control.follow_measured(_changed(cartesian, pos=poses), slave)
+    cartesian = cartesian_control.follow_measured(changed_arms(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
-    cartesian = _changed(cartesian, pos_d=poses_d)
+    cartesian = changed_arms(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve_inverse(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
@@ -240,7 +240,7 @@ def control_cycle(
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = files.check("jpos_d", jpos_d)
-    cartesian = _changed(cartesian, jpos_d=jpos_d)
+    cartesian = changed_arms(cartesian, jpos_d=jpos_d)
 
     targets = map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos)
     mpos_d = inject("mpos_d", targets)
@@ -254,7 +254,7 @@ def control_cycle(
         motors = map_arms(setup, act, *arms, mpos_d, jpos, mpos, mvel)
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
-    motors = _changed(motors, tau_d=tau_d)
+    motors = changed_arms(motors, tau_d=tau_d)
     # Cleared before the conversion, except in the fork's simulators
     resting = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
@@ -291,11 +291,9 @@ def control_cycle(
                 mvel=mvel,
                 jpos=jpos,
                 jvel=jvel,
-                pos=tuple(arm.pos for arm in cartesian),
-                pos_d=tuple(arm.pos_d for arm in cartesian),
+                **columns_of(cartesian, "pos", "pos_d"),
+                **columns_of(motors, "mpos_d", "tau_g"),
                 jpos_d=jpos_d,
-                mpos_d=tuple(motor.mpos_d for motor in motors),
-                tau_g=tuple(motor.tau_g for motor in motors),
                 tau_d=tau_d,
                 current_cmd=current_cmd,
                 current_cmd_checked=checked,
@@ -334,7 +332,13 @@ def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ...]]:
+    """Return the named fields of all arms' records, each as a per-arm tuple."""
+    return {name: tuple(getattr(record, name) for record in records) for name in names}
+
+
+def changed_arms(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return all arms' records with other values of these fields, each a per-arm tuple."""
     return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
 
 
@@ -343,7 +347,7 @@ def _struck(
 ) -> PerArm[StoredPose]:
     """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
-    return _changed(
+    return changed_arms(
         poses,
         position_um=inject(position, tuple(pose.position_um for pose in poses)),
         rotation=inject(rotation, tuple(pose.rotation for pose in poses)),

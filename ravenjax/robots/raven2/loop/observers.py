@@ -89,14 +89,16 @@ def update_model_and_cue(
         )
         return tip, *haptics.step(setup, params.haptics, device, signal)
 
-    commands: list[Any] = list(zip(clean.delta, clean.quat, clean.grasp, strict=True))
-    if setup.console == "increments":
-        # Each increment counts once, also if a packet spans several cycles
-        none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-        commands = [where(fresh, command, none) for command in commands]
-    asked = tuple(nominal.Clean(*command, clean.surgeon_mode) for command in commands)
+    def asked(*command: Any) -> nominal.Clean:
+        if setup.console == "increments":
+            # Each increment counts once, also if a packet spans several cycles
+            none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+            command = where(fresh, command, none)
+        return nominal.Clean(*command, engaged=clean.surgeon_mode)
+
+    wanted = tuple(map(asked, clean.delta, clean.quat, clean.grasp))
     jpos = cast_to_real(setup, robot.jpos)
-    moved = map_arms(setup, nominal.step, params.nominal, state.nominal, asked, jpos)
+    moved = map_arms(setup, nominal.step, params.nominal, state.nominal, wanted, jpos)
     modelled, models = zip(*moved, strict=True)
     sensed = map_arms(setup, sense, setup.tools, models, state.haptics, jpos, robot.mvel)
     reported, felt, cues = zip(*sensed, strict=True)

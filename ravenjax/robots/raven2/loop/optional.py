@@ -13,7 +13,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replac
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop import own_operator
+from ravenjax.robots.raven2.loop import control, own_operator
 from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
 from ravenjax.robots.raven2.loop.records import Console, Network, PlanMoment, Sight, Start
 from ravenjax.robots.raven2.run_levels import E_STOP
@@ -160,7 +160,7 @@ def _detect(state: Any, sight: Sight) -> Any:
     # Detectors see only what the software can know, never the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
-    signals, robots = sight.signals, sight.signals.plant
+    signals = sight.signals
     models, cues = signals.nominal, signals.haptics
     sight.files.note(
         brakes=signals.plc.brakes,
@@ -174,10 +174,7 @@ def _detect(state: Any, sight: Sight) -> Any:
         sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
         views = sight.files.views("the end", setup.precision.real)
     seen = detectors.DetectorSignal(
-        mpos=tuple(out.mpos for out in robots),
-        mvel=tuple(out.mvel for out in robots),
-        jpos=tuple(out.jpos for out in robots),
-        jvel=tuple(out.jvel for out in robots),
+        **control.columns_of(signals.plant, "mpos", "mvel", "jpos", "jvel"),
         tip_error=tuple(cue.distance for cue in cues),
         command=tuple(arm.current_cmd for arm in signals.control.arms),
         command_limit=params.control.overdrive.dac_max,

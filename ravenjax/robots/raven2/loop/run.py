@@ -3,8 +3,10 @@
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
+from operator import attrgetter
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults, read_channel
 from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, widen_numbers
@@ -154,26 +156,16 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
 
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
-    software = state.control
-    net, machine, over = software.network, software.state_machine, software.overdrive
     added = zip(setup.checks, state.files.histories, strict=True)
-    return {f"{OWN}{use.name}": history for use, history in added} | {
-        "overdrive_instant": over.instant,
-        "overdrive_hard": over.hard,
-        "overdrive_clip": over.clip,
-        "soft_estop": machine.soft_estop,
-        "plc_watchdog": state.plc.watchdog_lost,
-        "estop": machine.estop,
-        "ik_reject": check.worst_of_arms([arm.ik_reject for arm in software.cartesian]),
-        "joint_limit": check.worst_of_arms([arm.joint_limit for arm in software.cartesian]),
-        "master_timeout": software.teleoperation.timeout,
-        "packet_size": net.size,
-        "packet_zero": net.zero,
-        "packet_skip": net.skip,
-        "packet_duplicate": net.duplicate,
-        "packet_reset": net.reset,
-        "packet_order": net.out_of_sequence,
-    }
+    out = {f"{OWN}{use.name}": history for use, history in added}
+    for name, (place, field) in _CHECKS.items():
+        found = attrgetter(place)(state)
+        arms = found if isinstance(found, tuple) else (found,)
+        out[name] = check.worst_of_arms([getattr(arm, field) for arm in arms])
+    return out
+
+
+_CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
 def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:

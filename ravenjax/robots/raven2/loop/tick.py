@@ -76,8 +76,7 @@ def advance_tick(
         setup, params, inject, state, packet, files, pressed
     )
     robot = observers.RobotView(
-        jpos=tuple(arm.jpos for arm in software.arms),
-        mvel=tuple(arm.mvel for arm in software.arms),
+        **control.columns_of(software.arms, "jpos", "mvel"),
         runlevel=software.runlevel,
         soft_estopped=state.control.state_machine.soft_estopped,
         dac=state.boards.current_cmd,
