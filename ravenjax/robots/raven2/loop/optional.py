@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers import for_each_arm, jnp, per_arm
+from ravenjax.numbers import for_each_arm, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
@@ -127,11 +127,9 @@ def _yield(state: Any, sight: Sight) -> Any:
     # The cue pushes the hands, and this motion becomes part of the next command.
     setup, yielding, cues = sight.setup, sight.params.hand, sight.signals.haptics
     assert yielding is not None
-    pulled = per_arm(
-        setup,
-        lambda i, arm: hand.step(
-            setup, yielding, state[i], position_to_itp(arm, cues[i].direction * cues[i].force[0])
-        ),
+    pulled = tuple(
+        hand.step(setup, yielding, old, position_to_itp(arm, cue.direction * cue.force[0]))
+        for arm, old, cue in zip(setup.arms, state, cues, strict=True)
     )
     moves = tuple(
         (new.displacement - old.displacement) * 1e6 for new, old in zip(pulled, state, strict=True)

@@ -10,7 +10,7 @@ file returns the same keys in all milliseconds. A key that it leaves out or unch
 from collections.abc import Sequence
 from typing import Any
 
-from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
@@ -106,15 +106,14 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
         )
     )
 
-    def planned(i: int, arm: ArmName) -> tuple[Vec, Scalar, Vec]:
-        delta = cast_to_real(setup, now.position[i]) - cast_to_real(setup, before.position[i])
-        grasp = cast_to_real(setup, now.grasp[i]) - cast_to_real(setup, before.grasp[i])
-        delta, grasp = where(
-            moment.goes_on, (delta, grasp), cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
-        )
-        return delta, grasp, hands.offset[i]
+    def planned(offset: Vec, *rows: Any) -> tuple[Vec, Scalar, Vec]:
+        position, old_position, grasp, old_grasp = cast_to_real(setup, rows)
+        moves = position - old_position, grasp - old_grasp
+        still = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
+        return *where(moment.goes_on, moves, still), offset
 
-    plan = per_arm(setup, planned)
+    hands_in = now.position, before.position, now.grasp, before.grasp
+    plan = tuple(map(planned, hands.offset, *hands_in))
     after, will = _stepped(
         setup, console.params.operator, state, signal.tick, now.surgeon_mode > 0, plan
     )
