@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.ir.program import Operation, Program, from_bits
 
 Array = Any
@@ -120,33 +121,17 @@ def _logical(x: Array, by: Array) -> Array:
 
 
 MEANING: dict[str, Callable[..., Array]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
+    **{
+        name: getattr(np, function)
+        for name, function in resources.read_tables(__file__, "semantics.toml").items()
+    },
     "rem": _remainder,
     "fma": fma,
-    "neg": np.negative,
-    "abs": np.abs,
-    "sqrt": np.sqrt,
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "round": np.rint,
     "max": _extreme(np.greater),
     "min": _extreme(np.less),
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "lt": np.less,
-    "le": np.less_equal,
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "xor": np.bitwise_xor,
-    "not": np.invert,
     "shl": _shift(np.left_shift, np.zeros_like),
     "shr": _shift(_logical, np.zeros_like),
     "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
-    "select": np.where,
-    "rarely": np.where,
     "truncate": _truncate,
 }
 """Operations by name, but `convert`, `bitcast` and those of `LIBRARY`."""

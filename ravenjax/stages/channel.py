@@ -18,17 +18,14 @@ rule. The emulator's loss of the whole connection is fault effect `drop`.
 
 from collections.abc import Sequence
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, as_int, jnp, lax, record, where
 from ravenjax.numbers.counter_random import random_uniform
 
-TRANSITIONS = (
-    (0.95, 0.02, 0.02, 0.01),
-    (0.01, 0.94, 0.03, 0.02),
-    (0.02, 0.03, 0.90, 0.05),
-    (0.01, 0.02, 0.07, 0.90),
-)
+_TABLES = resources.read_tables(__file__, "channel.toml")
+TRANSITIONS: list[list[float]] = _TABLES["transitions"]
 """Probabilities from a quality (row) to the next: good, bad, intermediate 1 and 2."""
-LOSS = (0.01, 0.1, 0.05, 0.08)
+LOSS: list[float] = _TABLES["loss"]
 """Probability that a packet begins a burst, by quality."""
 SURE = 2
 """Least number of packets in a burst after its first: the Pareto distribution's scale."""

@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Setup, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
@@ -44,11 +45,7 @@ MOTOR_SHARE = 0.001
 LARGEST = 1e30
 """Scores are cut off here: flipped bits can put a reported joint 1e38 rad away."""
 
-LEARNED = {
-    "shoulder": (0.0958, 0.821, 7.06e-4),
-    "elbow": (0.0856, 0.570, 6.98e-4),
-    "insertion": (0.0838, 0.528, 3.90e-5),
-}
+LEARNED: dict[str, list[float]] = resources.read_tables(__file__, "detectors.toml")
 """Learned steps of motor position [rad] and velocity [rad/s], and joint position [rad; m].
 
 They are the 99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1, from

@@ -19,6 +19,7 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 import dataclasses
 from typing import Any, NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, harm, jnp, per_arm
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.vec import (
@@ -35,6 +36,8 @@ from ravenjax.numbers.vec import (
 from ravenjax.outcomes.verdict import LIMIT_MM
 
 UM = 1e-6
+HAZARDS = ("unintended", "loss", "false_report")
+"""Hazards while the robot is live, by their names in `Distances` and `MonitorState`."""
 
 
 @record
@@ -221,14 +224,12 @@ def _arm(
     missed = where(idle | ~signal.live, state.missed + golden_way, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
     off = arm_distances(params, after, signal.model_tip[i], pos, golden_pos)
-    golden, model = off.golden, off.model
-    live = signal.live
+    golden, model, live, fresh = off.golden, off.model, signal.live, signal.fresh
     leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
     both = norm(tip - state.tip_before)
     packet_step = norm(pos - state.pos) * UM
     golden_step = norm(golden_pos - state.golden_pos) * UM
     over = (packet_step > params.jump_step) & ~(golden_step > params.jump_step)
-    fresh = signal.fresh
     new = replace(
         after,
         pos=where(fresh, pos, state.pos),
@@ -273,23 +274,19 @@ def step(
 ) -> MonitorState:
     """Return the observer after this tick."""
     arms, off = zip(
-        *per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)),
-        strict=True,
+        *(_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)), strict=True
     )
-    diverged, unintended, loss, false_report = (jnp.bool_(False),) * 4
+
+    limits = {"golden": params.diverged, **dict.fromkeys(HAZARDS, params.limit)}
+    beyond = dict.fromkeys(limits, jnp.bool_(False))
     for distance in off:
-        diverged = diverged | (distance.golden > params.diverged)
-        unintended = unintended | (distance.unintended > params.limit)
-        loss = loss | (distance.loss > params.limit)
-        false_report = false_report | (distance.false_report > params.limit)
+        for name, limit in limits.items():
+            beyond[name] = beyond[name] | (getattr(distance, name) > limit)
     views = [
         {
             name: cast_to_real(setup, value)
             for name, value in {
-                **{
-                    name: getattr(distance, name) * 1e3
-                    for name in ("unintended", "loss", "false_report")
-                },
+                **{name: getattr(distance, name) * 1e3 for name in HAZARDS},
                 "from_golden": distance.golden * 1e3,
                 "from_model": distance.model * 1e3,
                 "depth": signal.depth[i] * 1e3,
@@ -312,15 +309,19 @@ def step(
     return MonitorState(
         arms=arms,
         tip_distance=jnp.minimum(state.tip_distance, signal.distance),
-        diverged=first_tick(signal.tick, diverged, state.diverged),
-        unintended=first_tick(signal.tick, signal.live & unintended, state.unintended),
-        loss=first_tick(signal.tick, signal.live & loss, state.loss),
-        false_report=first_tick(signal.tick, signal.live & false_report, state.false_report),
+        diverged=first_tick(signal.tick, beyond["golden"], state.diverged),
+        **{
+            name: first_tick(signal.tick, signal.live & beyond[name], getattr(state, name))
+            for name in HAZARDS
+        },
         halted=state.halted + as_int(signal.pedal & ~signal.live),
         finite=finite.step(state.finite, watched, signal.tick),
         ticks=state.ticks + as_int(True),
         harms=harm.step(setup, state.harms, views, signal.tick),
     )
+
+
+_COLUMNS = resources.read_tables(__file__, "monitor.toml")
 
 
 def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
@@ -333,29 +334,17 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         return earliest_tick([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])
 
     count = jnp.maximum(state.ticks, 1)
+    meanings = {
+        "worst": worst,
+        "worst_mm": lambda name: worst(name) * 1e3,
+        "rms_mm": lambda name: jnp.sqrt(worst(name) / count) * 1e3,
+        "first": first,
+        "whole": lambda name: getattr(state, name),
+        "whole_mm": lambda name: getattr(state, name) * 1e3,
+        "harm": lambda name: harm.decide_harm(setup, state.harms, getattr(state, name)),
+    }
     out = {
-        "peak_model_deviation_mm": worst("peak_model") * 1e3,
-        "peak_live_deviation_mm": worst("peak_live") * 1e3,
-        "rms_model_deviation_mm": jnp.sqrt(worst("square_model") / count) * 1e3,
-        "peak_golden_deviation_mm": worst("peak_golden") * 1e3,
-        "rms_golden_deviation_mm": jnp.sqrt(worst("square_golden") / count) * 1e3,
-        "unintended_mm": worst("unintended") * 1e3,
-        "unintended_off_mm": worst("unintended_off") * 1e3,
-        "loss_mm": worst("loss") * 1e3,
-        "false_report_mm": worst("false_report") * 1e3,
-        "unintended_first_ms": harm.decide_harm(setup, state.harms, state.unintended),
-        "loss_first_ms": state.loss,
-        "false_report_first_ms": state.false_report,
-        "halted_ms": state.halted,
-        "idle_ms": worst("idle_ticks"),
-        "largest_step_mm": worst("peak_step") * 1e3,
-        "tip_path_mm": worst("path") * 1e3,
-        "tissue_depth_mm": worst("depth") * 1e3,
-        "tip_distance_mm": state.tip_distance * 1e3,
-        "jump_code_ms": first("jump"),
-        "jump_text_ms": first("large_jump"),
-        "jump_tip_ms": first("tip_jump"),
-        "diverged_ms": state.diverged,
+        **{column: meanings[what](name) for column, (what, name) in _COLUMNS.items()},
         **finite.outcomes(state.finite),
         **harm.outcomes(setup, state.harms),
     }

@@ -1,13 +1,14 @@
 """Static choices that select the code of a Raven-II's tick."""
 
 import dataclasses
-from typing import ClassVar, Literal
+from collections.abc import Callable
+from typing import Any, ClassVar, Literal
 
 from ravenjax.numbers import setup
 from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName, PerArm
 from ravenjax.vocabulary.parts import OwnSource
 
-__all__ = ["ArmName", "PerArm", "RavenSetup"]
+__all__ = ["ArmName", "PerArm", "RavenSetup", "map_arms"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,3 +37,10 @@ class RavenSetup(setup.Setup):
     command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
     controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage, user's file that replaces it)
     hands: OwnSource | None = None  # a user's file that replaces the operator
+
+
+def map_arms(
+    setup: RavenSetup, function: Callable[..., Any], *columns: tuple[Any, ...]
+) -> tuple[Any, ...]:
+    """Return `function(setup, arm, *entries)` for each arm, with its entry of each column."""
+    return tuple(function(setup, *row) for row in zip(setup.arms, *columns, strict=True))

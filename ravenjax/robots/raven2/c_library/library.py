@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jinja2
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import stored_size
 from ravenjax.errors import UserError
@@ -22,20 +23,10 @@ from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.software.rows import row_type
 
-TYPES = {
-    "float32": "float",
-    "float64": "double",
-    "int32": "int32_t",
-    "uint32": "uint32_t",
-    "int64": "int64_t",
-    "bool": "int32_t",
-}
+_TABLES = resources.read_tables(__file__, "library.toml")
+TYPES: dict[str, str] = _TABLES["types"]
 """Type of a number -> its C type; a truth value is 0 or -1."""
-_FUNCTIONS = {
-    "raven_control_cycle": "cycle",
-    "raven_control_receive": "receive",
-    "raven_robot_step": "robot",
-}
+_FUNCTIONS: dict[str, str] = _TABLES["functions"]
 """Function of the library -> the transition that it performs."""
 
 
@@ -110,14 +101,10 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             f"  call void @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving,"
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
-    for name, machine, what, record in (
-        ("raven_control_default", software, "params", software.params),
-        ("raven_control_start", software, "state", software.state),
-        ("raven_robot_default", robot, "params", robot.params),
-        ("raven_robot_start", robot, "state", robot.state),
-        ("raven_robot_first", robot, "signals", robot.reading.signals),
-    ):
-        row = machine.code.kinds[what].row(record)
+    machines = {"control": software, "robot": robot}
+    for name, (part, what) in _TABLES["constants"].items():
+        owner = robot.reading if what == "signals" else machines[part]
+        row = machines[part].code.kinds[what].row(getattr(owner, what))
         escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())
         text += f'@{name} = constant [{len(row)} x i8] c"{escaped}", align 8\n'
     return text

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import PrivateAttr, model_validator
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import ALL, Fault, Group, Run
@@ -46,15 +47,10 @@ HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
 REACH_MM = 429.0
 """Longest distance of two places of the tip within the hard stops of joints 1 to 3."""
-READ_BY: dict[str, tuple[str, ...]] = {
-    "delay_ms": ("release", "slow", "correct"),
-    "felt_force": ("release", "slow", "correct"),
-    "slow_to": ("slow",),
-    "correct_per_s": ("correct",),
-    "correct_speed": ("correct",),
-}
+_REACTION = resources.read_tables(__file__, "reaction.toml")
+READ_BY: dict[str, list[str]] = _REACTION["read_by"]
 """Actions that read each parameter of a reaction."""
-IDLE = {"slow_to": 1.0, "correct_per_s": 0.0, "correct_speed": 0.0}
+IDLE: dict[str, float] = _REACTION["idle"]
 """Values with which an action has no effect."""
 
 

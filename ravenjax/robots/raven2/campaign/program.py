@@ -20,7 +20,7 @@ from ravenjax.robots.raven2.loop import acted, run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.stages import explained
+from ravenjax.stages import explained, haptics
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.seams import Crossing
@@ -41,6 +41,8 @@ DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that makes the tick keep past commands, and the longest delay that it keeps, ms."""
 
 
+SAME = ("arms", "software", "build", "console", "substeps", "contact", "noise")
+"""Keys of [campaign] that are fields of `RavenSetup`."""
 SCALE = "operator.scale"
 """Parameter that scales a tip's motion relative to the hands' motion."""
 
@@ -58,18 +60,13 @@ def prepare_campaign(
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
     setup = RavenSetup(
-        arms=config.campaign.arms,
-        software=config.campaign.software,
+        **{name: getattr(config.campaign, name) for name in SAME},
         tools=config.tools,
-        build=config.campaign.build,
-        console=config.campaign.console,
         dac_words=config.campaign.dac_words or "wrap",
         precision=precision,
-        substeps=config.campaign.substeps,
         injection=injection,
         cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
-        contact=config.campaign.contact,
         controller=() if config.controller is None else tuple(config.controller.parts()),
         hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),
@@ -80,7 +77,6 @@ def prepare_campaign(
         harms=tuple(one.use for one in config.harm),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
-        noise=config.campaign.noise,
     )
     return Prepared(
         loop=run,
@@ -109,11 +105,8 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
     params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
     level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
-    cues = tuple(
-        replace(cue, threshold_m=new.threshold_m, kp=new.kp, kd=new.kd, cap=new.cap)
-        for cue, new in zip(params.haptics.cues, config.haptics.cues(), strict=True)
-    )
-    params = replace(params, control=control, haptics=replace(params.haptics, cues=cues))
+    cues = tuple(haptics.CueParams(*cue) for cue in config.haptics.cues())
+    params = replace(params, control=control, haptics=haptics.HapticParams(cues))
     if params.detectors is not None:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))

@@ -5,6 +5,7 @@ control software's own and differ from those of the virtual robot. The centre of
 origin of its frame, which depends on d3.
 """
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
@@ -17,8 +18,8 @@ MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
 
 
 CENTRES = {
-    "gold": (Vec((0.0065, 0.09775, -0.13771)), Vec((-0.002, -0.18274, -0.23053))),
-    "green": (Vec((-0.0065, -0.09775, 0.13771)), Vec((-0.002, -0.18274, 0.23053))),
+    arm: tuple(map(Vec, links))
+    for arm, links in resources.read_tables(__file__, "gravity.toml").items()
 }
 """Centres of mass in the control software, m: of link 1 in frame 1, of link 2 in frame 2."""
 

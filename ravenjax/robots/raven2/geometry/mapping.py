@@ -4,12 +4,12 @@ Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the
 ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf.
 """
 
+from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 
 ITP_AXES = {
-    "gold": matrix((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-    "green": matrix((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+    arm: matrix(*rows) for arm, rows in resources.read_tables(__file__, "mapping.toml").items()
 }
 """Rotation from the axes of an ITP packet to frame 0 of the arm."""
 

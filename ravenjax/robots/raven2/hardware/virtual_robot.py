@@ -20,12 +20,13 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write_row
-from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, per_arm, record, tree
+from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, record, tree
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
+from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.software import inputs as checked
 from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.stages import plc
@@ -74,20 +75,17 @@ class RobotSignals:
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
     """Return the documented values as plain numbers. `parameter_set`: see `parameter_sets.Name`."""
-    return RobotParams(
-        plc.PlcParams(), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
-    )
+    names = for_each_arm(setup, parameter_set)
+    return RobotParams(plc.PlcParams(), map_arms(setup, plant.params, names))
 
 
 def begin_robot(
     setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
     """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
-    arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
+    arms = map_arms(setup, plant.init, params.arms, start)
     state = RobotState(plc.init(setup, level), arms)
-    responses = per_arm(
-        setup, lambda i, arm: plant.observe_robot(setup, arm, params.arms[i], arms[i])
-    )
+    responses = map_arms(setup, plant.observe_robot, params.arms, arms)
     level = jnp.int32(level)
     relays = plc.PlcOutput(level, plc.brakes_commanded(level))
     return state, _signals(setup, params, state, relays, responses)
@@ -119,10 +117,7 @@ def _signals(
         pins=plc.input_pins(state.plc.runlevel),
         runlevel=relays.runlevel,
         brakes=relays.brakes,
-        mpos=tuple(out.mpos for out in arms),
-        mvel=tuple(out.mvel for out in arms),
-        jpos=tuple(out.jpos for out in arms),
-        jvel=tuple(out.jvel for out in arms),
+        **control.columns_of(arms, "mpos", "mvel", "jpos", "jvel"),
         tip=plant.true_tips(setup, params.arms, state.arms, arms),
     )
 

@@ -1,11 +1,12 @@
 """One cycle of the control software: the order of its stages (raven2: rt_process_preempt.cpp)."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ravenjax.numbers import for_each_arm, jnp, narrow_numbers, per_arm
+from ravenjax.numbers import for_each_arm, jnp, narrow_numbers
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.parts import part
 from ravenjax.robots.raven2 import run_levels
@@ -13,7 +14,7 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
 from ravenjax.robots.raven2.loop import user_files
-from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
     dac,
@@ -117,7 +118,7 @@ def params(setup: RavenSetup) -> ControlParams:
         state_machine.params(setup),
         for_each_arm(setup, estimator.params()),
         cartesian_control.params(setup),
-        per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
+        map_arms(setup, motor_control.params),
         overdrive.params(setup),
         part.part_parameters(files) if files else None,
     )
@@ -144,9 +145,7 @@ def init(
         state_machine=state_machine.init(setup, runlevel),
         estimator=for_each_arm(setup, estimator.init(setup)),
         cartesian=cartesian,
-        motor_control=per_arm(
-            setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
-        ),
+        motor_control=map_arms(setup, motor_control.init, setup.tools, rest),
         held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
         watchdog=np.int32(0),
@@ -176,11 +175,7 @@ def control_cycle(
 
     files: users' checks and stages. Source: raven2 rt_process_preempt.cpp.
     """
-
-    def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
-        return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
-
-    files = files or user_files.UserFiles(setup)
+    tools, files = setup.tools, files or user_files.UserFiles(setup)
     received = inputs.packet.received != 0
     packet = inject("packet_header", inject("packet", inputs.packet, received), received)
     files.note(runlevel=state.state_machine.runlevel)
@@ -207,16 +202,12 @@ def control_cycle(
         pedal_down,
         tuple(arm.pos_d for arm in state.cartesian),
     )
-    cartesian = _changed(state.cartesian, pos_d=poses_d)
+    cartesian = changed_arms(state.cartesian, pos_d=poses_d)
     machine, following = state_machine.advance_sublevel(setup, machine)
     cartesian = cartesian_control.follow_measured(cartesian, following)
 
     estimates, mpos, mvel = zip(
-        *each(
-            lambda i, arm, tool: estimator.step(
-                setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
-            )
-        ),
+        *map_arms(setup, estimator.step, tools, params.estimator, state.estimator, read.enc_val),
         strict=True,
     )
     if inputs.simulated:
@@ -225,20 +216,18 @@ def control_cycle(
     mvel = inject("mvel", mvel)
     files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
     mpos = files.check("mpos", mpos)
-    jpos = inject(
-        "jpos", each(lambda i, arm, tool: estimator.joint_positions(setup, arm, tool, mpos[i]))
-    )
-    jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
+    jpos = inject("jpos", map_arms(setup, estimator.joint_positions, tools, mpos))
+    jvel = inject("jvel", tuple(map(partial(estimator.joint_velocities, setup), mvel)))
     files.note(jvel=jvel)
     jpos = files.check("jpos", jpos)
 
     # --- decide ---
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
-    poses = each(lambda i, arm, _: cartesian_control.measure_pose(setup, arm, jpos[i]))
+    poses = map_arms(setup, cartesian_control.measure_pose, jpos)
     poses = _struck(inject, ("pos", "ori"), poses)
-    cartesian = cartesian_control.follow_measured(_changed(cartesian, pos=poses), slave)
+    cartesian = cartesian_control.follow_measured(changed_arms(cartesian, pos=poses), slave)
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
-    cartesian = _changed(cartesian, pos_d=poses_d)
+    cartesian = changed_arms(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve_inverse(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
@@ -251,34 +240,21 @@ def control_cycle(
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = files.check("jpos_d", jpos_d)
-    cartesian = _changed(cartesian, jpos_d=jpos_d)
+    cartesian = changed_arms(cartesian, jpos_d=jpos_d)
 
-    mpos_d = inject(
-        "mpos_d",
-        each(
-            lambda i, arm, tool: motor_control.motor_targets(setup, arm, tool, jpos_d[i], mpos[i])
-        ),
-    )
+    targets = map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos)
+    mpos_d = inject("mpos_d", targets)
     if files.replaces(user_files.MOTOR_CONTROL):
         motors = files.torques(
             params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
         )
     else:
-        motors = each(
-            lambda i, arm, _: motor_control.motor_torques(
-                setup,
-                arm,
-                params.motor_control[i],
-                state.motor_control[i],
-                active,
-                pedal_down,
-                mpos_d[i],
-                (jpos[i], mpos[i], mvel[i]),
-            )
-        )
+        act = partial(motor_control.motor_torques, active=active, pedal_down=pedal_down)
+        arms = params.motor_control, state.motor_control
+        motors = map_arms(setup, act, *arms, mpos_d, jpos, mpos, mvel)
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
-    motors = _changed(motors, tau_d=tau_d)
+    motors = changed_arms(motors, tau_d=tau_d)
     # Cleared before the conversion, except in the fork's simulators
     resting = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
@@ -289,7 +265,7 @@ def control_cycle(
     if files.replaces(user_files.DAC):
         commands = files.commands(live, resting)
     else:
-        commands = each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
+        commands = map_arms(setup, partial(dac.step, enabled=live), tools, tau_d, resting)
     current_cmd = files.check("current_cmd", inject("current_cmd", commands))
 
     # --- check ---
@@ -315,11 +291,9 @@ def control_cycle(
                 mvel=mvel,
                 jpos=jpos,
                 jvel=jvel,
-                pos=tuple(arm.pos for arm in cartesian),
-                pos_d=tuple(arm.pos_d for arm in cartesian),
+                **columns_of(cartesian, "pos", "pos_d"),
+                **columns_of(motors, "mpos_d", "tau_g"),
                 jpos_d=jpos_d,
-                mpos_d=tuple(motor.mpos_d for motor in motors),
-                tau_g=tuple(motor.tau_g for motor in motors),
                 tau_d=tau_d,
                 current_cmd=current_cmd,
                 current_cmd_checked=checked,
@@ -358,7 +332,13 @@ def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _changed(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ...]]:
+    """Return the named fields of all arms' records, each as a per-arm tuple."""
+    return {name: tuple(getattr(record, name) for record in records) for name in names}
+
+
+def changed_arms(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return all arms' records with other values of these fields, each a per-arm tuple."""
     return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
 
 
@@ -367,7 +347,7 @@ def _struck(
 ) -> PerArm[StoredPose]:
     """Return poses after the faults at `sites`, the sites of position and of rotation."""
     position, rotation = sites
-    return _changed(
+    return changed_arms(
         poses,
         position_um=inject(position, tuple(pose.position_um for pose in poses)),
         rotation=inject(rotation, tuple(pose.rotation for pose in poses)),

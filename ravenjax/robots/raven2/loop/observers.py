@@ -5,14 +5,14 @@ The observers also run without the rest of the tick, beside a remote robot that 
 
 from typing import Any, NamedTuple, TypeVar
 
-from ravenjax.numbers import cast_to_real, for_each_arm, jnp, per_arm, tree
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, tree
 from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.loop.records import Input, TickParams, TickState
 from ravenjax.robots.raven2.plant import nominal
-from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup, map_arms
 from ravenjax.stages import haptics, monitor
 
 
@@ -56,9 +56,7 @@ def init(
 ) -> ObserverState:
     """Return the state beside a robot at rest with these joints (rad, m) and true tips (m)."""
     return ObserverState(
-        nominal=per_arm(
-            setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
-        ),
+        nominal=map_arms(setup, nominal.init, params.nominal, start),
         haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
         monitor=monitor.init(setup, tips, _um(tips)),
     )
@@ -77,41 +75,39 @@ def update_model_and_cue(
     clean: the newest packet as the console sent it; fresh: whether it is of this tick.
     """
 
-    def asked(i: int) -> nominal.Clean:
-        # Each increment counts once, also if a packet spans several cycles
-        command: Any = clean.delta[i], clean.quat[i], clean.grasp[i]
-        if setup.console == "increments":
-            none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-            command = where(fresh, command, none)
-        delta, quat, grasp = command
-        return nominal.Clean(delta, quat, grasp, clean.surgeon_mode)
-
-    def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
-        jpos = cast_to_real(setup, robot.jpos[i])
-        return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
-
-    def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
+    def sense(
+        setup: RavenSetup, arm: ArmName, tool: str, model: Any, device: Any, jpos: Vec, mvel: Vec
+    ) -> tuple[Any, ...]:
         """Return the reported tip, the state of the haptic device, and the cue."""
-        model = models[i][1]
-        jpos, mvel = cast_to_real(setup, (robot.jpos[i], robot.mvel[i]))
-        tool, software = setup.tools[i], setup.software
-        jvel = cast_to_real(
-            setup, transmission.joint_from_motor(arm, tool, mvel, software=software)
+        jvel = transmission.joint_from_motor(
+            arm, tool, cast_to_real(setup, mvel), software=setup.software
         )
+        jvel = cast_to_real(setup, jvel)
         tip = kinematics.forward_pose(arm, jpos).position
         signal = haptics.HapticSignal(
             model.tip_position, model.tip_velocity, tip, kinematics.tip_velocity(arm, jpos, jvel)
         )
-        return tip, *haptics.step(setup, params.haptics, state.haptics[i], signal)
+        return tip, *haptics.step(setup, params.haptics, device, signal)
 
-    models = per_arm(setup, step_model)
-    reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
+    def asked(*command: Any) -> nominal.Clean:
+        if setup.console == "increments":
+            # Each increment counts once, also if a packet spans several cycles
+            none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+            command = where(fresh, command, none)
+        return nominal.Clean(*command, engaged=clean.surgeon_mode)
+
+    wanted = tuple(map(asked, clean.delta, clean.quat, clean.grasp))
+    jpos = cast_to_real(setup, robot.jpos)
+    moved = map_arms(setup, nominal.step, params.nominal, state.nominal, wanted, jpos)
+    modelled, models = zip(*moved, strict=True)
+    sensed = map_arms(setup, sense, setup.tools, models, state.haptics, jpos, robot.mvel)
+    reported, felt, cues = zip(*sensed, strict=True)
     tips = reported if robot.tips is None else robot.tips
-    return replace(state, nominal=tuple(new for new, _ in models), haptics=felt), Seen(
-        tuple(out for _, out in models),
+    return replace(state, nominal=modelled, haptics=felt), Seen(
+        models,
         cues,
         tips,
-        per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
+        tuple(map(scene.tissue_depth, setup.arms, tips)),
         scene.tip_distance(setup.arms, tips),
         is_live(robot.runlevel, robot.soft_estopped),
     )

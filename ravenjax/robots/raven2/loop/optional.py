@@ -5,83 +5,21 @@ To add a stage, add an entry to STAGES. `TickState.stages` then holds the stage'
 result table holds its outcomes. A run fails if one of the stage's `numbers` is not finite.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers import for_each_arm, jnp, per_arm
+from ravenjax.numbers import for_each_arm, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
-from ravenjax.robots.raven2.console import operator, own_operator, reaction
+from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
+from ravenjax.robots.raven2.loop import control, own_operator
 from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
-from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals
-from ravenjax.robots.raven2.loop.user_files import UserFiles
+from ravenjax.robots.raven2.loop.records import Console, Network, PlanMoment, Sight, Start
 from ravenjax.robots.raven2.run_levels import E_STOP
-from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
-
-
-@record
-class Network:
-    """What a fault may do to the newest packet on its way to the robot."""
-
-    lag: Scalar  # int32, packets; how much older the packet is that is sent instead
-    delay: Scalar  # int32, packets; delay of a channel that delivers in order
-    lost: Scalar  # bool
-    bursts: Scalar  # float, seed of the channel's losses; 0: none
-    jitter: Scalar  # float, seed of the channel's delays; 0: none
-
-
-class Start(NamedTuple):
-    """The start of a run."""
-
-    setup: RavenSetup
-    params: TickParams
-    jpos: PerArm[Vec]  # 7, rad and m
-    tips: PerArm[Vec]  # m, frame 0
-    runlevel: int
-
-
-@dataclasses.dataclass
-class Console:
-    """The console in this tick. Stages that `act` may change the fields after `signal`."""
-
-    setup: RavenSetup
-    params: TickParams
-    signal: Input
-    newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet
-    soft_estopped: Scalar  # int32 flag of the control software
-    fresh: Scalar  # bool, there is a new packet in this tick
-    sequence: Scalar  # int32, index of the newest packet after this tick
-    timing: PacketTiming
-    plan: own_operator.PlanMoment
-    hands: operator.HandOffsets
-    older: Callable[[Network], PacketTiming]  # timing of the packet that the network delivers
-    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in that many ms (int32)
-    # Returns the operator's deviation from the plan in a packet of that timing
-    deviate: Callable[[PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
-
-
-@dataclasses.dataclass
-class Sight:
-    """What a stage may read after the robot has moved. The stage may move the hands."""
-
-    setup: RavenSetup
-    params: TickParams
-    tick: Scalar  # int32
-    pedal_down: Scalar  # bool
-    live: Scalar  # bool, pedal-down without software E-stop
-    foot: Scalar  # bool, the operator holds the pedal down
-    signals: TickSignals
-    files: UserFiles
-    hands: operator.HandOffsets
-
-    @property
-    def model_tips(self) -> PerArm[Vec]:
-        """Tips of the nominal model, m in frame 0."""
-        return tuple(out.tip_position for out in self.signals.nominal)
 
 
 def _keep(state: Any, seen: Any) -> Any:
@@ -127,7 +65,7 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
         clock = packet_clock.step(clock, now, fresh, lasts)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
     console.older = lambda network: console.timing
-    console.plan = own_operator.PlanMoment(now, now - 1, jnp.bool_(True))
+    console.plan = PlanMoment(now, now - 1, jnp.bool_(True))
     return clock
 
 
@@ -154,25 +92,6 @@ def _react(state: reaction.ReactionState, console: Console) -> reaction.Reaction
         setup, reacts, acting, timing.row, timing.before
     )
     return acting
-
-
-def _act_as_file(state: Any, console: Console) -> Any:
-    # Lets the user's file decide what the hands do; a packet that was given stays as it is.
-    signal = console.signal
-    if signal.packet is not None:
-        return state
-    state, console.hands, deviation = own_operator.act_as_file(
-        console.setup,
-        console.params.operator,
-        state,
-        console.hands,
-        signal.motion,
-        console.plan,
-        console.fresh,
-        signal.tick,
-    )
-    console.deviate = lambda timing: deviation
-    return state
 
 
 # --- between console and robot ---
@@ -209,11 +128,9 @@ def _yield(state: Any, sight: Sight) -> Any:
     # The cue pushes the hands, and this motion becomes part of the next command.
     setup, yielding, cues = sight.setup, sight.params.hand, sight.signals.haptics
     assert yielding is not None
-    pulled = per_arm(
-        setup,
-        lambda i, arm: hand.step(
-            setup, yielding, state[i], position_to_itp(arm, cues[i].direction * cues[i].force[0])
-        ),
+    pulled = tuple(
+        hand.step(setup, yielding, old, position_to_itp(arm, cue.direction * cue.force[0]))
+        for arm, old, cue in zip(setup.arms, state, cues, strict=True)
     )
     moves = tuple(
         (new.displacement - old.displacement) * 1e6 for new, old in zip(pulled, state, strict=True)
@@ -238,18 +155,11 @@ def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
     return RestartState(waits & ~sight.live, first)
 
 
-def _show(state: Any, sight: Sight) -> Any:
-    signals, level = sight.signals, sight.signals.control.runlevel
-    return own_operator.show_state(
-        sight.setup, state, signals.tip, sight.model_tips, signals.haptics, level
-    )
-
-
 def _detect(state: Any, sight: Sight) -> Any:
     # Detectors see only what the software can know, never the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
-    signals, robots = sight.signals, sight.signals.plant
+    signals = sight.signals
     models, cues = signals.nominal, signals.haptics
     sight.files.note(
         brakes=signals.plc.brakes,
@@ -263,10 +173,7 @@ def _detect(state: Any, sight: Sight) -> Any:
         sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
         views = sight.files.views("the end", setup.precision.real)
     seen = detectors.DetectorSignal(
-        mpos=tuple(out.mpos for out in robots),
-        mvel=tuple(out.mvel for out in robots),
-        jpos=tuple(out.jpos for out in robots),
-        jvel=tuple(out.jvel for out in robots),
+        **control.columns_of(signals.plant, "mpos", "mvel", "jpos", "jvel"),
         tip_error=tuple(cue.distance for cue in cues),
         command=tuple(arm.current_cmd for arm in signals.control.arms),
         command_limit=params.control.overdrive.dac_max,
@@ -350,11 +257,9 @@ STAGES: dict[str, Stage] = {
     ),
     "own_operator": Stage(
         present=lambda setup: setup.hands is not None,
-        init=lambda start: own_operator.init(
-            start.setup, start.params.operator, start.jpos, start.tips, start.runlevel
-        ),
-        act=_act_as_file,
-        watch=_show,
+        init=own_operator.init,
+        act=own_operator.act_as_file,
+        watch=own_operator.show_state,
         numbers=lambda state: {} if state.grasp is None else {"hand": [*state.grasp.offset]},
         moves_hands=True,
     ),

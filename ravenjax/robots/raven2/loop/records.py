@@ -1,16 +1,18 @@
-"""Records of the tick: parameters, state, inputs, signals."""
+"""Records of the tick: parameters, state, inputs, signals, and what its optional stages see."""
 
-from typing import Any
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.faults import fault
 from ravenjax.numbers import Scalar, Vec, describe_fields, record
-from ravenjax.robots.raven2.arms import PerArm
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import detectors, hand, haptics, monitor
 from ravenjax.vocabulary import packets
@@ -107,3 +109,72 @@ class TickSignals:
     depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
     fault_active: tuple[Scalar, ...]  # bool, one per slot
+
+
+@record
+class Network:
+    """What a fault may do to the newest packet on its way to the robot."""
+
+    lag: Scalar  # int32, packets; how much older the packet is that is sent instead
+    delay: Scalar  # int32, packets; delay of a channel that delivers in order
+    lost: Scalar  # bool
+    bursts: Scalar  # float, seed of the channel's losses; 0: none
+    jitter: Scalar  # float, seed of the channel's delays; 0: none
+
+
+class Start(NamedTuple):
+    """The start of a run."""
+
+    setup: RavenSetup
+    params: TickParams
+    jpos: PerArm[Vec]  # 7, rad and m
+    tips: PerArm[Vec]  # m, frame 0
+    runlevel: int
+
+
+class PlanMoment(NamedTuple):
+    """The state of the plan in a tick."""
+
+    row: Scalar  # int32, row of the motion
+    before: Scalar  # int32, row of the motion when the plan last continued
+    goes_on: Scalar  # bool, the plan continues in this tick
+
+
+@dataclasses.dataclass
+class Console:
+    """The console in this tick. Stages that `act` may change the fields after `signal`."""
+
+    setup: RavenSetup
+    params: TickParams
+    signal: Input
+    newest: Scalar  # int32, index of the newest packet before this tick; -1: none yet
+    soft_estopped: Scalar  # int32 flag of the control software
+    fresh: Scalar  # bool, there is a new packet in this tick
+    sequence: Scalar  # int32, index of the newest packet after this tick
+    timing: operator.PacketTiming
+    plan: PlanMoment
+    hands: operator.HandOffsets
+    older: Callable[[Network], operator.PacketTiming]  # of the packet that arrives
+    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in that many ms (int32)
+    # Returns the operator's deviation from the plan in a packet of that timing
+    deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
+
+
+@dataclasses.dataclass
+class Sight:
+    """What a stage may read after the robot has moved. The stage may move the hands."""
+
+    setup: RavenSetup
+    params: TickParams
+    tick: Scalar  # int32
+    pedal_down: Scalar  # bool
+    live: Scalar  # bool, pedal-down without software E-stop
+    foot: Scalar  # bool, the operator holds the pedal down
+    signals: TickSignals
+    files: user_files.UserFiles
+    hands: operator.HandOffsets
+
+    @property
+    def model_tips(self) -> PerArm[Vec]:
+        """Tips of the nominal model, m in frame 0."""
+        return tuple(out.tip_position for out in self.signals.nominal)

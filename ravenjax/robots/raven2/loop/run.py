@@ -3,29 +3,23 @@
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
+from operator import attrgetter
 from typing import Any
 
+from ravenjax.bundled import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults, read_channel
-from ravenjax.numbers import (
-    Scalar,
-    Vec,
-    at_once,
-    cast_to_real,
-    for_each_arm,
-    jnp,
-    per_arm,
-    widen_numbers,
-)
+from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, widen_numbers
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.declaration import SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
-from ravenjax.robots.raven2.loop.optional import Start, find_stages
+from ravenjax.robots.raven2.loop.optional import find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
     NetworkParams,
+    Start,
     TickParams,
     TickSignals,
     TickState,
@@ -34,7 +28,7 @@ from ravenjax.robots.raven2.loop.records import (
 from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, motor_angles
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
-from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.vocabulary.checks import OWN
@@ -52,14 +46,15 @@ def params(
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
     `parameter_sets.Name`.
     """
+    names = for_each_arm(setup, parameter_set)
     return TickParams(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(),
         usb=UsbParams(),
         control=control.params(setup),
         plc=plc.PlcParams(),
-        plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
-        nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
+        plant=map_arms(setup, plant.params, names),
+        nominal=map_arms(setup, nominal.params, names),
         haptics=haptics.params(setup),
         reaction=reaction.ReactionParams() if setup.reacts else None,
         hand=hand.HandParams() if setup.hand_yields else None,
@@ -75,10 +70,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = cast_to_real(setup, params.start)
-    plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
-    robots = per_arm(
-        setup, lambda i, arm: plant.observe_robot(setup, arm, params.plant[i], plants[i])
-    )
+    plants = map_arms(setup, plant.init, params.plant, start)
+    robots = map_arms(setup, plant.observe_robot, params.plant, plants)
     tips = plant.true_tips(setup, params.plant, plants, robots)
     beside = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
@@ -163,26 +156,16 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
 
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns, users' checks first; each for the worse arm."""
-    software = state.control
-    net, machine, over = software.network, software.state_machine, software.overdrive
     added = zip(setup.checks, state.files.histories, strict=True)
-    return {f"{OWN}{use.name}": history for use, history in added} | {
-        "overdrive_instant": over.instant,
-        "overdrive_hard": over.hard,
-        "overdrive_clip": over.clip,
-        "soft_estop": machine.soft_estop,
-        "plc_watchdog": state.plc.watchdog_lost,
-        "estop": machine.estop,
-        "ik_reject": check.worst_of_arms([arm.ik_reject for arm in software.cartesian]),
-        "joint_limit": check.worst_of_arms([arm.joint_limit for arm in software.cartesian]),
-        "master_timeout": software.teleoperation.timeout,
-        "packet_size": net.size,
-        "packet_zero": net.zero,
-        "packet_skip": net.skip,
-        "packet_duplicate": net.duplicate,
-        "packet_reset": net.reset,
-        "packet_order": net.out_of_sequence,
-    }
+    out = {f"{OWN}{use.name}": history for use, history in added}
+    for name, (place, field) in _CHECKS.items():
+        found = attrgetter(place)(state)
+        arms = found if isinstance(found, tuple) else (found,)
+        out[name] = check.worst_of_arms([getattr(arm, field) for arm in arms])
+    return out
+
+
+_CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
 def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:

@@ -13,15 +13,24 @@ import numpy as np
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import cast_to_real, finite, for_each_arm, jnp, lax, per_arm
+from ravenjax.numbers import cast_to_real, finite, for_each_arm, jnp, lax
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, own_operator
+from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.injector import RavenInjector, seeds_network
-from ravenjax.robots.raven2.loop.optional import Console, Network, Sight, Stage, find_stages
-from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, TickState
+from ravenjax.robots.raven2.loop.optional import Stage, find_stages
+from ravenjax.robots.raven2.loop.records import (
+    Console,
+    Input,
+    Network,
+    PlanMoment,
+    Sight,
+    TickParams,
+    TickSignals,
+    TickState,
+)
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
@@ -67,8 +76,7 @@ def advance_tick(
         setup, params, inject, state, packet, files, pressed
     )
     robot = observers.RobotView(
-        jpos=tuple(arm.jpos for arm in software.arms),
-        mvel=tuple(arm.mvel for arm in software.arms),
+        **control.columns_of(software.arms, "jpos", "mvel"),
         runlevel=software.runlevel,
         soft_estopped=state.control.state_machine.soft_estopped,
         dac=state.boards.current_cmd,
@@ -155,7 +163,7 @@ def _wait_for_packet(
         fresh=fresh,
         sequence=sequence,
         timing=operator.row_by_row(sequence),
-        plan=own_operator.PlanMoment(sequence, sequence - 1, fresh),
+        plan=PlanMoment(sequence, sequence - 1, fresh),
         hands=state.hands,
         older=lambda network: operator.row_by_row(sequence - network.lag - network.delay),
         packets_in=count_packets,
@@ -242,11 +250,9 @@ def _move_robot(
     driven = boards.current_cmd
     for ticks, then in enumerate(state.commands, start=1):
         driven = where(params.usb.command_delay == ticks, then, driven)
-    loads = per_arm(
-        setup,
-        lambda i, _: plant.PlantSignal(
-            driven[i], brakes, **{site: arms[i] for site, arms in multipliers.items()}
-        ),
+    loads = tuple(
+        plant.PlantSignal(counts, brakes, **{site: arms[i] for site, arms in multipliers.items()})
+        for i, counts in enumerate(driven)
     )
     moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)
     robots = tuple(out for _, out in moved)

@@ -45,7 +45,7 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PIN_WATCHDOG
-from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import dac, motor_control, usb
 from ravenjax.stages import check
 
@@ -270,9 +270,7 @@ class UserFiles:
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
         still = for_each_arm(setup, Vec.full(3, 0.0))
         if feels_gravity:
-            still = per_arm(
-                setup, lambda i, arm: motor_control.gravity_torques(setup, arm, jpos[i])
-            )
+            still = map_arms(setup, motor_control.gravity_torques, jpos)
         gains = ("kp", "kd", "ki", "mvel_d")
         self.note(
             active=active,
@@ -297,9 +295,9 @@ class UserFiles:
         """Return the same as `dac.step`, for every arm."""
         setup = self._setup
         self.note(
-            amps_per_torque=per_arm(
-                setup,
-                lambda i, arm: Vec(stored.amps_per_torque(arm, setup.tools[i], setup.software)),
+            amps_per_torque=tuple(
+                Vec(stored.amps_per_torque(*arm, setup.software))
+                for arm in zip(setup.arms, setup.tools, strict=True)
             ),
             counts_per_amp=Vec(transmission.COUNTS_PER_AMP),
         )

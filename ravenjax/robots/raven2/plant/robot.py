@@ -18,18 +18,18 @@ large numbers is ever formed, so float32 loses nothing that an encoder can resol
 """
 
 import dataclasses
-import functools
+from functools import partial, reduce
 
 import numpy as np
 
-from ravenjax.numbers import cast_to_real, counter_random, describe_fields, jnp, per_arm, tree
+from ravenjax.numbers import cast_to_real, counter_random, describe_fields, jnp, tree
 from ravenjax.numbers.algebra import add, mul, solve_spd, sub
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, arm_coupling
-from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup, map_arms
 
 TICK_S = 1e-3
 N = 7
@@ -195,11 +195,8 @@ def step_all(
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
-        return tuple(
-            step(setup, arm, params[i], states[i], signals[i], touched)
-            for i, arm in enumerate(arms)
-        )
-    both = [_ArmTick(setup, arms[i], params[i], states[i], signals[i], touched) for i in (0, 1)]
+        return map_arms(setup, partial(step, touched=touched), params, states, signals)
+    both = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)
     left, right = both
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
@@ -361,12 +358,12 @@ class _ArmTick:
             tick=state.tick + 1,
         )
         out = observe_robot(self.setup, self.arm, self.params, state, self.signal.cable_scale)
-        carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
+        carried = reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
         touch = self._touches[0] if self._touches else None
         if len(self._touches) > 1:
             share = 1.0 / len(self._touches)
             touch = tree.map_leaves(
-                lambda *parts: functools.reduce(lambda a, b: a + b, parts) * share, *self._touches
+                lambda *parts: reduce(lambda a, b: a + b, parts) * share, *self._touches
             )
         return state, replace(out, carried=carried, touch=touch)
 
@@ -426,11 +423,9 @@ def true_tips(
     robots: PerArm[PlantOutput],
 ) -> PerArm[Vec]:
     """Return the true tip of each arm, m in registered frame 0."""
-    return per_arm(
-        setup,
-        lambda i, arm: kinematic_errors.true_tip(
-            arm, params[i].kinematic_errors, states[i].frame, robots[i].jpos
-        ),
+    return tuple(
+        kinematic_errors.true_tip(arm, own.kinematic_errors, state.frame, out.jpos)
+        for arm, own, state, out in zip(setup.arms, params, states, robots, strict=True)
     )
 
 

@@ -320,23 +320,14 @@ def _standing(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
     """Return `state` with the arms at rest where one cycle in E-stop measured them."""
-    places = [arm.pos for arm in after.cartesian]
+    places = tuple(arm.pos for arm in after.cartesian)
+    joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
+    change = control.changed_arms
+    accumulated = change(after.teleoperation.arms, pose=places)
     return replace(
         state,
         usb=after.usb,
-        cartesian=tuple(
-            replace(arm, pos=place, pos_d=place, jpos_d=measured.jpos)
-            for arm, place, measured in zip(state.cartesian, places, signals.arms, strict=True)
-        ),
-        teleoperation=replace(
-            state.teleoperation,
-            arms=tuple(
-                replace(arm, pose=place)
-                for arm, place in zip(after.teleoperation.arms, places, strict=True)
-            ),
-        ),
-        motor_control=tuple(
-            replace(arm, mpos_d=measured.mpos)
-            for arm, measured in zip(state.motor_control, signals.arms, strict=True)
-        ),
+        cartesian=change(state.cartesian, pos=places, pos_d=places, jpos_d=joints),
+        teleoperation=replace(state.teleoperation, arms=accumulated),
+        motor_control=change(state.motor_control, mpos_d=motors),
     )

@@ -12,7 +12,7 @@ HIGHEST, LOWEST = 32767, -32768
 
 
 def step(
-    setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec
+    setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, otherwise: Vec, enabled: Scalar
 ) -> Vec:
     """Return DAC counts (7 int32) of capstan torques (N m) if `enabled`, else `otherwise`."""
     amps = stored.amps_per_torque(arm, tool, setup.software)

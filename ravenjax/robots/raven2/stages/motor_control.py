@@ -88,17 +88,18 @@ def motor_torques(
     arm: ArmName,
     params: MotorControlParams,
     state: MotorControlState,
+    mpos_d: Vec,
+    jpos: Vec,
+    mpos: Vec,
+    mvel: Vec,
     active: Scalar,
     pedal_down: Scalar,
-    mpos_d: Vec,
-    measured: tuple[Vec, Vec, Vec],
 ) -> MotorControlState:
-    """Return the state with the capstan torques of one arm; `measured` is (jpos, mpos, mvel).
+    """Return the state with the capstan torques of one arm.
 
     The PID acts in pedal-down, also during a soft E-stop, which only sets the DAC to zero. Gravity
     torque is added if `active` (run level 2 and above). Below that everything keeps its last value.
     """
-    jpos, mpos, mvel = measured
     error = mpos_d - mpos
     integral = where(pedal_down, state.integral + error * stored.PERIOD, state.integral)
     law = params.kp * error + params.kd * (params.mvel_d - mvel) + params.ki * integral

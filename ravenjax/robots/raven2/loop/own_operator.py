@@ -9,15 +9,16 @@ computation.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax, per_arm
+from ravenjax.numbers import cast_to_real, for_each_arm, jnp, lax
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.parts.part import InPlace, View
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
+from ravenjax.robots.raven2.loop.records import Console, Sight, Start
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import haptics
 
@@ -62,33 +63,21 @@ class OwnOperatorState:
     lifted: Scalar | None  # bool, the file had the foot off the pedal in the newest packet
 
 
-class PlanMoment(NamedTuple):
-    """The state of the plan in a tick."""
-
-    row: Scalar  # int32, row of the motion
-    before: Scalar  # int32, row of the motion when the plan last continued
-    goes_on: Scalar  # bool, the plan continues in this tick
-
-
-def init(
-    setup: RavenSetup,
-    params: operator.OperatorParams,
-    start: PerArm[Vec],
-    tips: PerArm[Vec],
-    runlevel: int,
-) -> OwnOperatorState:
+def init(start: Start) -> OwnOperatorState:
     """Return the state of hands on the plan, in front of a robot at rest.
 
-    start: joints, 7, rad and m; tips: m in frame 0. Raises UserError for mistakes in the file.
+    Raises UserError for mistakes in the file.
     """
+    setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
-    models = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
+    poses = map(kinematics.forward_pose, setup.arms, start.jpos)
+    models = tuple(pose.position for pose in poses)
     none, still = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
     zero = jnp.int32(0)
     state = OwnOperatorState(
         own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
         screen=_screen(setup, tips, models, [(still, none)] * len(tips)),
-        runlevel=jnp.int32(runlevel),
+        runlevel=jnp.int32(start.runlevel),
         pace=None,
         grasp=None,
         lifted=None,
@@ -103,36 +92,35 @@ def init(
     )
 
 
-def act_as_file(
-    setup: RavenSetup,
-    params: operator.OperatorParams,
-    state: OwnOperatorState,
-    hands: operator.HandOffsets,
-    motion: tuple[Any, ...],
-    moment: PlanMoment,
-    fresh: Scalar,
-    tick: Scalar,
-) -> tuple[OwnOperatorState, operator.HandOffsets, operator.Deviation]:
-    """Compute one millisecond of the file. fresh: bool, whether a packet is made in it."""
-    pace = state.pace
-    now = operator.look_up_row(motion, moment.row if pace is None else moment.row - pace.lag)
-    before = operator.look_up_row(
-        motion, moment.before if pace is None else moment.before - pace.before
+def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
+    """Compute one millisecond of the file. A packet that was given stays as it is."""
+    setup, signal, moment = console.setup, console.signal, console.plan
+    if signal.packet is not None:
+        return state
+    hands, fresh, pace = console.hands, console.fresh, state.pace
+    now, before = (
+        operator.look_up_row(signal.motion, row)
+        for row in (
+            (moment.row, moment.before)
+            if pace is None
+            else (moment.row - pace.lag, moment.before - pace.before)
+        )
     )
 
-    def planned(i: int, arm: ArmName) -> tuple[Vec, Scalar, Vec]:
-        delta = cast_to_real(setup, now.position[i]) - cast_to_real(setup, before.position[i])
-        grasp = cast_to_real(setup, now.grasp[i]) - cast_to_real(setup, before.grasp[i])
-        delta, grasp = where(
-            moment.goes_on, (delta, grasp), cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
-        )
-        return delta, grasp, hands.offset[i]
+    def planned(offset: Vec, *rows: Any) -> tuple[Vec, Scalar, Vec]:
+        position, old_position, grasp, old_grasp = cast_to_real(setup, rows)
+        moves = position - old_position, grasp - old_grasp
+        still = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
+        return *where(moment.goes_on, moves, still), offset
 
-    plan = per_arm(setup, planned)
-    after, will = _stepped(setup, params, state, tick, now.surgeon_mode > 0, plan)
+    hands_in = now.position, before.position, now.grasp, before.grasp
+    plan = tuple(map(planned, hands.offset, *hands_in))
+    after, will = _stepped(
+        setup, console.params.operator, state, signal.tick, now.surgeon_mode > 0, plan
+    )
     state, how = replace(state, own=after), operator.PLAN
     if "delta" in will:
-        hands = operator.with_stray_motion(
+        console.hands = operator.with_stray_motion(
             hands,
             tuple(new - delta for new, (delta, _, _) in zip(will["delta"], plan, strict=True)),
         )
@@ -158,37 +146,33 @@ def act_as_file(
             sent=jnp.where(fresh, pace.lag, pace.sent),
         )
         state = replace(state, pace=new_pace)
-    return state, hands, how
+    console.deviate = lambda timing: how
+    return state
 
 
-def show_state(
-    setup: RavenSetup,
-    state: OwnOperatorState,
-    tips: PerArm[Vec],
-    model_tips: PerArm[Vec],
-    cues: PerArm[haptics.HapticOutput],
-    runlevel: Scalar,
-) -> OwnOperatorState:
-    """Return the state with what the operator is shown until the next tick. tips: m, frame 0."""
+def show_state(state: OwnOperatorState, sight: Sight) -> OwnOperatorState:
+    """Return the state with what the operator is shown until the next tick."""
+    setup, signals = sight.setup, sight.signals
 
-    def pulled(i: int, arm: ArmName) -> tuple[Vec, Scalar]:
-        force = cues[i].force[0]
-        pull = position_to_itp(arm, cues[i].direction * force)
+    def pulled(arm: ArmName, cue: haptics.HapticOutput) -> tuple[Vec, Scalar]:
+        force = cue.force[0]
+        pull = position_to_itp(arm, cue.direction * force)
         return pull.map(lambda x: jnp.where(x == x, x, 0.0)), force
 
-    screen = _screen(setup, tips, model_tips, per_arm(setup, pulled))
-    return replace(state, screen=screen, runlevel=runlevel)
+    pulls = list(map(pulled, setup.arms, signals.haptics))
+    screen = _screen(setup, signals.tip, sight.model_tips, pulls)
+    return replace(state, screen=screen, runlevel=signals.control.runlevel)
 
 
 def _screen(
     setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], pulls: Sequence[Any]
 ) -> PerArm[ScreenView]:
-    def shown(i: int, arm: ArmName) -> ScreenView:
-        return ScreenView(
-            position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), *pulls[i]
-        )
-
-    return cast_to_real(setup, per_arm(setup, shown))
+    rows = zip(setup.arms, tips, model_tips, pulls, strict=True)
+    shown = (
+        ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model), *pull)
+        for arm, tip, model, pull in rows
+    )
+    return cast_to_real(setup, tuple(shown))
 
 
 def _stepped(
