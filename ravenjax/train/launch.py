@@ -9,10 +9,10 @@ The page and the recorder never make the realtime loop wait. Both end with the r
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import re
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import get_args
@@ -29,7 +29,7 @@ from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge import COLUMNS
 from ravenjax.train.processes import SessionHelpers
-from ravenjax.train.protocol import Command, Event, Json, Say
+from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
@@ -112,9 +112,9 @@ def run_realtime(
         options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
         helpers.wait_for("robot: its tick is being compiled, or read from the cache", say)
-        session = Session(
-            options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
-        )
+        connect = functools.partial(_connect, stack, options, say)
+        robot = SimulatedRobot if options.robot is None else connect
+        session = Session(options.scenario, options.seed, cue=options.cue, robot=robot)
         session.pedals.say = say
         interruption.check_interruption()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
@@ -210,22 +210,17 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     session = Session(options.scenario, options.seed, cue=options.cue)
     driver = scripts.Scripted(script, session)  # an invalid file leaves no folder
     options = _with_new_folder(options, say)
-    header = {"started": recorder.utc_now(), **_header(options, session), "ended": None}
-    description.write_session(options.folder, header)
-    writer = recorder.RowWriter(options.folder, session.layout.names(), header)
-    block: list[np.ndarray] = []
-    events: list[Event] = []
     first = 0
-    with contextlib.closing(writer.log):
+    header = _header(options, session)
+    with recorder.open_recording(options.folder, session.layout.names(), header) as writer:
         while not session.over:
-            interruption.check_interruption()
-            events += session.tick(driver.poll())
-            block.append(session.frame.row.copy())
-            if len(block) == recorder.BLOCK or session.over:
-                writer.add(first, np.stack(block), events)
-                first += len(block)
-                block, events = [], []
-    description.update_session(options.folder, {"ended": recorder.utc_now()})
+            block, events = [], []
+            while len(block) < recorder.BLOCK and not session.over:
+                interruption.check_interruption()
+                events += session.tick(driver.poll())
+                block.append(session.frame.row.copy())
+            writer.add(first, np.stack(block), events)
+            first += len(block)
     return _conclude(options, session, None, say)
 
 
@@ -299,45 +294,40 @@ def _header(options: SessionOptions, session: Session) -> Json:
     }
 
 
-def _robot(
-    stack: contextlib.ExitStack, options: SessionOptions, say: Say
-) -> Callable[[Blueprint], SimulatedRobot | DistantRobot]:
-    # Returns what makes the driven robot: the simulation, or a connection to a distant robot.
-    if options.robot is None:
-        return SimulatedRobot
-    host, itp_port, stream = parse_address(options.robot)
-
-    def connected(made: Blueprint) -> DistantRobot:
-        say(f"robot: waiting for an answer from {host}")
-        armables = scenario.armable_hazards(options.scenario, made.plan.rows)
-        if not isinstance(stream, int):
-            if armables:
-                raise UserError(
-                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
-                    f" be armed in a robot over {stream}: choose a scenario without hazards, or"
-                    " start `ravenjax robot` and give its joint port"
-                )
-            from ravenjax.train.robot_link.crtk import bridge
-            from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
-
-            transport = bridge.connect_transport(stream, *RosRobot.topics(made.setup.arms, stream))
-            stack.callback(transport.close)
-            robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
-            stack.callback(robot.close)
-            return DistantRobot(made, robot)
-        remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
-        stack.callback(remote.close)
-        other = remote.greeting
-        if hash_hazards(armables) != other.get("hazards"):
+def _connect(
+    stack: contextlib.ExitStack, options: SessionOptions, say: Say, made: Blueprint
+) -> DistantRobot:
+    # Connects to a distant robot, which is driven in place of the simulation.
+    host, itp_port, stream = parse_address(options.robot or "")
+    say(f"robot: waiting for an answer from {host}")
+    armables = scenario.armable_hazards(options.scenario, made.plan.rows)
+    arms, tools = made.setup.arms, made.setup.tools
+    if not isinstance(stream, int):
+        if armables:
             raise UserError(
-                f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
-                f" {other.get('seed')}) has other hazards than this session"
-                f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
-                " scenario, --seed and --set"
+                f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
+                f" be armed in a robot over {stream}: choose a scenario without hazards, or"
+                " start `ravenjax robot` and give its joint port"
             )
-        return DistantRobot(made, remote)
+        from ravenjax.train.robot_link.crtk import bridge
+        from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
 
-    return connected
+        transport = bridge.connect_transport(stream, *RosRobot.topics(arms, stream))
+        stack.callback(transport.close)
+        robot = RosRobot(host, itp_port, arms, tools, transport, say=say)
+        stack.callback(robot.close)
+        return DistantRobot(made, robot)
+    remote = RemoteRobot(host, itp_port, stream, arms, options.token)
+    stack.callback(remote.close)
+    other = remote.greeting
+    if hash_hazards(armables) != other.get("hazards"):
+        raise UserError(
+            f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
+            f" {other.get('seed')}) has other hazards than this session"
+            f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
+            " scenario, --seed and --set"
+        )
+    return DistantRobot(made, remote)
 
 
 def parse_address(text: str) -> tuple[str, int, int | Ros]:
@@ -376,19 +366,9 @@ def _conclude(
         "hazards": reader.summarize_hazards([reader.HazardRow(**row) for row in rows]),
     }
     if timing is not None:
-        summary["timing"] = timing_facts(timing)
+        summary["timing"] = timing.facts()
     paths = [options.folder / name for name in (session_log.FILE, reader.TABLE, COMMANDS)]
     checksums = {path.name: hash_file(path) for path in paths if path.is_file()}
     description.update_session(options.folder, {"summary": summary, "sha256": checksums})
     say(f"debrief: {debrief.write_debrief(options.folder)}")
     return FinishedSession(options.folder, rows, timing, session.ended)
-
-
-def timing_facts(timing: LoopTiming) -> dict[str, float]:
-    """Return the timing of a loop by name. Percentiles are in us."""
-    counts = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
-    return counts | {
-        f"{what}_{name}_us": timing.percentile(what, share)
-        for what in ("compute", "whole", "lateness")
-        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999))
-    }

@@ -17,18 +17,17 @@ is the axis of the jaws.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
-import tomllib
 from collections.abc import Callable, Sequence
 from functools import cache
-from pathlib import Path
+from itertools import accumulate
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ravenjax.bundled import resources
 from ravenjax.train.robot import (
     GEOMETRY,
     GM1,
@@ -37,37 +36,26 @@ from ravenjax.train.robot import (
     ITP_AXES,
     JAW_LENGTH,
     ArmName,
-    Arms,
-    Quat,
     scene,
     unit_quaternion,
 )
 from ravenjax.vocabulary.packets import QUIET_MS
 
-CHANNELS: dict[str, dict[str, int]] = tomllib.loads(
-    Path(__file__).with_name("channels.toml").read_text(encoding="utf-8")
-)
+CHANNELS: dict[str, dict[str, int]] = resources.read_tables(__file__, "channels.toml")
 """Channels of the tick (`simulated`) and of the session, with the number of values of each."""
 GOLDEN = ("golden_halted_ms", "golden_cue")
 """Channels of the golden run. They are neighbours in a row."""
 
 
-PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
-"""Phases of a session.
-
-ready: waiting for the first pedal-down; running; paused by the instructor; stopped: the robot's
-E-stop; over; lost: no reports arrive, and the robot's state is unknown.
-"""
+_SHARED = resources.read_tables(__file__, "protocol.toml")
+PHASES: list[str] = _SHARED["phases"]
+CONSOLES: list[str] = _SHARED["consoles"]
+VIEWS: list[str] = _SHARED["views"]
+"""Phases of a session, what may drive, and what follows the hand. `protocol.toml` explains them."""
 READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
-CONSOLES = ("nobody", "page", "itp", "script", "crtk")
-"""What may drive: nobody, the operator's page, ITP or CRTK over the network, or a script."""
-VIEWS = ("real", "virtual", "replay")
-"""What follows the hand.
-
-real: the robot; virtual: only the virtual robot, while the robot rests; replay: the robot, which
-repeats the tried motion.
-"""
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
+Point = tuple[float, float, float]
+Rows = tuple[Point, Point, Point]
 Json = dict[str, Any]
 """A JSON object."""
 Command = dict[str, Any]
@@ -78,7 +66,7 @@ Say = Callable[[str], None]
 """Prints a line for the user."""
 STALE_MS = QUIET_MS
 """Older input counts as no input: pedal up, hands at rest, no force."""
-VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+VIEW: Rows = _SHARED["operator_axes"]
 """Right, up and toward the operator in the world (z up, gold arm at negative x)."""
 encode = json.JSONEncoder(separators=(",", ":")).encode
 """Returns a command or an event as JSON text."""
@@ -87,44 +75,34 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
 """The tissue's dome for a window that draws it, m."""
-Point = tuple[float, float, float]
-Rows = tuple[Point, Point, Point]
-_DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model_jpos"}
-"""Channels of the jaws' axis, each with the channel of its joints."""
+_DRAWN = _SHARED["drawn"]
 
 
-@dataclasses.dataclass(frozen=True)
 class FrameLayout:
     """The place of each channel in a row."""
 
-    arms: Arms
-    places: dict[str, slice]
-    size: int
+    def __init__(self, arms: Sequence[ArmName], sizes: dict[str, int]) -> None:
+        """sizes: the number of values of each channel, in their order."""
+        self.arms, self.sizes = tuple(arms), sizes
+        ends = [0, *accumulate(sizes.values())]
+        self.places = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
+        self.size = ends[-1]
 
     @staticmethod
     def of(arms: Sequence[ArmName]) -> FrameLayout:
         """Return the layout for these arms: the tick's channels first, the session's after them."""
-        places: dict[str, slice] = {}
-        at = 0
+        sizes: dict[str, int] = {}
         for source in ("simulated", "session"):
             each = CHANNELS[f"{source}_arm"].items()
-            named = CHANNELS[source] | {
-                f"{arm}/{name}": size for arm in arms for name, size in each
-            }
-            for name, size in named.items():
-                places[name] = slice(at, at + size)
-                at += size
-        return FrameLayout(tuple(arms), places, at)
+            sizes |= CHANNELS[source]
+            sizes |= {f"{arm}/{name}": size for arm in arms for name, size in each}
+        return FrameLayout(arms, sizes)
 
     def of_channels(self, keeps: Callable[[str], bool]) -> FrameLayout:
         """Return the layout of a row that has only some channels, in the same order."""
-        places: dict[str, slice] = {}
-        size = 0
-        for name, place in self.places.items():
-            if keeps(name):
-                places[name] = slice(size, size + place.stop - place.start)
-                size = places[name].stop
-        return FrameLayout(self.arms, places, size)
+        return FrameLayout(
+            self.arms, {name: self.sizes[name] for name in filter(keeps, self.sizes)}
+        )
 
     @property
     def simulated(self) -> int:
@@ -134,9 +112,9 @@ class FrameLayout:
     def names(self) -> list[str]:
         """Return a name for each number: `gold/jpos/0`, or `runlevel` for a single one."""
         return [
-            name if place.stop - place.start == 1 else f"{name}/{i}"
-            for name, place in self.places.items()
-            for i in range(place.stop - place.start)
+            name if size == 1 else f"{name}/{i}"
+            for name, size in self.sizes.items()
+            for i in range(size)
         ]
 
 
@@ -173,14 +151,7 @@ class Frame:
         return float(self.row[self.layout.places[name].start])
 
 
-def _unit(quat: list[float]) -> Quat:
-    try:
-        return unit_quaternion(quat)
-    except ZeroDivisionError:
-        raise ValueError("expected a quaternion of length 1, not 0") from None
-
-
-Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator(_unit)]
+Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator(unit_quaternion)]
 
 
 class Message(BaseModel):
@@ -257,12 +228,8 @@ def tissue_height(x: float, y: float) -> float:
 def turn_vector(rows: Rows, v: Point) -> Point:
     """Return `rows` times `v`."""
     x, y, z = v
-    a, b, c = rows
-    return (
-        a[0] * x + a[1] * y + a[2] * z,
-        b[0] * x + b[1] * y + b[2] * z,
-        c[0] * x + c[1] * y + c[2] * z,
-    )
+    first, second, third = (a * x + b * y + c * z for a, b, c in rows)
+    return first, second, third
 
 
 def _rows(matrix: Any) -> Any:
@@ -279,36 +246,30 @@ def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> t
     """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
     middle = closing_point(arm, (0.0, 0.0, 0.0), jpos)
     base = [c - m for c, m in zip(closing, middle, strict=True)]
-    left, right = -jpos[5], jpos[6]
-    return (
-        closing_point(arm, base, (*jpos[:5], -left, left)),
-        closing_point(arm, base, (*jpos[:5], -right, right)),
+    left, right = (
+        closing_point(arm, base, (*jpos[:5], -angle, angle)) for angle in (-jpos[5], jpos[6])
     )
+    return left, right
 
 
 def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
     geometry = GEOMETRY[arm]
-    cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
-    theta1, theta2 = jpos[0] + geometry.zero1, jpos[1] + geometry.zero2
-    s2, c2 = math.sin(theta2), math.cos(theta2)
-    roll, bend, yaw = jpos[3], jpos[4], 0.5 * (jpos[6] - jpos[5])
-    # Axes of frame 3 in frame 1, then those of frames 4 to 6. theta5 is the wrist minus a quarter
-    # turn.
-    x3 = (
-        -side * cos23 * s2,
-        side * (GM2 * cos23 * c2 - GM1 * GM3),
-        side * (GM1 * cos23 * c2 + GM2 * GM3),
-    )
-    y3 = (-side * c2, -side * GM2 * s2, -side * GM1 * s2)
-    z3 = (GM3 * s2, -GM2 * GM3 * c2 - GM1 * cos23, -GM1 * GM3 * c2 + GM2 * cos23)
-    s4, c4 = math.sin(roll), math.cos(roll)
-    s5, c5 = -math.cos(bend), math.sin(bend)
-    s6, c6 = math.sin(yaw), math.cos(yaw)
-    by_x, by_y = c4 * c5 * c6 + s4 * s6, s4 * c5 * c6 - c4 * s6
-    x, y, z = (by_x * a + by_y * b + s5 * c6 * c for a, b, c in zip(x3, y3, z3, strict=True))
-    s1, c1 = math.sin(theta1), math.cos(theta1)
-    return c1 * x - s1 * y, flip * (s1 * x + c1 * y), flip * z
+    right = math.pi / 2
+    x, y, z = 1.0, 0.0, 0.0
+    # From the jaws to frame 0: a joint's angle about z, then sine and cosine of the link's twist
+    # about x. The insertion, which does not turn, is a constant part of the roll.
+    for theta, sine, cosine in (
+        (0.5 * (jpos[6] - jpos[5]), 1.0, 0.0),
+        (jpos[4] - right, 1.0, 0.0),
+        (jpos[3] + geometry.side * right, GM3, geometry.cos23),
+        (jpos[1] + geometry.zero2, GM1, GM2),
+        (jpos[0] + geometry.zero1, 0.0, geometry.flip),
+    ):
+        s, c = math.sin(theta), math.cos(theta)
+        x, y = c * x - s * y, s * x + c * y
+        y, z = cosine * y - sine * z, sine * y + cosine * z
+    return x, y, z
 
 
 def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ Only modules that compile a tick or draw the arms import the robot's modules dir
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
-from ravenjax.robots.raven2.console.packet import U_STRUCT, UDP_PORT, V_STRUCT, Packet
+from ravenjax.robots.raven2.console.packet import MOVES, U_STRUCT, UDP_PORT, V_STRUCT, Packet
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
-from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE, Misfit
+from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
@@ -51,23 +52,21 @@ def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndar
     return twist[:3], twist[3:]
 
 
-def joints_of_motors(arm: ArmName, tool: str, motors: np.ndarray) -> np.ndarray:
-    """Return the joints [7] of motors [7], or the joint rates of motor rates."""
+@cache
+def motor_matrix(arm: ArmName, tool: str) -> np.ndarray:
+    """Return the matrix [7, 7] that gives the motors of joints, and the motor rates of rates."""
     with at_once():
-        return np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, motors))), float)
-
-
-def motors_of_joints(arm: ArmName, tool: str, joints: np.ndarray) -> np.ndarray:
-    """Return the motors [7] of joints [7], or the motor rates of joint rates."""
-    with at_once():
-        return np.array(transmission.motor_from_joint(arm, tool, Vec(map(float, joints))), float)
+        columns = [transmission.motor_from_joint(arm, tool, Vec(row)) for row in np.eye(7).tolist()]
+    return np.array(columns, float).T
 
 
 def unit_quaternion(quat: Sequence[float]) -> Quat:
-    """Return the quaternion scaled to length 1."""
+    """Return the quaternion scaled to length 1. Raises ValueError if it is zero."""
     x, y, z, w = quat
-    scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    return x * scale, y * scale, z * scale, w * scale
+    length = math.hypot(x, y, z, w)
+    if not length:
+        raise ValueError("expected a quaternion of length 1, not 0")
+    return x / length, y / length, z / length, w / length
 
 
 def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:

@@ -1,6 +1,6 @@
 """Makes, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -66,9 +66,3 @@ class MessageTypes:
                 value = np.asarray(value, element)
             fields.append(value)
         return self.store.types[kind](*fields)
-
-    def joint_state(
-        self, header: Any, names: Sequence[str], position: Any, velocity: Any = ()
-    ) -> Any:
-        """Return a JointState of joints (rad, insertion m) and their rates."""
-        return self.message(JOINT_STATE, header, list(names), position, velocity, ())

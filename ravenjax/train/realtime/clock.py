@@ -52,6 +52,15 @@ class LoopTiming:
             return float("nan")
         return float(np.searchsorted(counts, share * counts[-1]))
 
+    def facts(self) -> dict[str, float]:
+        """Return all numbers by name. Percentiles are in us."""
+        counts = {"ticks": self.ticks, "late_ticks": self.late, "skipped_ms": self.skipped}
+        return counts | {
+            f"{what}_{name}_us": self.percentile(what, share)
+            for what in ("compute", "whole", "lateness")
+            for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999))
+        }
+
 
 class Clock:
     """Paces a loop. Call `wait()`, compute the tick, `done()`, do the remaining work, `rest()`."""

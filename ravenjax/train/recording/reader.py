@@ -11,7 +11,7 @@ import dataclasses
 import io
 import statistics
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -208,12 +208,13 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return numbers of a whole session; None where nothing was measured."""
     struck = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in struck if row.outcome in LEFT_ROOM]
+    right = [row for row in answerable if row.response_ok]
 
     def count(name: str) -> dict[str, int]:
         return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
-    def over(function: Callable[[list[float]], float], values: Iterable[float | None]) -> Any:
-        known = [value for value in values if value is not None]
+    def over(function: Any, name: str, among: Sequence[HazardRow]) -> Any:
+        known = [value for row in among if (value := getattr(row, name)) is not None]
         return round(function(known), 1) if known else None
 
     return {
@@ -223,13 +224,11 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         "check_responses": count("check_response"),
         "motion_hazards": count("motion_hazard"),
         "left_room": len(answerable),
-        "right_responses": sum(row.response_ok for row in answerable),
-        "median_reaction_ms": over(
-            statistics.median, (row.reaction_ms for row in answerable if row.response_ok)
-        ),
-        "score": over(statistics.fmean, (row.score for row in answerable)),
-        "farthest_mm": over(max, (row.farthest_mm for row in struck)),
-        "deepest_mm": over(max, (row.deepest_mm for row in struck)),
+        "right_responses": len(right),
+        "median_reaction_ms": over(statistics.median, "reaction_ms", right),
+        "score": over(statistics.fmean, "score", answerable),
+        "farthest_mm": over(max, "farthest_mm", struck),
+        "deepest_mm": over(max, "deepest_mm", struck),
     }
 
 

@@ -10,7 +10,7 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -38,6 +38,7 @@ class RowWriter:
 
     def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
         """Raises StoreError if the file cannot be created."""
+        self.summary: Json = {}  # for session.json
         self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)
         self._columns = [names.index("left_ms"), names.index("pedal")]
         self._whole_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
@@ -53,6 +54,20 @@ class RowWriter:
             self.log.add(first + int(run[0]), rows[run])
         self.log.add(first + int(last[0] if len(last) else len(rows)), rows[last], events)
         return len(written)
+
+
+@contextlib.contextmanager
+def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
+    """Yield the writer of a session's recording. session.json has when it began and ended.
+
+    The arguments are those of `record_session`.
+    """
+    header = {"started": utc_now(), **header, "ended": None}
+    description.write_session(folder, header)
+    writer = RowWriter(folder, names, header)
+    with contextlib.closing(writer.log):
+        yield writer
+    description.update_session(folder, {"ended": utc_now(), "summary": writer.summary})
 
 
 def record_session(
@@ -73,54 +88,43 @@ def record_session(
     signal.signal(signal.SIGTERM, lambda *_: leaving.set())
     # Ctrl-C reaches every process, but the session must end first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    header = {"started": utc_now(), **header, "ended": None}
-    description.write_session(folder, header)
-    with contextlib.ExitStack() as stack:
-        frames, events = Ring.attach(frames_ring), Ring.attach(events_ring)
-        stack.callback(frames.close)
-        stack.callback(events.close)
-        writer = RowWriter(folder, names, header)
-        stack.callback(writer.log.close)
+    row = event = 0
+    end_s, late_ticks = math.inf, names.index("late_ticks")
+    counts = dict.fromkeys(("rows", "lost_rows", "events", "late_ticks"), 0)
+    with (
+        open_recording(folder, names, header) as writer,
+        contextlib.closing(Ring.attach(frames_ring)) as frames,
+        contextlib.closing(Ring.attach(events_ring)) as events,
+    ):
         listening()
-        summary = _record(frames, events, writer, names.index("late_ticks"), leaving)
-    description.update_session(folder, {"ended": utc_now(), "summary": {"recording": summary}})
+        while True:
+            # Checked before the rings are read, so that everything written before the check is
+            # recorded.
+            is_last = leaving.is_set() or parent_has_ended() or time.monotonic() >= end_s
+            first_event, rows_of_events = events.read(event)
+            first, raw = frames.read(row, BLOCK)
+            batch = list(read_json(rows_of_events))
+            for what, lost in (("rows", first - row), ("events", first_event - event)):
+                if lost:
+                    batch.append({"kind": f"lost_{what}", "tick": row, what: lost})
+            counts["lost_rows"] += first - row
+            counts["events"] += len(batch)
+            row, event = first + len(raw), first_event + len(rows_of_events)
+            rows = raw.view(np.float32)
+            if len(rows) or batch:
+                counts["rows"] += writer.add(first, rows, batch)
+            if len(rows):
+                counts["late_ticks"] = int(rows[-1, late_ticks])
+            if any(told["kind"] == "end" for told in batch):
+                end_s = min(end_s, time.monotonic() + LINGER_S)
+            behind = frames.written - row
+            if is_last and not behind:
+                break
+            if behind < BLOCK:
+                time.sleep(POLL_S)
+        writer.summary["recording"] = counts | {"seconds": round(counts["rows"] * 1e-3, 3)}
 
 
 def utc_now() -> str:
     """Return the present time, UTC, ISO 8601 to the millisecond."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _record(
-    frames: Ring, events: Ring, writer: RowWriter, late_ticks: int, leaving: threading.Event
-) -> Json:
-    """Record, and return the summary for session.json. late_ticks: its index in a row."""
-    row, event, end_s = 0, 0, float("inf")
-    summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
-    while True:
-        # Checked before the rings are read, so that everything written before the check is
-        # recorded.
-        is_last = leaving.is_set() or parent_has_ended() or time.monotonic() >= end_s
-        first_event, rows_of_events = events.read(event)
-        first, raw = frames.read(row, BLOCK)
-        batch = list(read_json(rows_of_events))
-        lost = first - row
-        if lost:
-            batch.append({"kind": "lost_rows", "tick": row, "rows": lost})
-        if lost_events := first_event - event:
-            batch.append({"kind": "lost_events", "tick": row, "events": lost_events})
-        row, event = first + len(raw), first_event + len(rows_of_events)
-        if len(raw) or batch:
-            rows = raw.view(np.float32)
-            summary["rows"] += writer.add(first, rows, batch)
-            summary["lost_rows"] += lost
-            summary["events"] += len(batch)
-            if len(rows):
-                summary["late_ticks"] = int(rows[-1, late_ticks])
-        if any(told["kind"] == "end" for told in batch):
-            end_s = min(end_s, time.monotonic() + LINGER_S)
-        behind = frames.written - row
-        if is_last and not behind:
-            return summary | {"seconds": round(summary["rows"] * 1e-3, 3)}
-        if behind < BLOCK:
-            time.sleep(POLL_S)

@@ -25,14 +25,10 @@ from ravenjax.robots.raven2.loop import observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
+from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
 from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distances
 
-_SEEN = (
-    *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),
-    *("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"),
-)
-"""Channels of an arm that the half tick fills, in this order."""
 _CHECKS = frozenset(ROBOT.checks)
 _MOST_TRIPS = 2**23
 """Limit of a check's count, so that the sum stays a whole number in single precision."""
@@ -65,7 +61,7 @@ class DistantRobot:
         self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.entering))
         self._sequence = 0
         places = blueprint.layout.places
-        names = [f"{arm}/{name}" for arm in self.arms for name in _SEEN]
+        names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
         # Places in the row of the numbers that the half tick fills. The packet's numbers follow
         # them.
         self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]

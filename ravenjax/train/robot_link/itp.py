@@ -9,11 +9,12 @@ import math
 import operator
 import socket
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ravenjax.errors import UserError
+import numpy as np
+
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
@@ -36,6 +37,7 @@ from ravenjax.train.robot import (
     matching_profile,
     turn_by,
 )
+from ravenjax.train.robot_link import WORDS, refuse_errors
 from ravenjax.train.session.console_arbiter import packets_message
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 
@@ -45,25 +47,7 @@ PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 _LAST = 2**32 - 1
 
 TAKEN = "accepted"
-CAUSES = (
-    TAKEN,
-    "short",  # less than 124 bytes
-    "stranger",  # another console is followed, or the address is not `only_host`
-    "mode",  # surgeon_mode is neither 0 nor 1
-    "checksum",
-    "buttons",  # jaw value not repeated, where the console sends it twice
-    "step",  # displacement above the limit
-    "quaternion",  # not finite, or not of the profile's form
-    "turn",  # rotation above the limit
-    "grasp",  # jaw increment above the limit, or a position out of range
-    UNDECIDED,  # the profiles that remain read it differently
-    "zero",  # number 0 is reserved
-    "duplicate",  # same number as the last
-    "behind",  # reordered or replayed
-    "far_ahead",  # too far ahead for a gap
-    "skip",  # a gap: this packet is lost as well, then the stream goes on
-    "restart",  # number 1 of a console that was quiet: lost, then the stream goes on
-)
+CAUSES = tuple(WORDS["causes"])
 """Possible results for a datagram. Each is counted under exactly one of them."""
 
 
@@ -77,8 +61,8 @@ It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, 
 STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
-DROPS = ("stranger", "duplicate", "behind", "far_ahead", "skip")
-"""Results for a well-formed packet that is not the next one of the stream."""
+GOES_ON = (TAKEN, "restart", "skip")
+"""Results of the number after which the stream goes on."""
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
 """After this number of packets that break the profile's rules, the gate names a profile that fits
 them. If none fits, it says so, provided that these packets are at least this share of all. It also
@@ -113,7 +97,7 @@ class Gate:
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
-        self._arms = tuple(arms)
+        self.arms = tuple(arms)
         self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
@@ -144,7 +128,8 @@ class Gate:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._judged(datagram, source, now_ms)
         self.counts[cause] += 1
-        dropped = sum(self.counts[drop] for drop in DROPS) if cause in DROPS else 0
+        drops = WORDS["drops"]
+        dropped = sum(self.counts[drop] for drop in drops) if cause in drops else 0
         many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
         if many and not self._warned:
             self._warned = True
@@ -161,12 +146,12 @@ class Gate:
         if len(datagram) < SIZE:
             return None, "short"
         peer = self.peer(now_ms)
-        named = self._only_host
-        if (peer is not None and source != peer) or (named is not None and source[0] != named):
+        if source != (peer or source) or source[0] != (self._only_host or source[0]):
             return None, "stranger"
         fields = FIELDS.unpack_from(datagram)
         number = fields[0]
-        cause, goes_on = self._numbered(number, now_ms)
+        cause = self._numbered(number, now_ms)
+        goes_on = cause in GOES_ON
         reading = self._choice.read(fields, joined=cause == TAKEN)
         if isinstance(reading, Misfit):
             if reading.cause != UNDECIDED:
@@ -183,7 +168,7 @@ class Gate:
                 )
         if cause != TAKEN or isinstance(reading, Misfit):
             return None, cause
-        tables = dict(zip(self._arms, zip(*reading, strict=True), strict=True))
+        tables = dict(zip(self.arms, zip(*reading, strict=True), strict=True))
         return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
 
     def _note(self, fields: Sequence, misfit: Misfit) -> None:
@@ -194,7 +179,7 @@ class Gate:
             return
         profile = self._choice.profile
         others = [other for other in consoles.bundled_profiles() if other != profile]
-        fits = matching_profile(self._misfits, others, self._arms) if profile else ""
+        fits = matching_profile(self._misfits, others, self.arms) if profile else ""
         if not fits and self._misfit_count < MISFIT_SHARE * self.received:
             return
         self._advised = True
@@ -209,21 +194,19 @@ class Gate:
             advice += " FILE.toml"
         self._say(f"{words}. {advice}")
 
-    def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:
-        """Return the result for a packet's number, and whether the stream goes on after it."""
+    def _numbered(self, number: int, now_ms: float) -> str:
+        """Return the result for a packet's number."""
         last = self._last
         if number == 0:
-            return "zero", False
+            return "zero"
         if number == (last + 1 if last < _LAST else 1):
-            return TAKEN, True
+            return TAKEN
         if number == last:
-            return "duplicate", False
+            return "duplicate"
         if number < last:
-            restarts = number == 1 and now_ms - self._heard_ms > QUIET_MS
-            return ("restart", True) if restarts else ("behind", False)
-        if last and number - last > RESET_GAP:
-            return "far_ahead", False
-        return "skip", True
+            is_quiet = now_ms - self._heard_ms > QUIET_MS
+            return "restart" if number == 1 and is_quiet else "behind"
+        return "far_ahead" if last and number - last > RESET_GAP else "skip"
 
 
 def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
@@ -284,14 +267,8 @@ FORCE_SCALE = 1000.0
 _FORCE_LIMIT = 2**31 - 1
 
 
-_AXES = tuple(
-    [
-        next((k, FORCE_SCALE * row[axis]) for k, row in enumerate(ITP_AXES[arm]) if row[axis])
-        for axis in range(3)
-    ]
-    for arm in ARMS
-)
-"""For each arm and ITP axis: its axis of frame 0, and the factor of the force."""
+_AXES = np.array([ITP_AXES[arm] for arm in ARMS], int)
+"""For each arm: its ITP axes, as columns, in frame 0."""
 
 
 class ItpServer:
@@ -299,34 +276,27 @@ class ItpServer:
 
     def __init__(
         self,
-        arms: Sequence[ArmName],
+        gate: Gate,
         host: str = LOOPBACK,
         port: int = UDP_PORT,
         clock: Callable[[], int] = time.monotonic_ns,
-        profiles: Sequence[ConsoleProfile] = (),
-        only_host: str | None = None,
-        say: Say = lambda _: None,
     ) -> None:
-        """profiles, only_host, say: see `Gate`. Raises UserError if the port is taken."""
-        self.arms = tuple(arms)
-        self.gate = Gate(arms, profiles, only_host, say)
-        self._clock = clock
+        """gate: checks the datagrams. Raises UserError if the port is taken."""
+        self.gate, self._clock = gate, clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
+        with refuse_errors(
+            f"UDP {host}:{port} cannot be opened for consoles",
+            "another session may use it. Give another port, or 0 for any free one",
+            self._socket,
+        ):
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise UserError(
-                f"UDP {host}:{port} cannot be opened for consoles ({error}): another session may"
-                " use it. Give another port, or 0 for any free one"
-            ) from None
         self.last_sequence = 0  # number of the console's packet accepted last
         self._pedal = False
         self._taken_ms = float("-inf")
         self._sent = 0
-        self._present = sum(1 << ARMS.index(arm) for arm in arms)
+        self._present = sum(1 << ARMS.index(arm) for arm in gate.arms)
 
     @property
     def address(self) -> tuple[str, int]:
@@ -385,9 +355,9 @@ class ItpServer:
             flags |= ALIVE | PEDAL * (pedal and self._pedal)
             for arm, force in forces.items() if drives else ():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
-                pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
+                pull = np.dot([_whole(FORCE_SCALE * float(x)) for x in force], _AXES[slot])
                 components[slot::2] = pull
-                flags |= (1 << 8 + slot) if any(pull) else 0
+                flags |= (1 << 8 + slot) if pull.any() else 0
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
@@ -417,7 +387,7 @@ class ItpConsole:
 
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
-        self._counts = dict(server.gate.counts)
+        self._counts = Counter(server.gate.counts)
         self._polls, self._why = 0, ""
 
     def poll(self) -> list[Command]:
@@ -431,13 +401,15 @@ class ItpConsole:
 
     def _refusal(self) -> str:
         """Return why all packets since the last call were refused; "" if they were not."""
-        counts, before = dict(self._server.gate.counts), self._counts
-        more = {cause: count - before[cause] for cause, count in counts.items()}
-        self._counts, accepted = counts, more.pop(TAKEN)
-        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
-        if cause != "stranger" and accepted:
+        counts = Counter(self._server.gate.counts)
+        more, self._counts = counts - self._counts, counts
+        accepted = more.pop(TAKEN, 0)
+        if more["stranger"] >= SOME_PACKETS:
+            return packets_message("stranger")
+        if accepted:
             return ""
-        return packets_message(cause) if more[cause] >= SOME_PACKETS else self._why
+        [(cause, count)] = more.most_common(1) or [("", 0)]
+        return packets_message(cause) if count >= SOME_PACKETS else self._why
 
     def tell(self, frame: Frame) -> None:
         drives = self._session.arbiter.owner == "itp"
@@ -465,9 +437,9 @@ def force_at_hand(
     operator feels the cue. Contact is always felt: it is the tissue's resistance.
     """
     places, numbers = frame.layout.places, frame.numbers
-    first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start
-    pull = numbers[first : first + 3] if cue else [0.0, 0.0, 0.0]
-    x, y, z = (a + units_per_n * b for a, b in zip(pull, numbers[touch : touch + 3], strict=True))
+    pull = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3
+    touch = numbers[places[f"{arm}/contact"]]
+    x, y, z = (a + units_per_n * b for a, b in zip(pull, touch, strict=True))
     size, most = math.hypot(x, y, z), max(cap, math.hypot(*pull))
     share = most / size if size > most else 1.0
     return x * share, y * share, z * share

@@ -6,7 +6,6 @@ JSON object (docs/how-to/training-messages.md). The server disconnects a client 
 else: it may be a web page that probes local ports.
 """
 
-import abc
 import collections
 import contextlib
 import ipaddress
@@ -20,8 +19,9 @@ from pydantic_core import to_json
 
 from ravenjax.errors import UserError
 from ravenjax.train.page import same_secret
-from ravenjax.train.protocol import CHANNELS, STALE_MS, Frame, Json
+from ravenjax.train.protocol import STALE_MS, Frame, Json
 from ravenjax.train.robot import UDP_PORT, ArmName
+from ravenjax.train.robot_link import WORDS, refuse_errors
 
 JOINT_PORT = 36002
 """The console uses UDP port 36000, and raven2's packet generator uses 36001."""
@@ -30,11 +30,8 @@ BUFFER_BYTES = 1 << 17
 READ_BYTES = 1 << 16
 LONGEST_ORDER = 1024
 _NOT_ALLOWED = "not from the robot's machine: start robot and session with the same --token"
-_COMMON = ("runlevel", "plc_runlevel", "surgeon_mode", "soft_estopped", "brakes", "fault_active")
-OF_ARM = ("jpos", "jpos_d", "mpos", "mvel", "position", "dac")
-_SIZES = {
-    name: (CHANNELS["simulated"] | CHANNELS["simulated_arm"])[name] for name in (*_COMMON, *OF_ARM)
-}
+_OF_ROBOT, OF_ARM = WORDS["report"], WORDS["report_arm"]
+_SIZES = _OF_ROBOT | OF_ARM
 PATIENCE_S = 10.0
 """The longest time that a robot, perhaps a busy one, may take to accept a session."""
 
@@ -82,7 +79,7 @@ def encode_report(
 ) -> bytes:
     """Return a frame as a line. The other arguments are as in the module's description."""
     numbers, places = frame.row.tolist(), frame.layout.places
-    names = (*_COMMON, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
+    names = (*_OF_ROBOT, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
     channels = {name: numbers[places[name]] for name in names}
     return encode_line({"tick": tick, "last_seq": last_seq, "checks": checks, "channels": channels})
 
@@ -152,13 +149,11 @@ class JointServer:
     ) -> None:
         """greeting: the first line to each listener. Raises UserError if the port is taken."""
         self._greeting, self._token = encode_line(greeting), token
-        try:
+        with refuse_errors(
+            f"TCP {host}:{port} cannot be opened for the joint stream",
+            "another robot may use it. Give another port, or 0 for any free one",
+        ):
             self._socket = socket.create_server((host, port))
-        except (OSError, OverflowError) as error:
-            raise UserError(
-                f"TCP {host}:{port} cannot be opened for the joint stream ({error}): another robot"
-                " may use it. Give another port, or 0 for any free one"
-            ) from None
         self._socket.setblocking(False)
         self.listeners: list[LineConnection] = []
         self.counts: collections.Counter[str] = collections.Counter()
@@ -217,7 +212,7 @@ class JointServer:
                 self.answer((listener, content), _NOT_ALLOWED)
 
 
-class RobotLink(abc.ABC):
+class RobotLink:
     """The connection to one robot."""
 
     clock = staticmethod(time.monotonic_ns)
@@ -228,14 +223,12 @@ class RobotLink(abc.ABC):
         self.lost = False  # whether the robot can no longer be heard
         self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
+        with refuse_errors(
+            f"no robot can be reached at {host}:{itp_port}",
+            "give a host name or an address",
+            self._console,
+        ):
             self._console.connect((host, itp_port))
-        except (OSError, OverflowError) as error:
-            self._console.close()
-            raise UserError(
-                f"no robot can be reached at {host}:{itp_port} ({error}): give a host name or an"
-                " address"
-            ) from None
         self._console.setblocking(False)
 
     def exchange(self, datagram: bytes) -> JointReport | None:
@@ -247,11 +240,9 @@ class RobotLink(abc.ABC):
             self._read()
         return self.report
 
-    @abc.abstractmethod
     def _read(self) -> None:
         """Take the reports that have arrived."""
 
-    @abc.abstractmethod
     def order(self, content: Json) -> None:
         """Send an order of `joint_stream` to the robot."""
 
@@ -287,35 +278,32 @@ class RemoteRobot(RobotLink):
         self._resets = 0  # resets that were not answered yet
         # The robot's greeting: its arms, scenario, seed and hazards.
         self.greeting: Json = {}
-        try:
+        with refuse_errors(
+            f"no robot answers at {host}:{joint_port}",
+            "start one there with `ravenjax robot`, and give the port of its joint stream",
+            self._console,
+        ):
             connection = socket.create_connection((host, joint_port), PATIENCE_S)
-        except (OSError, OverflowError) as error:
-            super().close()
-            raise UserError(
-                f"no robot answers at {host}:{joint_port} ({error}): start one there with"
-                " `ravenjax robot`, and give the port of its joint stream"
-            ) from None
         self._stream = LineConnection(connection)
         deadline = time.monotonic() + PATIENCE_S
         while not self.greeting and not self.lost and time.monotonic() < deadline:
             self._read()
             time.sleep(0.005)
         there = self.greeting.get("arms", [])
-        trouble = ""
-        if not self.greeting:
-            silent = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
-            trouble = (
-                f"{host}:{joint_port} accepts connections but {silent}. It is busy or not a"
-                " ravenjax robot: start one there with `ravenjax robot`"
-            )
-        elif missing := [arm for arm in arms if arm not in there]:
-            trouble = (
+        missing = [arm for arm in arms if arm not in there]
+        if self.greeting and not missing:
+            return
+        self.close()
+        if self.greeting:
+            raise UserError(
                 f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
                 f" {', '.join(missing)}: start both with the same scenario"
             )
-        if trouble:
-            self.close()
-            raise UserError(trouble)
+        silent = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
+        raise UserError(
+            f"{host}:{joint_port} accepts connections but {silent}. It is busy or not a"
+            " ravenjax robot: start one there with `ravenjax robot`"
+        )
 
     def order(self, content: Json) -> None:
         """Send an order. After a reset there is no report until the robot has restarted."""

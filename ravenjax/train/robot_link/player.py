@@ -10,7 +10,7 @@ after `KNOCK_S`.
 import contextlib
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +18,14 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.train.protocol import Say
-from ravenjax.train.robot import BUTTONS, CHECKSUM, FIELDS, MODE, V_STRUCT
+from ravenjax.train.robot import MOVES, U_STRUCT, V_STRUCT
+from ravenjax.train.robot_link import refuse_errors
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
 LEAD_S, LEAD_STEP_S = 0.4, 0.002
 KNOCK_S, KNOCK_STEP_S = RELEASE_MS * 1e-3 + 0.5, 0.02
 _LARGEST = 2**32 - 1
-_DISPLACEMENTS = slice(3, 9)
 
 
 class Played(NamedTuple):
@@ -57,17 +57,15 @@ class Played(NamedTuple):
 
 def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
     """Return the packets to send ahead of the recording's first one."""
-    fields = list(FIELDS.unpack_from(first))
-    number = fields[0]
-    fields[_DISPLACEMENTS] = [0] * 6
-    fields[MODE] = 0
-    packets = []
-    for before in range(count, 0, -1):
-        fields[0] = (number - 1 - before) % _LARGEST + 1  # 0 is not a valid packet number
-        total = fields[0] + fields[BUTTONS] + fields[BUTTONS + 1]
-        fields[CHECKSUM] = (total + 2**31) % 2**32 - 2**31
-        packets.append(FIELDS.pack(*fields))
-    return packets
+    packets = np.repeat(np.frombuffer(first, U_STRUCT), count)
+    before = int(packets["sequence"][0]) - 1
+    # 0 is not a valid packet number.
+    packets["sequence"] = (before - np.arange(count, 0, -1)) % _LARGEST + 1
+    for name in (*MOVES, "surgeon_mode"):
+        packets[name] = 0
+    total = packets["sequence"] + packets["buttonstate"].sum(axis=1)
+    packets["checksum"] = total.astype(np.int32)
+    return [packet.tobytes() for packet in packets]
 
 
 def play_packets(
@@ -84,12 +82,11 @@ def play_packets(
         interruption.until_interrupted() as stop,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port,
     ):
-        try:
+        with refuse_errors(
+            f"{address[0]}:{address[1]} cannot be reached",
+            "give the address and port at which a robot listens",
+        ):
             port.connect(address)
-        except OSError as error:
-            raise UserError(
-                f"{address[0]}:{address[1]} cannot be reached ({error.strerror or error})"
-            ) from None
         port.setblocking(False)
         say(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
@@ -97,52 +94,52 @@ def play_packets(
         )
         _knock(port, lead_packets(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
-        sent = forces = driving = 0
-        latest = 0.0
+        delays_s, flags = [0.0], []
         for at, datagram in zip(due.tolist(), whole, strict=True):
             if (wait := begin + at - time.monotonic()) > 0:
                 time.sleep(wait)
             if stop:
                 break
-            with contextlib.suppress(ConnectionRefusedError):  # an earlier packet was refused
-                port.send(datagram)
-            sent += 1
-            latest = max(latest, time.monotonic() - begin - at)
-            for flags in _heard(port):
-                forces += 1
-                driving += flags & (PEDAL | DRIVES) == PEDAL | DRIVES
+            _send(port, datagram)
+            delays_s.append(time.monotonic() - begin - at)
+            flags += _heard(port)
         return Played(
-            max(0, sent - len(ahead)),
+            max(0, len(delays_s) - 1 - len(ahead)),
             len(datagrams),
             max(0.0, time.monotonic() - begin - LEAD_S),
-            latest,
-            forces,
-            driving,
+            max(delays_s),
+            len(flags),
+            sum(flag & (PEDAL | DRIVES) == PEDAL | DRIVES for flag in flags),
         )
+
+
+def _send(port: socket.socket, datagram: bytes) -> None:
+    with contextlib.suppress(ConnectionRefusedError):  # an earlier packet was refused
+        port.send(datagram)
 
 
 def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
     """Send the packet repeatedly until a force packet arrives, for at most `KNOCK_S`."""
     end = time.monotonic() + KNOCK_S
     while time.monotonic() < end and not stop:
-        with contextlib.suppress(ConnectionRefusedError):
-            port.send(packet)
+        _send(port, packet)
         time.sleep(KNOCK_STEP_S)
-        if any(True for _ in _heard(port)):
+        if _heard(port):
             return
 
 
-def _heard(port: socket.socket) -> Iterator[int]:
+def _heard(port: socket.socket) -> list[int]:
+    """Return the joint flags of the force packets that have arrived."""
+    flags: list[int] = []
     while True:
         try:
             packet = port.recv(2048)
         except BlockingIOError:
-            return
+            return flags
         except OSError:  # the other machine reports that the port is closed
             continue
         if len(packet) == V_STRUCT.size:
-            *_, jointflags, _ = V_STRUCT.unpack(packet)
-            yield jointflags
+            flags.append(V_STRUCT.unpack(packet)[-2])
 
 
 def parse_host_port(text: str) -> tuple[str, int]:

@@ -24,10 +24,12 @@ from ravenjax.train import scenario
 from ravenjax.train.protocol import Command, Event, Frame, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import NO_PACKET_SEQUENCE
+from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import (
     LOOPBACK,
     STILL,
+    Gate,
     ItpConsole,
     ItpServer,
     merge_commands,
@@ -47,12 +49,7 @@ from ravenjax.vocabulary import checks
 
 CHECKS_EVERY = 100
 """The smallest number of ticks between two readings of the robot's checks."""
-ORDERS: dict[str, Command] = {
-    "arm": {"type": "instructor", "do": "arm"},
-    "disarm": {"type": "instructor", "do": "disarm"},
-    "estop": {"type": "operator", "do": "estop"},
-    "reset": {"type": "operator", "do": "restart"},
-}
+ORDERS: dict[str, Command] = WORDS["orders"]
 """Command for each order of `joint_stream`."""
 
 
@@ -81,16 +78,17 @@ class PacketSession:
             still = dict.fromkeys(self.arms, STILL)
             hands.append({"console": owner, "pedal": False, "arms": still})
         for command in commands:
-            if command["type"] == "increments":
-                # `append` returns None: every message is taken.
-                self.arbiter.hear(command, lambda hand: hands.append(hand) is None, self.ticks)
-            elif command["type"] == "unheard":
-                if command.get("once"):
-                    self.pedals.once(console_of(command), command["why"])
-                else:
-                    self.arbiter.unheard(console_of(command), command["why"])
-            else:
-                self._obey(command)
+            console = console_of(command)
+            match command["type"]:
+                case "increments":
+                    # `append` returns None: every message is taken.
+                    self.arbiter.hear(command, lambda hand: hands.append(hand) is None, self.ticks)
+                case "unheard" if command.get("once"):
+                    self.pedals.once(console, command["why"])
+                case "unheard":
+                    self.arbiter.unheard(console, command["why"])
+                case _:
+                    self._obey(command)
         driver = self.arbiter.owner
         if driver == NOBODY and hands:
             driver = hands[0]["console"]
@@ -217,10 +215,9 @@ def run_robot(
         with clock.use_realtime_priority(min) as granted:
             say(f"realtime: {granted}")
             timing = loop.run_loop(session, consoles, lambda: bool(stop))
-    p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
     say(
-        f"loop: {timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50"
-        f" {p50:g} us, p99 {p99:g} us"
+        "loop: {ticks} ticks, {late_ticks} late, {skipped_ms} ms skipped; compute p50"
+        " {compute_p50_us:g} us, p99 {compute_p99_us:g} us".format(**timing.facts())
     )
     for name, counts in (("console", itp.counters()), ("joint stream", joints.counts)):
         say(f"{name}: {in_words(counts)}")
@@ -247,14 +244,9 @@ def open_consoles(
     server = None
     host = options.host
     if options.itp_port is not None:
-        server = ItpServer(
-            session.arms,
-            host,
-            options.itp_port,
-            profiles=profiles.profile_choices(options.console),
-            only_host=options.console_host,
-            say=say,
-        )
+        choices = profiles.profile_choices(options.console)
+        gate = Gate(session.arms, choices, options.console_host, say)
+        server = ItpServer(gate, host, options.itp_port)
         stack.callback(server.close)
         if host != "localhost" and not host.startswith("127."):
             if not options.console_host:

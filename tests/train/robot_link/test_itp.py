@@ -12,7 +12,7 @@ from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.train.protocol import STALE_MS
-from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, ItpServer
+from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, Gate, ItpServer
 
 BOTH = ("gold", "green")
 
@@ -24,7 +24,7 @@ def clock():
 
 @pytest.fixture
 def server(clock):
-    made = ItpServer(BOTH, port=0, clock=clock)
+    made = ItpServer(Gate(BOTH), port=0, clock=clock)
     yield made
     made.close()
 
@@ -45,7 +45,7 @@ def test_binds_loopback_and_says_when_the_port_is_taken(server):
     host, port = server.address
     assert host == "127.0.0.1"
     with pytest.raises(UserError, match=rf"UDP 127.0.0.1:{port} cannot be opened.*another port"):
-        ItpServer(BOTH, port=port)
+        ItpServer(Gate(BOTH), port=port)
     assert UDP_PORT == 36000
 
 

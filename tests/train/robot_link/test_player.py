@@ -60,7 +60,7 @@ def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):
     has it down.
     """
     monkeypatch.setattr(itp, "RELEASE_MS", 400)
-    server, stop, counted = ItpServer(BOTH, port=0), threading.Event(), []
+    server, stop, counted = ItpServer(Gate(BOTH), port=0), threading.Event(), []
 
     def robot():
         while not stop.wait(1e-3):

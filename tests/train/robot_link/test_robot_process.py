@@ -10,7 +10,7 @@ from itp_client import Clock, Console, datagram
 
 from ravenjax.train import scenario
 from ravenjax.train.protocol import Frame, FrameLayout
-from ravenjax.train.robot_link.itp import STILL, ItpConsole, ItpServer
+from ravenjax.train.robot_link.itp import STILL, Gate, ItpConsole, ItpServer
 from ravenjax.train.robot_link.joint_stream import JointServer
 from ravenjax.train.robot_link.process import JointConsole, PacketSession
 
@@ -56,7 +56,7 @@ class Rig:
 
     def __init__(self, machine, hazards=3):
         self.clock = Clock()
-        self.itp = ItpServer(machine.arms, port=0, clock=self.clock)
+        self.itp = ItpServer(Gate(machine.arms), port=0, clock=self.clock)
         self.joints = JointServer({"robot": "ravenjax", "arms": list(machine.arms)}, "127.0.0.1", 0)
         self.session = PacketSession(scenario.from_dict({"name": "robot"}), machine)
         self.consoles = [

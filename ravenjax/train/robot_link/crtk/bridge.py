@@ -8,7 +8,6 @@ two clocks at that tick, and the number of the last command that the loop had re
 
 import contextlib
 import signal
-import struct
 import sys
 import time
 from multiprocessing.connection import Connection
@@ -29,11 +28,15 @@ PERIOD_S = 0.002
 """Time between two readings of robot and network."""
 READINGS_HZ = 100.0
 """The default rate of the dVRK's consoles."""
-# Wall clock ns, monotonic ns, number of the last command.
-_TAIL = struct.Struct("<qqq")
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
 _LOOK_EVERY = 256
 """Calls of `poll` between two checks that the process is alive. Each check is a system call."""
+
+
+def _row_type(layout: FrameLayout) -> np.dtype:
+    # A frame and the clocks at its tick, as in `RobotRow`.
+    clocks = [(name, "<i8") for name in ("stamp_ns", "clock_ns", "last_command")]
+    return np.dtype([("frame", "<f4", layout.size), *clocks])
 
 
 def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> Any:
@@ -57,12 +60,11 @@ class CrtkConsole:
 
     def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
         """say: receives a message once the process has ended."""
-        self._bytes = np.zeros(4 * layout.size + _TAIL.size, np.uint8)
-        self._tail = 4 * layout.size
-        self.rows = Ring.create(_KEPT_ROWS, self._bytes.size)
+        self._row = np.zeros(1, _row_type(layout))
+        self.rows = Ring.create(_KEPT_ROWS, self._row.nbytes)
         self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
         self._ros, self._say = ros, say
-        self._next = self._polls = 0
+        self._polls = 0
         self.taken = 0  # number of the last command returned
         self.process_says: Connection | None = None  # delivers the reason when the process ends
 
@@ -79,20 +81,15 @@ class CrtkConsole:
                 f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, and the robot"
                 " goes on without it. Restart ravenjax to use CRTK again"
             )
-        if self.commands.written == self._next:
+        if self.commands.written == self.taken:
             return []
-        first, rows = self.commands.read(self._next, _COMMANDS_PER_TICK)
-        self._next = first + len(rows)
-        commands = list(read_json(rows))
-        for command in commands:
-            self.taken = command.pop("command")
-        return commands
+        first, rows = self.commands.read(self.taken, _COMMANDS_PER_TICK)
+        self.taken = first + len(rows)
+        return list(read_json(rows))
 
     def tell(self, frame: Frame) -> None:
-        self._bytes[: self._tail] = frame.row.view(np.uint8)
-        clocks = time.time_ns(), time.monotonic_ns()
-        _TAIL.pack_into(self._bytes.data, self._tail, *clocks, self.taken)
-        self.rows.put(self._bytes)
+        self._row[0] = frame.row, time.time_ns(), time.monotonic_ns(), self.taken
+        self.rows.put(self._row.view(np.uint8))
 
     def close(self) -> None:
         self.rows.close()
@@ -135,24 +132,21 @@ class RobotRings:
     def __init__(self, rows: str, commands: str, layout: FrameLayout) -> None:
         self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
         self._frame = Frame(layout)
-        self._sent = 0
 
     def newest(self) -> RobotRow | None:
         """Return the last row, or None before the first. Its frame is the same object each time."""
         first, rows = self._rows.read(self._rows.written - 1)
         if not len(rows):
             return None
-        tail = 4 * self._frame.layout.size
-        self._frame.row[:] = rows[-1][:tail].view(np.float32)
+        self._frame.row[:], *clocks = rows[-1].view(_row_type(self._frame.layout))[0]
         self._frame.settle()
-        stamp, clock, last_command = _TAIL.unpack_from(rows[-1].data, tail)
-        return RobotRow(self._frame, stamp, clock, last_command, first + len(rows) - 1)
+        stamp_ns, clock_ns, last_command = map(int, clocks)
+        return RobotRow(self._frame, stamp_ns, clock_ns, last_command, first + len(rows) - 1)
 
     def send(self, command: Command) -> int:
         """Put a command into the ring and return its number."""
-        self._sent += 1
-        put_json(self._commands, {**command, "command": self._sent})
-        return self._sent
+        put_json(self._commands, command)
+        return self._commands.written
 
     def close(self) -> None:
         self._rows.close()

@@ -9,14 +9,12 @@ match. Servo commands are read with best effort, so that DDS never repeats a los
 import contextlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
-from types import new_class
 from typing import Any
 
 from cyclonedds.core import DDSException, Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct, types
+from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.idl.annotations import final
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -44,15 +42,13 @@ class DdsTransport:
         if not domain.isdecimal() or int(domain) > 232:
             raise UserError(f"{DOMAIN} is {domain!r}, expected a whole number from 0 to 232")
         self._participant = DomainParticipant(int(domain))
-        self._writers: dict[str, tuple[Any, Any]] = {}
+        self._writers: dict[str, Any] = {}
         self._readers: list[tuple[str, Any]] = []
         for name in published:
-            quality, data = (
-                _quality(latched=messages.is_latched(name)),
-                _data_type(messages.kind_of(name)),
-            )
+            quality = _quality(latched=messages.is_latched(name))
+            data = _data_type(messages.kind_of(name))
             topic = Topic(self._participant, f"rt/{name}", data, quality)
-            self._writers[name] = DataWriter(self._participant, topic, quality), data
+            self._writers[name] = DataWriter(self._participant, topic, quality)
         for name in subscribed:
             topic = Topic(self._participant, f"rt/{name}", _data_type(messages.kind_of(name)))
             reliable = not name.endswith(messages.SERVO)
@@ -63,10 +59,10 @@ class DdsTransport:
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to the readers of the topic."""
-        writer, data = self._writers[name]
+        data = _data_type(messages.kind_of(name))
         # Without room within a millisecond, the message is dropped: some reader does not read.
         with contextlib.suppress(DDSException):
-            writer.write(data.of(self.types.encode(message)))
+            self._writers[name].write(data.of(self.types.encode(message)))
 
     def poll(self) -> list[tuple[str, Any]]:
         """Return topic and message of each arrival, oldest first within a topic."""
@@ -104,23 +100,15 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 def _data_type(kind: str) -> Any:
     """Return the DDS type of a message. A sample holds the serialised bytes."""
     package, _, word = kind.split("/")
-    fields = {
-        name: _idl(node) for name, node in messages.message_types("ros2").store.fielddefs[kind][1]
-    }
+    definitions = messages.message_types("ros2").store.fielddefs[kind][1]
+    fields = {name: _idl(node) for name, node in definitions}
 
     def of(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
         sample = cls.__new__(cls)
         sample.content = bytes(content)
         return sample
 
-    typename = f"{package}::msg::dds_::{word}_"
-    bare: Any = new_class(
-        f"{word}_",
-        (IdlStruct,),
-        {"typename": typename},
-        lambda namespace: namespace.update(__annotations__=fields),
-    )
-    data: Any = final(dataclass(bare))
+    data: Any = final(make_idl_struct(f"{word}_", f"{package}::msg::dds_::{word}_", fields))
     data.of = data.deserialize = classmethod(of)
     data.serialize = lambda self, *_, **__: self.content
     return data

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ravenjax.store.logs import ros_types
+from ravenjax.bundled import resources
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.robot import (
     ARMS,
@@ -28,8 +28,7 @@ from ravenjax.train.robot import (
     PEDAL_DOWN,
     PEDAL_UP,
     ArmName,
-    joints_of_motors,
-    motors_of_joints,
+    motor_matrix,
     soft_limits,
     tip_pose,
     tip_twist,
@@ -50,18 +49,9 @@ SLIP_UM, SLIP_RAD = 20.0, 2e-3
 SETTLED_TICKS = 30
 """Ticks of the software after which it has reached its setpoint."""
 
-BASE: dict[ArmName, np.ndarray] = {
-    "gold": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
-    "green": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
-}
-"""CRTK's base frame of an arm: a point p of frame 0 is BASE p there, a rotation R is BASE R.
-
-Source: raven2 `src/raven/crtk_motion_api.cpp`; `params/raven_*_crtk.yaml` give poses to check with.
-"""
-FASTEST = np.array([*np.radians([5, 5]), 0.02, *np.radians([15, 15, 15, 15])])
-"""rad/s, insertion m/s: the limits of the Raven's public CRTK clients."""
-STRONGEST = np.array([1.0, 1.0, 0.1, 1.0, 1.0, 1.0, 1.0])
-"""rad/s^2, A_MAX of raven2's `defines.h`; insertion m/s^2, assumed."""
+_TABLES = resources.read_tables(__file__, "interpreter.toml")
+BASE: dict[ArmName, np.ndarray] = {arm: np.array(rows) for arm, rows in _TABLES["base"].items()}
+FASTEST, STRONGEST = np.array([_TABLES["fastest"], _TABLES["strongest"]])
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
 """Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
 
@@ -87,16 +77,11 @@ class Setpoint(NamedTuple):
     grasp_mrad: float  # jaw opening
 
     @staticmethod
-    def of(position_m: np.ndarray, rotation: np.ndarray, grasp_rad: float) -> Setpoint:
-        """Return the setpoint of a position, m, a rotation, and the jaws' opening."""
-        return Setpoint(
-            np.asarray(position_m) * 1e6, Rotation.from_matrix(rotation), grasp_rad * 1e3
-        )
-
-    @staticmethod
     def at(arm: ArmName, jpos: np.ndarray) -> Setpoint:
         """Return the setpoint at joints [7], rad and m."""
-        return Setpoint.of(*tip_pose(arm, jpos), float(jpos[5] + jpos[6]))
+        position, rotation = tip_pose(arm, jpos)
+        grasp_mrad = float(jpos[5] + jpos[6]) * 1e3
+        return Setpoint(position * 1e6, Rotation.from_matrix(rotation), grasp_mrad)
 
 
 class SetpointFollower:
@@ -105,7 +90,8 @@ class SetpointFollower:
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
-        self.tool, self._gain = tool, grasp_gain
+        self._gain = grasp_gain
+        self.motors = motor_matrix(arm, tool)  # motors per joint
         self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
         self.jpos_d = np.zeros(7)  # joints that the software wants
         # Last goal in joint space, the base of relative goals.
@@ -119,10 +105,6 @@ class SetpointFollower:
         """Start at the software's setpoint, because the pedal is down."""
         self.sum = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
         self.target = None
-
-    def release(self) -> None:
-        """Stop, because the pedal is up."""
-        self.sum = self.target = None
 
     def aim(self, target: Setpoint) -> bool:
         """Set the target. Return False if it is too far away, or the pedal is up."""
@@ -186,16 +168,11 @@ class Trajectory:
         return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0
 
 
-State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
-Order = Literal["estop", "restart"]
 IDLE_MS = 5000
 """The robot lifts the pedal of a console that is silent for this time (raven2 `local_io.cpp`)."""
 REFUSED_MS = 500
 """A pedal that the robot does not follow for this time does not count: another console drives."""
-COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 Message = tuple[str, Any]
-RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Places of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
 ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
@@ -219,7 +196,7 @@ class OperatingState:
     _servo_ms = _word_ms = _down_ms = _up_ms = -math.inf
 
     @property
-    def state(self) -> State:
+    def state(self) -> str:
         if self._lost:
             return "FAULT"
         if self._stopped or self.runlevel == E_STOP:
@@ -240,59 +217,58 @@ class OperatingState:
         """Whether commands of motion are followed."""
         return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
 
-    def command(self, word: str, now_ms: float) -> list[Order]:
+    def command(self, word: str, now_ms: float) -> list[str]:
         """Return the orders for the robot. Raises ValueError if CRTK has no such command."""
-        if word not in COMMANDS:
-            raise ValueError(f"state command {word!r}, expected one of {', '.join(COMMANDS)}")
+        if word not in _TABLES["state_commands"]:
+            raise ValueError(
+                f"state command {word!r}, expected one of {', '.join(_TABLES['state_commands'])}"
+            )
         self._word_ms = now_ms
-        state = self.state
-        if word in ("disable", "unhome"):
-            self._release(word)
-            if self.runlevel != E_STOP:
-                self._disabling = True
-                return ["estop"]
-            self._disabled = True
-        elif word == "pause" and state == "ENABLED":
-            self._release(word)
-        elif word == "resume" and state == "PAUSED":
-            self._press(now_ms)
-        elif word == "enable" and state in ("DISABLED", "FAULT"):
-            if not self.is_homed or self._stopped or self._lost:
-                self._restarting = True
+        match word, self.state:
+            case "disable" | "unhome", _:
+                self._release(word)
+                if self.runlevel != E_STOP:
+                    self._disabling = True
+                    return ["estop"]
+                self._disabled = True
+            case "pause", "ENABLED":
+                self._release(word)
+            case "resume", "PAUSED":
+                self._press(now_ms)
+            case "enable", "DISABLED" | "FAULT":
+                if not self.is_homed or self._stopped or self._lost:
+                    self._restarting = True
+                    return ["restart"]
+                self._disabled = False
+                self._press(now_ms)
+            case "home", _ if not self.is_homed:
+                self._disabled = False
                 return ["restart"]
-            self._disabled = False
-            self._press(now_ms)
-        elif word == "home" and not self.is_homed:
-            self._disabled = False
-            return ["restart"]
         return []
 
-    def foot(self, present: bool | None, clutch: bool | None, now_ms: float) -> None:
-        """Take the feet on the pedals: operator present, and clutch. A value of None is unknown.
+    def foot(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
+        """Take a foot on a pedal: clutch, or operator present. Return whether it asks to drive.
 
         A present operator drives, except while the clutch is held.
         """
         self._word_ms = now_ms
-        if present is not None:
-            steps_on, self._present = present and not self._present, present
-            if (
-                steps_on
-                and not self._clutch
-                and self.state in ("PAUSED", "DISABLED")
-                and self.is_homed
-            ):
-                self._disabled = False
-                self._press(now_ms)
-            elif not present:
-                self._release("operator")
-        if clutch is not None and clutch != self._clutch:
-            self._clutch = clutch
-            if clutch:
+        if is_clutch:
+            if pressed and not self._clutch:
                 down = self.pedal
                 self._release("clutch")
                 self._clutched = down
-            elif self._clutched and self.state == "PAUSED":
+            elif self._clutch and not pressed and self._clutched and self.state == "PAUSED":
                 self._press(now_ms)
+            self._clutch = pressed
+            return False
+        steps_on, self._present = pressed and not self._present, pressed
+        may_drive = self.is_homed and self.state in ("PAUSED", "DISABLED") and not self._clutch
+        if steps_on and may_drive:
+            self._disabled = False
+            self._press(now_ms)
+        elif not pressed:
+            self._release("operator")
+        return steps_on
 
     def moved(self, streams: bool, now_ms: float) -> None:
         """Record that a command of motion came. streams: a servo command, not a single one."""
@@ -378,13 +354,12 @@ class Interpreter:
             ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
-        self._published: tuple[str, bool, bool] | None = None  # the state published last
-        # Whether a state command came: the state is published again.
-        self._answer = False
+        # The state published last; None: a state command came, which publishes it again.
+        self._published: tuple[str, bool, bool] | None = None
         self._orders: list[Command] = []
         self._stepped_ms: float | None = None
-        self._drove = self._present = False
-        self._moves = False  # whether the last commands have an increment
+        # Whether the robot drove at the last row, and the last commands have an increment.
+        self._drove = self._moves = False
         self._sent = 0  # number of the last command with an increment
         self._taken: int | None = None  # row before which the robot took that command
 
@@ -394,28 +369,22 @@ class Interpreter:
         """Process a message on a topic of `messages.command_topics`."""
         place, _, word = name.partition("/")
         if name.endswith("state_command"):
-            self._command(message.string.strip(), now_ms)
+            word = message.string.strip()
+            try:
+                orders = self.state.command(word, now_ms)
+            except ValueError as error:
+                self._refuse(str(error))
+                return
+            self._published = None
+            self._orders += [{"type": "operator", "do": order} for order in orders]
+            self._want_pedal(word in ("enable", "resume"))
         elif place == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
-            present = word == "operator_present"
-            self.state.foot(pressed if present else None, None if present else pressed, now_ms)
-            if present:
-                self._want_pedal(pressed and not self._present)
-                self._present = pressed
+            self._want_pedal(self.state.foot(word == "clutch", pressed, now_ms))
         else:
             self.state.moved(word != "move_jp", now_ms)
             if why := self._why_not(self._arms[place], word, message, now_ms):
                 self._refuse(f"{word}: {why}")
-
-    def _command(self, word: str, now_ms: float) -> None:
-        try:
-            orders = self.state.command(word, now_ms)
-        except ValueError as error:
-            self._refuse(str(error))
-            return
-        self._answer = True
-        self._orders += [{"type": "operator", "do": order} for order in orders]
-        self._want_pedal(word in ("enable", "resume"))
 
     def _want_pedal(self, wanted: bool) -> None:
         """If somebody wants the pedal down while another console drives, report the reason."""
@@ -432,7 +401,8 @@ class Interpreter:
             pose = messages.pose_of(message)
             if pose is None:
                 return "pose has numbers that are not finite, or no unit quaternion"
-            goal = Setpoint.of(*from_base(arm.name, *pose), now.grasp_mrad * 1e-3)
+            position, rotation = from_base(arm.name, *pose)
+            goal = Setpoint(position * 1e6, Rotation.from_matrix(rotation), now.grasp_mrad)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
             if opening is None:
@@ -488,7 +458,7 @@ class Interpreter:
             if drives:
                 arm.engage(Setpoint.at(arm.name, arm.jpos_d))
             else:
-                arm.release()
+                arm.sum = arm.target = None  # the pedal is up
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[Command]:
@@ -519,9 +489,9 @@ class Interpreter:
         """Return the operating state, if it has changed or a command came."""
         state = self.state
         now = state.state, state.is_homed, state.is_busy or state.runlevel == 1
-        if now == self._published and not self._answer:
+        if now == self._published:
             return []
-        self._published, self._answer = now, False
+        self._published = now
         header = self._types.header(stamp_ns)
         message = self._types.message(messages.OPERATING_STATE, header, *now)
         names = ["operating_state", *(f"{name}/operating_state" for name in self._arms)]
@@ -531,75 +501,58 @@ class Interpreter:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        of_arms: dict[ArmName, Json] = {}
+        # Fields of ravenstate; those that the virtual robot does not know are zero.
+        raven: dict[str, Any] = {}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)
                 for channel in ("jpos", "jpos_d", "mpos", "mvel", "force", "contact")
             )
-            jvel = joints_of_motors(arm.name, arm.tool, mvel)
+            jvel = np.linalg.solve(arm.motors, mvel)
             place, place_d = tip_pose(arm.name, jpos), tip_pose(arm.name, jpos_d)
-            linear, angular = tip_twist(arm.name, jpos, jvel)
-            header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
-            cue = force if self.state.drives else np.zeros(3)
+            twist, base = tip_twist(arm.name, jpos, jvel), BASE[arm.name]
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
-            words = {
-                "measured_js": types.joint_state(header, JOINTS, jpos, jvel),
-                "setpoint_js": types.joint_state(header, JOINTS, jpos_d),
-                "jaw/measured_js": types.joint_state(header, ("jaw",), (grasp,), (rate,)),
-                "jaw/setpoint_js": types.joint_state(header, ("jaw",), (grasp_d,)),
+            still, header = np.zeros(3), types.header(row.stamp_ns, f"{name}_base")
+            contents = {
+                "measured_js": (list(JOINTS), jpos, jvel, ()),
+                "setpoint_js": (list(JOINTS), jpos_d, (), ()),
+                "jaw/measured_js": (["jaw"], [grasp], [rate], ()),
+                "jaw/setpoint_js": (["jaw"], [grasp_d], (), ()),
+                "measured_cp": [to_base(arm.name, *place)],
+                "setpoint_cp": [to_base(arm.name, *place_d)],
+                "measured_cv": [[base @ part for part in twist]],
+                "cue_cf": [(base @ force if self.state.drives else still, still)],
             }
-            for word, kind, content in (
-                ("measured_cp", ros_types.POSE, to_base(arm.name, *place)),
-                ("setpoint_cp", ros_types.POSE, to_base(arm.name, *place_d)),
-                ("measured_cv", ros_types.TWIST, (base @ linear, base @ angular)),
-                ("cue_cf", ros_types.WRENCH, (base @ cue, np.zeros(3))),
-            ):
-                words[word] = types.message(kind, header, content)
             if self._contact:
                 # Like CRTK's `servo_cf`, this is the robot's force on its environment, so it is
                 # opposite to the force on the instrument. Subtracting from zero avoids -0.
-                wrench = base @ (0.0 - contact), np.zeros(3)
-                words["measured_cf"] = types.message(ros_types.WRENCH, header, wrench)
-            told += [(f"{name}/{word}", message) for word, message in words.items()]
-            motors_d = motors_of_joints(arm.name, arm.tool, jpos_d)
-            degrees = {"mpos": mpos, "mvel": mvel, "mpos_d": motors_d}
-            degrees |= {"jpos": jpos, "jvel": jvel, "jpos_d": jpos_d}
-            of_arms[arm.name] = {
-                **{name: _raven_joints(np.degrees(joints)) for name, joints in degrees.items()},
-                "dac_val": _raven_joints(frame[f"{arm.name}/dac"]),
-                "pos": np.rint(place[0] * 1e6),
-                "pos_d": np.rint(place_d[0] * 1e6),
-                "ori": place[1].ravel(),
-                "ori_d": place_d[1].ravel(),
-                "grasp_d": np.array([grasp_d]),
-                **dict.fromkeys(("jac_vel", "jac_f"), np.array([*linear, *angular])),
-            }
+                contents["measured_cf"] = [(base @ (0.0 - contact), still)]
+            for word, content in contents.items():
+                topic = f"{name}/{word}"
+                told.append((topic, types.message(messages.kind_of(topic), header, *content)))
+            angles = np.degrees([mpos, mvel, arm.motors @ jpos_d, jpos, jvel, jpos_d])
+            joints = np.vstack([angles, frame[f"{arm.name}/dac"]])
+            # Number 3 of an arm's 8 joints in ravenstate is not connected.
+            of_arm = dict(
+                zip(_TABLES["ravenstate"], np.insert(joints, 3, 0.0, axis=1), strict=True)
+            )
+            for end, (position, rotation) in (("", place), ("_d", place_d)):
+                of_arm |= {f"pos{end}": np.rint(position * 1e6), f"ori{end}": rotation.ravel()}
+            of_arm |= {"grasp_d": np.array([grasp_d])}
+            of_arm |= dict.fromkeys(("jac_vel", "jac_f"), np.concatenate(twist))
+            for field, numbers in of_arm.items():
+                both = raven.setdefault(field, np.zeros(len(ARMS) * len(numbers)))
+                both.reshape(len(ARMS), -1)[ARMS.index(arm.name)] = numbers
         if types.ros == "ros1":
-            state = {
-                name: np.concatenate(
-                    [of_arms[arm][name] if arm in of_arms else 0.0 * like for arm in ARMS]
-                )
-                for name, like in next(iter(of_arms.values())).items()
-            }
-            state |= {
-                "type": np.array([0, 1]),
+            raven |= {
+                "type": [0, 1],
                 "dt": (0, 1_000_000),
                 "hdr": types.header(row.stamp_ns, "0"),
-                "runlevel": int(frame.number("runlevel")),
                 # Sublevel 3 of the initialisation: done.
                 "sublevel": 3,
-                "last_seq": int(frame.number("last_seq")),
+                **{name: int(frame.number(name)) for name in ("runlevel", "last_seq")},
             }
             names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
-            # Fields that the virtual robot does not know are zero.
-            values = [state.get(name, np.zeros(16)) for name in names]
+            values = [raven.get(name, np.zeros(16)) for name in names]
             told.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
         return told
-
-
-def _raven_joints(joints: np.ndarray) -> np.ndarray:
-    """Return an arm's 7 joints at their places in ravenstate."""
-    state = np.zeros(8)
-    state[RAVEN_STATE_PLACES] = joints
-    return state

@@ -35,7 +35,7 @@ class Ros1Transport:
         """Raises UserError if rospy or its master is missing."""
         self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
-        self._connected, self._is_ready = 0, False
+        self._told: dict[str | int, Any] = {"connected": 0}  # the node's last word of each kind
         # Types as their publishers define them.
         self._defined: dict[int, messages.MessageTypes] = {}
         ours, theirs = socket.socketpair()
@@ -54,7 +54,7 @@ class Ros1Transport:
         try:
             self._link.send(([self._described(name) for name in published], heard))
             end = time.monotonic() + PATIENCE_S
-            while not self._is_ready:  # messages that arrive meanwhile are dropped
+            while "ready" not in self._told:  # messages that arrive meanwhile are dropped
                 if not self._link.poll(max(0.0, end - time.monotonic())):
                     raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
                 self._receive()
@@ -80,7 +80,7 @@ class Ros1Transport:
 
     def connected(self) -> bool:
         """Whether anybody publishes any of the subscribed topics."""
-        return self._connected > 0
+        return self._told["connected"] > 0
 
     def close(self) -> None:
         """End the node: when the connection closes, it signs off at its master."""
@@ -101,11 +101,8 @@ class Ros1Transport:
             ) from None
         if word == "error":
             raise UserError(f"ROS 1: {content}: {_HELP}")
-        if word == "ready":
-            self._is_ready = True
-        elif word == "connected":
-            self._connected = content
-        elif word == "defined":
+        self._told[word] = content
+        if word == "defined":
             number, definition = content
             kind = messages.kind_of(self._subscribed[number])
             self._defined[number] = messages.MessageTypes("ros1", {kind: definition})

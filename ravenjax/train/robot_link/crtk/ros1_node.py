@@ -37,33 +37,30 @@ def main():
         tell("error", f"no ROS master answers at {rosgraph.get_master_uri()}")
         return
 
-    def message_class(kind, md5, definition):
+    def message_class(_, kind, md5, definition, __):
+        if not md5:
+            return rospy.AnyMsg
         fields = {"_type": kind, "_md5sum": md5, "_full_text": definition, "_has_header": False}
         return type(kind.replace("/", "_"), (rospy.AnyMsg,), fields)
 
-    def hearer(number, is_defined):
-        defined = [is_defined]
+    undefined = {number for number, (_, _, md5, *_) in enumerate(subscribed) if not md5}
 
-        def hear(message):
-            if not defined[0]:
-                defined[0] = True
-                tell("defined", (number, message._connection_header["message_definition"]))
-            tell(number, message._buff)
-
-        return hear
+    def hear(message, number):
+        if number in undefined:
+            undefined.discard(number)
+            tell("defined", (number, message._connection_header["message_definition"]))
+        tell(number, message._buff)
 
     rospy.init_node("ravenjax", anonymous=True, disable_signals=True)
-    publishers = []
-    for topic, kind, md5, text, latched in published:
-        data = message_class(kind, md5, text)
-        publishers.append(
-            rospy.Publisher(topic, data, queue_size=QUEUE, latch=latched, tcp_nodelay=True)
-        )
-    subscribers = []
-    for number, (topic, kind, md5, text, _) in enumerate(subscribed):
-        data = message_class(kind, md5, text) if md5 else rospy.AnyMsg
-        hear = hearer(number, bool(md5))
-        subscribers.append(rospy.Subscriber(topic, data, hear, queue_size=QUEUE, tcp_nodelay=True))
+    options = {"queue_size": QUEUE, "tcp_nodelay": True}
+    publishers = [
+        rospy.Publisher(topic[0], message_class(*topic), latch=topic[-1], **options)
+        for topic in published
+    ]
+    subscribers = [
+        rospy.Subscriber(topic[0], message_class(*topic), hear, number, **options)
+        for number, topic in enumerate(subscribed)
+    ]
     tell("ready")
 
     def watch():

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol import CHANNELS, Json, Say
+from ravenjax.train.protocol import Json, Say
 from ravenjax.train.robot import (
     ARMS,
     E_STOP,
@@ -22,15 +22,12 @@ from ravenjax.train.robot import (
     PEDAL_UP,
     ArmName,
     Arms,
-    motors_of_joints,
+    motor_matrix,
     tip_pose,
 )
+from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
 from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLink
-
-_COMMANDS = {"estop": "disable", "reset": "home"}
-"""State command for each order."""
 
 
 class RosRobot(RobotLink):
@@ -52,14 +49,9 @@ class RosRobot(RobotLink):
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._channels = {
-            f"{arm}/{name}": [0.0] * CHANNELS["simulated_arm"][name]
-            for arm in arms
-            for name in OF_ARM
+            f"{arm}/{name}": [0.0] * size for arm in arms for name, size in OF_ARM.items()
         }
-        self._motor_rates = {  # per joint rate, [7, 7]: the cables couple them
-            arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
-            for arm, tool in zip(arms, tools, strict=True)
-        }
+        self._motors = dict(zip(arms, map(motor_matrix, arms, tools), strict=True))
         self._missing = set(messages.state_topics(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
         self._began_ns = 0
@@ -71,7 +63,7 @@ class RosRobot(RobotLink):
 
     def order(self, content: Json) -> None:
         """Send the order's state command. Orders without one are ignored."""
-        word = _COMMANDS.get(content["order"])
+        word = WORDS["state_commands"].get(content["order"])
         if word is not None and not self.lost:
             types = self._transport.types
             message = types.message(messages.STRING, types.header(time.time_ns()), word)
@@ -97,15 +89,17 @@ class RosRobot(RobotLink):
     def _take_raven_state(self, message: Any) -> None:
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
+        joints = {
+            name: np.radians(getattr(message, name)) for name in ("jpos", "jpos_d", "mpos", "mvel")
+        }
         for arm in self._arms.values():
             slot = ARMS.index(arm)
-            places = 8 * slot + RAVEN_STATE_PLACES
-            for name in ("jpos", "jpos_d", "mpos", "mvel"):
-                degrees = np.asarray(getattr(message, name))[places]
-                self._channels[f"{arm}/{name}"] = np.radians(degrees).tolist()
-            position_um = np.asarray(message.pos)[3 * slot : 3 * slot + 3]
+            for name, numbers in (joints | {"dac": counts}).items():
+                # Number 3 of an arm's 8 joints in ravenstate is not connected.
+                of_arm = np.delete(np.reshape(numbers, (len(ARMS), 8))[slot], 3)
+                self._channels[f"{arm}/{name}"] = of_arm.tolist()
+            position_um = np.reshape(message.pos, (len(ARMS), 3))[slot]
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
-            self._channels[f"{arm}/dac"] = np.asarray(counts)[places].tolist()
         self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _take(self, name: str, message: Any) -> None:
@@ -121,11 +115,11 @@ class RosRobot(RobotLink):
             if word == "setpoint_js":
                 self._channels[f"{arm}/jpos_d"] = jpos.tolist()
             else:
-                rates, jvel = self._motor_rates[arm], messages.numbers_of(message.velocity, 7)
+                motors, jvel = self._motors[arm], messages.numbers_of(message.velocity, 7)
                 self._channels |= {
                     f"{arm}/jpos": jpos.tolist(),
-                    f"{arm}/mpos": (rates @ jpos).tolist(),
-                    f"{arm}/mvel": [0.0] * 7 if jvel is None else (rates @ jvel).tolist(),
+                    f"{arm}/mpos": (motors @ jpos).tolist(),
+                    f"{arm}/mvel": [0.0] * 7 if jvel is None else (motors @ jvel).tolist(),
                     f"{arm}/position": tip_pose(arm, jpos)[0].tolist(),
                 }
         was_missing = name in self._missing

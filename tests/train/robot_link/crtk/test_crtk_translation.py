@@ -253,6 +253,10 @@ def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
         assert again.header.frame_id == f"{name}_base"
 
 
+def joints(types, header, position):
+    return types.message(ros_types.JOINT_STATE, header, [], position, (), ())
+
+
 def test_a_servo_command_becomes_increments_that_add_up():
     types = messages.message_types("ros2")
     interpreter = Interpreter(BOTH, TOOLS, types)
@@ -260,7 +264,7 @@ def test_a_servo_command_becomes_increments_that_add_up():
     ms = row.clock_ns * 1e-6
     header = types.header(row.stamp_ns)
     interpreter.observe(row, True, ms)
-    interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.1] + [0] * 6), ms)
+    interpreter.hear("arm1/servo_jr", joints(types, header, [0.1] + [0] * 6), ms)
     assert interpreter.reasons == {"servo_jr: the robot is not enabled"}
     interpreter.hear("state_command", types.message(messages.STRING, header, "enable"), ms)
     row.frame["runlevel"] = 3
@@ -278,7 +282,7 @@ def test_a_servo_command_becomes_increments_that_add_up():
     # x of CRTK is -y of gold's frame 0, which is x of the ITP frame
     assert total.tolist() == pytest.approx([3000, 0, 0], abs=1)
     for bad in ([9.0] + [0] * 6, [0.0] * 3, [float("nan")] * 7):
-        interpreter.hear("arm1/servo_jp", types.joint_state(header, [], bad), ms)
+        interpreter.hear("arm1/servo_jp", joints(types, header, bad), ms)
     assert len(interpreter.reasons) == 3
     (still,) = interpreter.commands(ms + 60)
     assert still["arms"]["gold"]["delta_um"] == [0, 0, 0]
