@@ -26,7 +26,7 @@ def find_resource(kind: str, name: str | Path) -> Path:
 
 def read_tables(module: str, name: str) -> dict[str, Any]:
     """Return the content of a TOML file beside a module, which is given by its `__file__`."""
-    return tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
+    return tomllib.loads((Path(module).parent / name).read_text(encoding="utf-8"))
 
 
 def render_rows(template: Path, **values: Any) -> list[tuple[str, str]]:
