@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.campaign.inspection.replay import replay_run
+from ravenjax.campaign.inspection.replay import Replayer
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ def stopping():
     """
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
     return {
-        build: replay_run(campaign(fault, build=build), 0, "simd").series
+        build: Replayer(campaign(fault, build=build), "simd").replay(0).series
         for build in ("robot", "dyn_sim")
     }
 
@@ -57,7 +57,7 @@ def test_the_simulator_build_reads_its_model_without_encoders(stopping):
 )
 def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
-    series = replay_run(campaign(fault, dac_words=words), 0, "simd").series
+    series = Replayer(campaign(fault, dac_words=words), "simd").replay(0).series
     assert (series["gold/dac_cnt"][:, 0] == stored).sum() == 1
 
 
@@ -77,6 +77,6 @@ def test_a_delayed_command_moves_the_motor_so_much_later():
         ],
     }
     config = rj.load_campaign(raw)
-    speeds = [replay_run(config, k, "simd").series["gold/motor_mvel"][:, 0] for k in range(3)]
+    speeds = [Replayer(config, "simd").replay(k).series["gold/motor_mvel"][:, 0] for k in range(3)]
     struck = [int(np.flatnonzero(np.abs(np.diff(speed)) > 2.0)[0]) + 1 for speed in speeds]
     assert struck == [900, 901, 905]

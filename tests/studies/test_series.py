@@ -36,7 +36,7 @@ def test_series_are_those_of_a_replay(tmp_path, raw):
     assert [index for index, _, _ in runs] == list(range(len(runs))) and len(runs) in (3, 6)
     last, value, found = runs[-1]
     assert value == 9000.0 and set(found) == set(SIGNALS)
-    alone = replay.replay_run(config, int(last), "simd").series
+    alone = replay.Replayer(config, "simd").replay(int(last)).series
     for name, values in found.items():
         of_robot = {"fault_active": "fault0_active", "last_seq": "last_seq"}
         wanted = alone[of_robot.get(name, f"gold/{name}")]

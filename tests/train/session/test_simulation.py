@@ -90,7 +90,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
     before = run(robot, START)
     robot.arm(0)
     rows = np.concatenate([before, run(robot, TICKS - START)])
-    again = replay.replay_run(config(), 0, engine="simd")
+    again = replay.Replayer(config(), "simd").replay(0)
     places = made.layout.places
     live = rows[:, places["live"]].ravel() != 0
     np.testing.assert_array_equal(
@@ -120,7 +120,7 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
 @pytest.mark.slow
 @pytest.mark.parametrize("row", range(4), ids=["burst", *FAULTS])
 def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
-    again = replay.replay_run(config(), row, engine="simd").row
+    again = replay.Replayer(config(), "simd").replay(row).row
     robot, frame = robot_of(made), Frame(made.layout)
     harm = {"excursion_mm": LIMIT_MM}  # as the campaign has it
     judge = Judge(
