@@ -126,7 +126,9 @@ def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
     at = int(shown.input_value("#time"))
     shown.keyboard.press("ArrowRight")
     assert int(shown.input_value("#time")) == at + 1
-    assert shown.get_attribute("#time", "aria-valuetext").startswith(f"{at + 1} ms, unintended motion ")
+    assert shown.get_attribute("#time", "aria-valuetext").startswith(
+        f"{at + 1} ms, unintended motion "
+    )
     shown.keyboard.press("Escape")
     assert _focused(shown)[1] == "field"
 
