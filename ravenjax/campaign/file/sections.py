@@ -280,7 +280,7 @@ class OwnHarm(Section):
     name: own_part.OwnName
     """what it is called in tables, where its columns are harm_NAME_.."""
     when: str
-    """expression over signals and time, such as depth > 2 and once[0:100](speed > 50)"""
+    """expression over signals and time, such as `depth > 2 and once[0:100](speed > 50)`"""
     counts: Literal["joins", "replaces", "watch"] = "joins"
     """joins: an unintended motion beyond the limit is harm, too; replaces: it is not; watch: the
     harm has columns and decides nothing"""
