@@ -163,26 +163,26 @@ def read_variants(study: str) -> tuple[Variant, ...]:
     from studies.dsn16 import recording
 
     content, variants = read_toml(f"variants/{study}.toml"), []
-    hands = content.get("recorded_hands")
-    recorded = [] if hands is None else read_toml("variants/recorded_hands.toml")["variants"]
-    hands = {"prefix": "", "overrides": [], "leave_out": []} | (hands or {})
-    for row in (*content["variants"], *recorded):
+    rows, hands = list(content["variants"]), content.get("recorded_hands", {})
+    if hands:
+        of_hands = {"campaign": hands.get("campaign", content["campaign"])}
+        for row in read_toml("variants/recorded_hands.toml")["variants"]:
+            overrides = [*row["overrides"], *hands["overrides"]]
+            rows.append(row | of_hands | {"overrides": overrides})
+    for row in rows:
         file = recording.locate(row["needs"]) if "needs" in row else ""
         each = row.get("each", {})
         combinations = (
             dict(zip(each, values, strict=True)) for values in itertools.product(*each.values())
         )
-        more = hands["overrides"] if row in recorded else []
         for values in row.get("rows", combinations) if file is not None else ():
-            words = {"file": file, "prefix": hands["prefix"], **values}
+            words = {"file": file, "prefix": hands.get("prefix", ""), **values}
             name, question, *overrides = (
                 Template(text).substitute(words)
-                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()), *more)
+                for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
             )
             campaign = row.get("campaign", content["campaign"])
-            if row in recorded:
-                campaign = hands.get("campaign", campaign)
-            if name not in hands["leave_out"]:
+            if name not in hands.get("leave_out", ()):
                 variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)
 

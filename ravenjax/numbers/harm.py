@@ -1,13 +1,14 @@
-"""Harms of a campaign's own: expressions in the notation of signal temporal logic, with robustness.
+"""Harms that a campaign defines, as expressions in the notation of signal temporal logic.
 
     depth > 2 and once[0:100](speed > 50)
 
-An expression is true where its *robustness* is positive: a comparison's is the distance from its
-limit, in the unit of its signal; `and` takes the least of its operands, `or` the largest, and `not`
-the negative (Donze and Maler 2010). A window `[a:b]` is in ms. `once` and `historically` take the
-largest and the least of the past window, or of the whole past without a window; `eventually` and
-`always` those of the window ahead. An expression that looks ahead is evaluated later, when all of
-its windows are over. A window reaches no further than the beginning of the run.
+An expression is true if its *robustness* is positive (Donze and Maler 2010). The robustness of a
+comparison is the distance of its signal from the limit, in the unit of the signal. `and` takes the
+smallest robustness of its operands, `or` the largest, and `not` changes the sign. A window `[a:b]`
+is in ms. `once` takes the largest robustness in a window of the past, and `historically` the
+smallest; without a window they take the whole past. `eventually` and `always` do the same for a
+window ahead. An expression that looks ahead is evaluated when all of its windows are over. No
+window reaches beyond the beginning of the run.
 """
 
 import ast
@@ -67,18 +68,18 @@ class Moment:
         return before
 
     def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
-        """Return the value so many ticks ago."""
+        """Return the value of `ticks` ticks ago."""
         if not ticks:
             return value
         return self.remember(ticks, empty, lambda before: Vec((value, *before[:-1])))[-1]
 
     def since(self, ticks: int, value: Scalar, empty: Scalar) -> Scalar:
-        """Return the value of so many ticks ago, or `empty` if the run began later."""
+        """Return a value of `ticks` ticks ago, or `empty` if the run began later."""
         return jnp.where(self.tick >= ticks, value, empty) if ticks else value
 
 
 class Formula(NamedTuple):
-    """A part of an expression. value: its number, or its robustness, so many ms ago."""
+    """A part of an expression. value: returns its robustness a given number of ms ago."""
 
     ahead: int  # ms that it looks ahead
     value: Callable[[Moment, int], Scalar]

@@ -249,7 +249,7 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
     # An error of the disk, not of the file's content, is raised.
     with disk_errors(f"{file}: cannot be read", ". Nothing was changed."):
         try:
-            return parts.whole_part(file, config_hash, recorded)
+            return parts.verify_part(file, config_hash, recorded)
         except StoreError as error:
             return error
 

@@ -170,8 +170,8 @@ def read_part(
     return table
 
 
-def whole_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
-    """Return the record of a part that belongs to this campaign.
+def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
+    """Return the record of a part, checked to be whole and of this campaign.
 
     recorded: what the part must be, byte for byte; None: not known, the part is read in full.
     Raises StoreError as `read_part`.

@@ -195,7 +195,7 @@ class Episode:
         """The checks' response, one of `verdict.RESPONSES`."""
         return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
-    def know(self, tick: int, by: str, at: int | None = None) -> None:
+    def record_knowable(self, tick: int, by: str, at: int | None = None) -> None:
         """Record that the hazard could be known from `at` or this tick on, unless it already is."""
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if at is None else at, by
@@ -216,17 +216,17 @@ class Episode:
             self._originate(tick)
         return True
 
-    def exceed(self, tick: int, name: str, mm: float, arm: str) -> None:
+    def record_peak(self, tick: int, name: str, mm: float, arm: str) -> None:
         """Record a new peak of one of `PEAKS`, and report the first beyond the limit."""
         self.peak_mm[name] = mm
         if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
             self.arm = arm
-        self.do(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
+        self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
             self.tell(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
 
-    def halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
+    def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
         """Record the times of a held pedal without motion, and report a new loss."""
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
@@ -235,7 +235,7 @@ class Episode:
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
             self.tell(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def respond(self, tick: int, what: str, at: int | None = None) -> None:
+    def record_response(self, tick: int, what: str, at: int | None = None) -> None:
         """Record a response, if it is the first of its kind after the origin.
 
         at: when the response began, if that was before this tick.
@@ -371,7 +371,7 @@ class Episode:
     def _exceeds(self, amounts_mm: list[float]) -> bool:
         return bool(np.greater(amounts_mm, self._limits_mm).any())
 
-    def do(self, tick: int, kind: int, mm: float) -> None:
+    def record_effect(self, tick: int, kind: int, mm: float) -> None:
         """Record the unintended motion (kind 0) or the depth (1) that the fault has caused."""
         self._done_mm[kind] = max(self._done_mm[kind], mm)
         if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
@@ -600,8 +600,8 @@ class Judge:
         """
         self._walked = True
 
-    def rested(self, tick: int) -> None:
-        """Take an operator who lets the robot rest for a trial. It has not halted on its own."""
+    def excuse_rest(self, tick: int) -> None:
+        """Take a rest for a trial as a lifted pedal, and not as a robot that halted on its own."""
         self._respond(tick, "release")
         self._was_down = False
 
@@ -693,7 +693,7 @@ class Judge:
             if episode is not None and is_first:
                 episode.tell(tick, check.response, check=check.name, ms=ms)
                 if is_told:
-                    episode.know(tick, check.name, ms)
+                    episode.record_knowable(tick, check.name, ms)
 
     def _feel(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()
@@ -716,13 +716,13 @@ class Judge:
         self._was_down = self._was_down and pedal != 0.0
         if self._was_down and not self._live and not episode.halted and not self._pressed:
             episode.halted = True
-            episode.know(tick, "runlevel")
+            episode.record_knowable(tick, "runlevel")
         halted, golden_halted = (
             now - then for now, then in zip(self._halted, self._halted_at_strike, strict=True)
         )
         changed = halted != episode.halted_ms or golden_halted != episode.golden_halted_ms
         if changed and not self._pressed:
-            episode.halt(tick, halted, golden_halted)
+            episode.record_halt(tick, halted, golden_halted)
         if self._pedal and not pedal and alive:
             self._respond(tick, "release")
         if pedal and self._live and self._slowdown.slowed >= 0:
@@ -730,13 +730,13 @@ class Judge:
 
     def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
         if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
-            episode.know(tick, "tip")
+            episode.record_knowable(tick, "tip")
         peaks = episode.peak_mm
         for name, place in arm.distances:
             mm = row[place]
             # This is never true for NaN, which marks an unknown distance.
             if mm > peaks[name]:
-                episode.exceed(tick, name, mm, arm.name)
+                episode.record_peak(tick, name, mm, arm.name)
         if not self._live:
             return
         unintended, depth = row[arm.unintended], row[arm.depth]
@@ -744,11 +744,11 @@ class Judge:
         episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
         episode.deepest_mm = max(episode.deepest_mm, depth)
         # The fault drove the tip at most as deep as it moved it.
-        episode.do(tick, 1, min(unintended, depth - arm.depth_at_strike))
+        episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
         if episode := self._struck_episode():
-            episode.respond(tick, what, at)
+            episode.record_response(tick, what, at)
 
     def interrupted(self, tick: int, by: str) -> None:
         """Record that others cut off the active hazard, if it is not decided yet."""

@@ -57,7 +57,7 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
     def problem(part: parts.Part) -> str:
         path = folder / PARTS / part.file
         try:
-            parts.whole_part(path, record.config_hash, part)
+            parts.verify_part(path, record.config_hash, part)
             return _differs(path, part, record.shape)
         except StoreError as error:
             return str(error)

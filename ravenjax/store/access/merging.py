@@ -115,7 +115,7 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
     def checked(name: str) -> PartSource:
         path = there.get(name, folder / PARTS / name)
-        return PartSource(folder, parts.whole_part(path, record.config_hash, recorded.get(name)))
+        return PartSource(folder, parts.verify_part(path, record.config_hash, recorded.get(name)))
 
     return threads.map_in_threads(checked, sorted(recorded.keys() | there.keys()), READERS)
 
@@ -174,7 +174,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
     write_aside(target, fill)
     if target.samefile(source.file):
         return "linked"
-    parts.whole_part(target, config_hash, source.part)
+    parts.verify_part(target, config_hash, source.part)
     return "copied"
 
 

@@ -129,7 +129,7 @@ def whole_parts(path: Path) -> list[Path]:
     """
     record = read_complete_manifest(path)
     threads.map_in_threads(
-        lambda part: parts.whole_part(path / PARTS / part.file, record.config_hash, part),
+        lambda part: parts.verify_part(path / PARTS / part.file, record.config_hash, part),
         record.parts,
         READERS,
     )

@@ -429,7 +429,7 @@ class Session:
         # Trips before the trial are no news.
         self._trial_checks.look(self.ticks, now, self.virtual.outcomes())
         self._trial_trips = float(self.virtual.row[self._trips])
-        self.judge.rested(self.ticks)
+        self.judge.excuse_rest(self.ticks)
         self.view = VIRTUAL
 
     def _tell_trial(self) -> None:
