@@ -257,6 +257,8 @@ def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
         )
 
 
+# A value beyond single precision becomes infinite, which is never a usual value.
+@np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
     # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
     value, length = _values_and_lengths(plan)
