@@ -1,5 +1,5 @@
-"""Kinematics of the dVRK PSM against its DH table and against the geometry of a remote centre; its
-campaign.
+"""Kinematics of the dVRK PSM and of the iiwa 14 against DH tables, and of the PSM against the
+geometry of a remote centre; its campaign.
 """
 
 import mujoco
