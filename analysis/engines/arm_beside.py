@@ -29,13 +29,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import joblib
 import mujoco
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import ravenjax as rj
-from bench import machine, workload
+from bench import workload
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel
@@ -86,7 +87,7 @@ def rollout_rate(model: mujoco.MjModel, seconds: float) -> tuple[float, str]:
 
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    cpus, steps = machine.count_usable_cpus(), 100
+    cpus, steps = joblib.cpu_count(), 100
     counts = sorted({cpus, *(2**k for k in range(cpus.bit_length()) if 2**k <= cpus)})
     cases = list(itertools.product(counts, (1024, 10_000), (None, 1, 16, 128)))
     best = 0.0, ""
