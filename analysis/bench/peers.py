@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from bench import workload
+from ravenjax.engines.xla.engine import MJX_ON_CPU
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
@@ -96,7 +97,8 @@ def measure_mjx_step(
         start = jax.vmap(lambda number: first.replace(qvel=first.qvel + 1e-6 * number))(
             jnp.arange(robots)
         )
-        rows += _measure_jax(name, robots, steps, advance, start, seconds, len(batches))
+        options = MJX_ON_CPU if on_cpu else None
+        rows += _measure_jax(name, robots, steps, advance, start, seconds, len(batches), options)
     return rows
 
 
@@ -108,12 +110,13 @@ def _measure_jax(
     start: Any,
     seconds: float,
     settings: int = 1,
+    options: dict[str, str | bool] | None = None,
 ) -> list[dict[str, Any]]:
     import jax
 
     lowered = jax.jit(advance).lower(start)
     began = time.perf_counter()
-    compiled = lowered.compile()
+    compiled = lowered.compile(compiler_options=options)
     setting = {
         "robots": robots,
         "steps": steps,

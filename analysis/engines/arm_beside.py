@@ -15,6 +15,9 @@ A full tick has packets, checks, controller, faults, arm, nominal model and moni
 solver. The best of all numbers of threads, robots, and robots in a task is printed.
 """
 
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
 import argparse
 import functools
 import itertools
@@ -82,9 +85,8 @@ def rollout_rate(model: mujoco.MjModel, seconds: float) -> tuple[float, str]:
     """Return the steps a second of `mujoco.rollout` at its best, and with what."""
     from mujoco import rollout
 
-    # MuJoCo's compiled module carries no types.
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # pyright: ignore
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS  # pyright: ignore
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     cpus, steps = joblib.cpu_count(), 100
     counts = sorted({cpus, *(2**k for k in range(cpus.bit_length()) if 2**k <= cpus)})
     cases = list(itertools.product(counts, (1024, 10_000), (None, 1, 16, 128)))
