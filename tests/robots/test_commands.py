@@ -109,6 +109,28 @@ def test_its_tick_moves_as_c_mujoco(folder):
     np.testing.assert_allclose(run["link_jpos"], places, rtol=0, atol=2e-6)
 
 
+def test_a_fault_on_a_gain_moves_the_arm_as_the_parameter_does(folder):
+    fault = {"site": "parameter", "channel": "kp.wrist_1", "start_ms": 0}
+    raw = {
+        "campaign": {"name": "worn", "robot": "arm.xml", "duration_s": 1.0},
+        "group": [
+            {"name": "fault", "fault": [fault | {"effect": "overwrite", "value": 20}]},
+            {"name": "parameter", "parameters": {"kp.wrist_1": 20}},
+            {"name": "half", "fault": [fault | {"effect": "scale", "value": 0.5, "start_ms": 700}]},
+        ],
+    }
+    fault, parameter, half = (row for _, row in rj.run(raw, engine="simd").iterrows())
+    for column in ("tip_path_mm", "largest_step_mm"):
+        assert fault[column] == parameter[column] != half[column]
+    # The golden run of the fault has the model's gain, and so has the nominal model.
+    assert fault["peak_golden_deviation_mm"] > 0.1 and parameter["peak_golden_deviation_mm"] == 0.0
+    assert fault["peak_model_deviation_mm"] > 0.1 > parameter["peak_model_deviation_mm"]
+    assert (half["first_active_ms"], half["active_ticks"]) == (700, 300)
+    raw["group"][0]["fault"][0]["channel"] = "start.elbow"
+    with pytest.raises(UserError, match="cannot change during a run"):
+        rj.load_campaign(raw)
+
+
 def test_a_result_belongs_to_one_model(folder, capsys):
     """A file that the model includes counts too; the folder of the files does not."""
     write_campaign(folder / "arm.toml", "arm.xml")

@@ -4,17 +4,25 @@ The check imports the modules of the robot's tick, which is slow. A campaign's p
 therefore checked when the campaign is planned, not when its file is read.
 """
 
+from __future__ import annotations
+
 import functools
 import itertools
+import math
+import re
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import format_value, suggest_name
 from ravenjax.numbers import paths, quantity
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import Channel, Field
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.file.config import CampaignConfig
 
 
 @functools.cache
@@ -71,6 +79,35 @@ def reserved_reason(robot: Robot, path: str) -> str:
         ),
         "",
     )
+
+
+@functools.cache
+def parameter_channel(
+    model: Any, robot: Robot, arms: tuple[str, ...], name: str
+) -> tuple[Channel, str]:
+    """Return the channel of a parameter for faults, and why none can act on it; "" if one can.
+
+    model: the robot's subclass of `CampaignConfig`.
+    """
+    setup, params = model.usual_parameters(robot, arms)
+    known = [
+        path
+        for path, _ in paths.path_leaves(params, setup)
+        if re.match(model.changeable, path) and allowed_values(robot, path)
+    ]
+    row = next(iter(allowed_values(robot, name)), UNKNOWN)
+    limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
+    channel = Channel(name, (), "int32" if row.whole else "float", row.unit, limits)
+    if name in known:
+        return channel, ""
+    parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
+    return channel, (
+        f"{name} cannot change during a run: expected the whole path of one number that is read in"
+        f" every tick, of {parts}{suggest_name(name, known)}"
+    )
+
+
+UNKNOWN = Quantity("1", -math.inf, math.inf, "")
 
 
 def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -39,6 +39,28 @@ class Config(CampaignConfig):
     """A whole campaign file of an arm."""
 
     operator: Operator = Operator()
+    changeable: ClassVar[str] = "lower|upper|tracking|velocity|watchdog|k|gravity|coasting"
+
+    @staticmethod
+    def usual_parameters(robot: Any, arms: tuple[Any, ...]) -> tuple[ArmSetup, Params]:
+        """See `CampaignConfig.usual_parameters`."""
+        arm, setup = robot.arm, ArmSetup(arms=arms, robot=robot)
+        never = Vec.full(len(arm.home), UNLIMITED)
+        return setup, Params(
+            start=arm.home,
+            lower=arm.lower.map(max, -UNLIMITED),
+            upper=arm.upper.map(min, UNLIMITED),
+            tracking=never,
+            velocity=never,
+            watchdog=UNLIMITED,
+            kp=arm.stiffness,
+            kd=arm.damping,
+            gravity=1.0,
+            coasting=0.9,
+            detectors=detectors.watch_params(setup),
+            haptics=haptics.HapticParams(()),
+            monitor=monitor.MonitorParams(),
+        )
 
     @property
     def operator_label(self) -> str:
@@ -104,32 +126,21 @@ def prepare(
     config: Any, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
 ) -> Prepared:
     """Prepare a campaign; see `ravenjax.campaign.prepared`."""
-    robot = config.robot
-    arm, limits, cues = robot.arm, config.outcomes, config.haptics.cues()
-    setup = ArmSetup(
-        arms=config.campaign.arms,
+    arm, limits, cues = config.robot.arm, config.outcomes, config.haptics.cues()
+    setup, params = config.usual_parameters(config.robot, config.campaign.arms)
+    setup = dataclasses.replace(
+        setup,
         precision=precision,
         injection=injection,
         cues=len(cues),
         detectors=tuple(use for _, use, _ in config.detectors),
-        robot=robot,
     )
     columns = _sines(config.operator, arm, config.campaign.ticks)
-    zero = Vec.full(len(arm.home), 0.0)
-    watching = detectors.watch_params(setup)
     thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
-    params = Params(
+    params = dataclasses.replace(
+        params,
         start=Vec(float(column[0]) for column in columns),
-        lower=arm.lower.map(max, -UNLIMITED),
-        upper=arm.upper.map(min, UNLIMITED),
-        tracking=zero + UNLIMITED,
-        velocity=zero + UNLIMITED,
-        watchdog=UNLIMITED,
-        kp=zero,
-        kd=zero,
-        gravity=1.0,
-        coasting=0.9,
-        detectors=dataclasses.replace(watching, thresholds=thresholds),
+        detectors=dataclasses.replace(detectors.watch_params(setup), thresholds=thresholds),
         haptics=haptics.HapticParams(tuple(haptics.CueParams(*cue) for cue in cues)),
         monitor=monitor.MonitorParams(
             jump_step=limits.jump_step_mm / 1e3,

@@ -12,6 +12,7 @@ This module is the `Loop` of `ravenjax.engines.interface`.
 
 import copy
 import dataclasses
+from collections.abc import Iterator
 from functools import reduce
 from operator import or_
 from typing import Annotated, Any
@@ -55,8 +56,8 @@ class Params:
     tracking: Annotated[Vec, Quantity("rad or m", 0, 1e9, "tracking error that stops")]
     velocity: Annotated[Vec, Quantity("rad/s or m/s", 0, 1e9, "velocity that stops")]
     watchdog: Annotated[Scalar, Quantity("ms", 0, 1e9, "time without a packet that stops")]
-    kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e6, "PD gain of a joint without servo")]
-    kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e6, "damping gain of a motor's PD law")]
+    kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e9, "gain of a servo, or of a PD law")]
+    kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e9, "damping gain of the same")]
     gravity: Annotated[Scalar, Quantity("", 0, 1, "share of gravity that the controller carries")]
     coasting: Annotated[Scalar, Quantity("", 0, 1, "share of the speed left after 1 ms of braking")]
     detectors: detectors.WatchParams
@@ -123,6 +124,7 @@ def advance(
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
     inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+    usual, params = params, inject.strike_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
     (packet,) = inject("packet", (Packet(plan, jnp.bool_(False)),))
@@ -140,6 +142,7 @@ def advance(
     stops = [trips & ~state.stopped for trips in stops]
     stopped = reduce(or_, stops, state.stopped)
 
+    damping, usual_damping = (tuple(_gains(arm, gains))[2] for gains in (params, usual))
     torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
     # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
@@ -147,16 +150,16 @@ def advance(
     driven, exerted = _drive(inject, arm, torque)
     damped = Vec(
         jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
-        for x, t, y, d in zip(exerted, torque, more, arm.damping, strict=True)
+        for x, t, y, d in zip(exerted, torque, more, damping, strict=True)
     )
     jpos, jvel = mechanism.step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
     slower = state.jvel * params.coasting
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
 
-    wanted, before = (_clip(x, params.lower, params.upper) for x in (plan, state.plan))
-    ideal = _clip(_control(arm, params, 1.0, *state.model, wanted, before), *arm.force)
-    follows = mechanism.step(arm.mechanism, *state.model, ideal, arm.damping)
+    wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
+    ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
+    follows = mechanism.step(arm.mechanism, *state.model, ideal, usual_damping)
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
@@ -222,12 +225,27 @@ def _control(
             arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
         )
     )
-    force = plus(arm.gain.map(mul, _clip(control, *arm.control)), arm.bias)
-    force = minus(minus(force, arm.stiffness.map(mul, jpos)), arm.damping.map(mul, jvel))
+    strength, stiffness, damping = _gains(arm, params)
+    force = plus(arm.gain.map(mul, strength).map(mul, _clip(control, *arm.control)), arm.bias)
+    force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))
     held = mechanism.gravity_torque(arm.mechanism, jpos)
     return Vec(
         f + mul(gravity, h) if kind else 0.0 * h
         for kind, f, h in zip(arm.kinds, force, held, strict=True)
+    )
+
+
+def _gains(arm: Arm, params: Params) -> Iterator[Vec]:
+    """Yield the actuators' forces for each unit of control, position and velocity."""
+    return map(
+        Vec,
+        zip(
+            *(
+                {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
+                for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
+            ),
+            strict=True,
+        ),
     )
 
 
