@@ -15,7 +15,8 @@ part `campaign` is a module of the package, or the one module. That module defin
     explained(program) -> TickProgram
         optional: the same runs, each compared with its golden run at every seam
     acted(program) -> (TickProgram, {action: number})
-        optional: the same runs with a fault slot for an action, and the actions that it may hold
+        optional: the same runs with a fault slot for an action, see `stages.acted`; an operator
+        who follows the cue takes action 1
     watched(program) -> TickProgram
         optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params

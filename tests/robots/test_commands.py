@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
+from ravenjax.analyses.deadline import finding
 from ravenjax.bundled import resources
 from ravenjax.cli import main
 from ravenjax.errors import UserError
@@ -69,6 +70,7 @@ def test_every_command_works(folder, robot, capsys):
         ("trace", "a", "--worst", "1"),
         ("explain", "a"),
         ("compare", "a", "b"),
+        ("deadline", "a"),
         ("coverage", "a"),
         (
             "counterfactual",
@@ -129,6 +131,26 @@ def test_a_fault_on_a_gain_moves_the_arm_as_the_parameter_does(folder):
     raw["group"][0]["fault"][0]["channel"] = "start.elbow"
     with pytest.raises(UserError, match="cannot change during a run"):
         rj.load_campaign(raw)
+
+
+def test_an_action_is_the_fault_that_does_the_same(folder):
+    """A stop is that of a check that trips; holding the command is the effect `stuck`."""
+    at = {"site": "command", "channel": "elbow", "start_ms": 700}
+    push = at | {"site": "actuator", "effect": "offset", "value": 60}
+    stop = at | {"site": "parameter", "channel": "tracking.elbow", "effect": "overwrite"}
+    hold = [at | {"effect": "stuck", "channel": joint} for joint in find_robot("arm.xml").joints]
+    campaign = {"name": "acted", "robot": "arm.xml", "duration_s": 1.0}
+    plain = rj.load_campaign({"campaign": campaign, "group": [{"name": "g", "fault": [push]}]})
+    faults = {"stop": [push, stop | {"value": 0}], "hold": [push, *hold]}
+    groups = [{"name": name, "fault": these} for name, these in faults.items()]
+    expected = rj.run({"campaign": campaign, "group": groups}, engine="simd")
+    actor = finding.Actor(plain, "simd")
+    numbers = np.array([actor.actions[name] for name in expected["group"]])
+    lanes = finding.Lanes(np.zeros(2, int), numbers, *np.full((2, 2), 700))
+    ours = actor.run(lanes, np.full(2, 700))
+    for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
+        assert ours[column].tolist() == expected[column].tolist(), column
+    assert ours["tip_path_mm"][0] != ours["tip_path_mm"][1]
 
 
 def test_a_result_belongs_to_one_model(folder, capsys):

@@ -17,9 +17,10 @@ from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors, haptics, monitor
+from ravenjax.stages.acted import add_action as acted
 from ravenjax.stages.explained import explain_program
 
-__all__ = ["Config", "Params", "explained", "prepare", "series"]
+__all__ = ["Config", "Params", "acted", "explained", "prepare", "series"]
 
 
 class Operator(Section):

@@ -23,10 +23,10 @@ from ravenjax.mechanics import mechanism
 from ravenjax.numbers import cast_to_real, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
-from ravenjax.stages import check, detectors, haptics, monitor
+from ravenjax.stages import acted, check, detectors, haptics, monitor
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 
 
@@ -63,6 +63,8 @@ class Params:
     detectors: detectors.WatchParams
     haptics: haptics.HapticParams
     monitor: monitor.MonitorParams
+    # of an action: (whether the controller keeps set points, these); None: without actions
+    held: Any = None
 
 
 @record
@@ -132,6 +134,9 @@ def advance(
     silent = jnp.where(packet.lost, state.silent + 1, 0)
     (reported,) = inject("encoder", (state.jpos,))
     (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
+    if params.held is not None:
+        holds, good = params.held
+        command = where(holds, good, command)
     margins = (
         _least(params.tracking - (command - reported).map(jnp.abs)),
         _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
@@ -284,3 +289,21 @@ def crossing_numbers(setup: ArmSetup, signals: dict[str, Any]) -> list[tuple[Sca
     """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
     paths = [(place.seam.name, place.channel.path[1:]) for place in list_numbers(setup)]
     return [(read_channel(signals[seam][0], path), True) for seam, path in paths]
+
+
+ACTIONS = ("stop", "hold")
+"""Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""
+
+
+def last_command(state: State) -> Vec:
+    """Return the set points of the controller, rad or m."""
+    return state.command
+
+
+def act(params: Params, state: State, now: Scalar, action: acted.Action) -> tuple[Params, State]:
+    """Return parameters and state with the action: the arm stops, or the controller keeps its last
+    good set points.
+    """
+    held = action.takes["hold"], action.good
+    stopped = state.stopped | action.takes["stop"]
+    return replace(params, held=held), replace(state, stopped=stopped)

@@ -16,11 +16,11 @@ from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.declaration import CHECKS
-from ravenjax.robots.raven2.loop import acted, run, user_files, watched
+from ravenjax.robots.raven2.loop import run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.stages import explained, haptics
+from ravenjax.stages import acted, explained, haptics
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.seams import Crossing
@@ -164,14 +164,12 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     A user's file in place of the operator does not lift the foot.
     """
     setup, params = program.setup, program.params
-    injection = dataclasses.replace(setup.injection, slots=setup.injection.slots + 1)
-    delay = max(1, setup.command_delay)
-    setup = dataclasses.replace(setup, injection=injection, reacts=True, command_delay=delay)
+    setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
     params = replace(params, reaction=params.reaction or reaction.ReactionParams())
-    numbers = {name: number for number, name in enumerate(acted.ACTIONS, start=1)}
+    program, numbers = acted.add_action(replace(program, setup=setup, params=params))
     if setup.hands is not None:
         del numbers["pedal"]
-    return dataclasses.replace(program, module=acted.__name__, setup=setup, params=params), numbers
+    return program, numbers
 
 
 def explain_program(program: TickProgram) -> TickProgram:
