@@ -9,24 +9,18 @@ The robot's loop also has
 
     ACTIONS: names of the actions, by number from 1
     last_command(state) -> the command that action `hold` repeats
-    act(params, state, now, action) -> parameters and state of this tick
+    act(params, state, now, takes, begins, good) -> parameters and state of this tick; takes:
+        {action: bool, whether it has been taken}; begins: bool, in this tick; good: the last
+        command from before the fault's first effect
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.numbers import Scalar, Setup, record, replace
 from ravenjax.numbers.setup import inner_loop
 from ravenjax.numbers.vec import where
-
-
-class Action(NamedTuple):
-    """The action of a run."""
-
-    takes: dict[str, Scalar]  # for each action, bool: it has been taken
-    begins: Scalar  # bool, in this tick
-    good: Any  # the last command from before the fault's first effect
 
 
 @record
@@ -66,7 +60,7 @@ def advance(
         name: (action.code == number) & (now >= action.start)
         for number, name in enumerate(run.ACTIONS, start=1)
     }
-    params, tick = run.act(params, state.tick, now, Action(takes, now == action.start, good))
+    params, tick = run.act(params, state.tick, now, takes, now == action.start, good)
     tick, series, signals = run.advance(
         _without_action(setup), params, fault.Faults(tuple(struck)), tick, now, *inputs
     )

@@ -153,6 +153,30 @@ def test_an_action_is_the_fault_that_does_the_same(folder):
     assert ours["tip_path_mm"][0] != ours["tip_path_mm"][1]
 
 
+def test_set_points_move_the_tip_along_a_path(folder):
+    """By the forward kinematics of C MuJoCo, and by the length of a straight arm."""
+    places = [[0.2, -0.5, -0.1, 0.4], [0.6, -0.4, 0.1, 0.5], [0.9, -0.4, -0.2, 0.3]]
+    raw = {
+        "campaign": {"name": "tip", "robot": "arm.xml", "duration_s": 1.0},
+        "operator": {"motion": "tip", "tip": places},
+        "group": [{"name": "free"}],
+    }
+    plan = rj.simulate(rj.load_campaign(raw), 0, engine="simd")["jpos_d"].sel(arm="arm").values
+    model = mujoco.MjModel.from_xml_path("arm.xml")
+    data = mujoco.MjData(model)
+    for s, *place in [*places, [0.0, *places[0][1:]], [0.99, *places[-1][1:]]]:
+        data.qpos[:] = plan[round(s * 1e3)]
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.site("tip").xpos, place, rtol=0, atol=1e-5)
+    assert 1e-4 < np.abs(np.diff(plan, axis=0)).max() < 1e-2
+    # The planar arm reaches 0.6 m far.
+    raw["campaign"] |= {"robot": "planar_arm", "duration_s": 0.3}
+    raw["operator"]["tip"] = [[0, 0.5, 0.2, 0], [0.2, 0.9, 0, 0]]
+    raw["parameters"] = {"kp": 40}
+    with pytest.raises(UserError, match=r"\[0.9, 0.0, 0.0\] m at 2\d\d ms: it stays 300 mm away"):
+        rj.run(raw)
+
+
 def test_a_result_belongs_to_one_model(folder, capsys):
     """A file that the model includes counts too; the folder of the files does not."""
     write_campaign(folder / "arm.toml", "arm.xml")

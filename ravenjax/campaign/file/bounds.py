@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 import re
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import format_value, suggest_name
 from ravenjax.numbers import paths, quantity
 from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.setup import CAMPAIGN, Injection
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import Channel, Field
 
@@ -82,32 +82,35 @@ def reserved_reason(robot: Robot, path: str) -> str:
 
 
 @functools.cache
-def parameter_channel(
-    model: Any, robot: Robot, arms: tuple[str, ...], name: str
-) -> tuple[Channel, str]:
-    """Return the channel of a parameter for faults, and why none can act on it; "" if one can.
+def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> list[str]:
+    """Return the paths of the parameters that a fault can change.
 
     model: the robot's subclass of `CampaignConfig`.
     """
-    setup, params = model.usual_parameters(robot, arms)
-    known = [
+    campaign = {"name": "usual", "robot": robot.name, "arms": arms, "duration_s": 0.1}
+    config = model.model_validate({"campaign": campaign, "group": [{"name": "usual"}]})
+    usual = robot.part("campaign").prepare(config, {}, Injection(), CAMPAIGN)
+    return [
         path
-        for path, _ in paths.path_leaves(params, setup)
+        for path, _ in paths.path_leaves(usual.params, usual.setup)
         if re.match(model.changeable, path) and allowed_values(robot, path)
     ]
-    row = next(iter(allowed_values(robot, name)), UNKNOWN)
+
+
+def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channel, str]:
+    """Return the channel of a parameter for faults, and why none can act on it; "" if one can.
+
+    known: parameters that a fault can change.
+    """
+    if name not in known:
+        parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
+        return Channel(name, (), "float", "1"), (
+            f"{name} cannot change during a run: expected the whole path of one number that is read"
+            f" in every tick, of {parts}{suggest_name(name, known)}"
+        )
+    row = allowed_values(robot, name)[0]
     limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
-    channel = Channel(name, (), "int32" if row.whole else "float", row.unit, limits)
-    if name in known:
-        return channel, ""
-    parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
-    return channel, (
-        f"{name} cannot change during a run: expected the whole path of one number that is read in"
-        f" every tick, of {parts}{suggest_name(name, known)}"
-    )
-
-
-UNKNOWN = Quantity("1", -math.inf, math.inf, "")
+    return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), ""
 
 
 def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:

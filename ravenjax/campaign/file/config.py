@@ -145,8 +145,9 @@ class CampaignConfig(Section):
         from ravenjax.campaign.file import bounds
 
         model: Any = type(self)
-        robot, arms = robots.find_robot(self.campaign.robot), self.campaign.arms
-        return bounds.parameter_channel(model, robot, arms, name)
+        robot = robots.find_robot(self.campaign.robot)
+        known = bounds.changeable_parameters(model, robot, self.campaign.arms)
+        return bounds.parameter_channel(robot, known, name)
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
@@ -201,11 +202,6 @@ class CampaignConfig(Section):
     """Regular expression of the beginnings of paths of the parameters that a fault can change."""
     cycles_a_packet: ClassVar[float] = 1.0
     """Mean number of control cycles per packet of the console."""
-
-    @staticmethod
-    def usual_parameters(robot: Robot, arms: tuple[Any, ...]) -> tuple[Any, Any]:
-        """Return the robot's setup and its parameters at their usual values."""
-        raise NotImplementedError
 
     def generated_motions(self) -> tuple[str, ...]:
         """Names of the motions that the robot can generate."""

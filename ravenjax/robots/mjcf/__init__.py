@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.mechanics.mechanism import Mechanism, read_mechanism
 from ravenjax.numbers import Vec
@@ -24,24 +25,10 @@ from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, Site
 
 TICK_S = 1e-3
 
-SITES = {
-    PARAMETER: ("parameters", "a number of controller or checks; see `ravenjax parameters`"),
-    "packet": ("network", "set points from the network, before the checks"),
-    "encoder": ("encoders", "joint positions as checks and controller read them"),
-    "command": ("set points", "set points of the controller, after the joint limits"),
-    "torque": ("control output", "forces of the controller, after the checks"),
-    "actuator": ("actuators", "forces of the actuators, within their range"),
-}
+_TABLES = resources.read_tables(__file__, "declaration.toml")
+SITES = _TABLES["sites"]
 """Layer and place of each fault site, in the order of the tick; the site is the layer's code."""
-CHECKS = {
-    check.name: check
-    for check in (
-        Check("tracking", "rad or m", "encoder too far from the set point, stops", "stop"),
-        Check("velocity", "rad/s or m/s", "encoder too fast, stops", "stop"),
-        Check("watchdog", "ms", "no packet for too long, stops", "stop"),
-        Check("joint_limit", "rad or m", "set point clipped to the joint's range", "limit"),
-    )
-}
+CHECKS = {name: Check(name, *row) for name, row in _TABLES["checks"].items()}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -12,21 +12,19 @@ This module is the `Loop` of `ravenjax.engines.interface`.
 
 import copy
 import dataclasses
-from collections.abc import Iterator
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any
+from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import Injector, channel_paths, read_channel
 from ravenjax.mechanics import mechanism
-from ravenjax.numbers import cast_to_real, jnp, setup
+from ravenjax.numbers import cast_to_real, describe_fields, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
-from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
-from ravenjax.stages import acted, check, detectors, haptics, monitor
+from ravenjax.stages import check, detectors, haptics, monitor
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 
 
@@ -46,20 +44,21 @@ UNLIMITED = 1e9
 """Limit of a check that never trips."""
 
 
+@describe_fields
 @record
 class Params:
     """What a campaign may vary."""
 
     start: Vec  # rad or m
-    lower: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "least set point of a joint")]
-    upper: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "largest set point of a joint")]
-    tracking: Annotated[Vec, Quantity("rad or m", 0, 1e9, "tracking error that stops")]
-    velocity: Annotated[Vec, Quantity("rad/s or m/s", 0, 1e9, "velocity that stops")]
-    watchdog: Annotated[Scalar, Quantity("ms", 0, 1e9, "time without a packet that stops")]
-    kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e9, "gain of a servo, or of a PD law")]
-    kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e9, "damping gain of the same")]
-    gravity: Annotated[Scalar, Quantity("", 0, 1, "share of gravity that the controller carries")]
-    coasting: Annotated[Scalar, Quantity("", 0, 1, "share of the speed left after 1 ms of braking")]
+    lower: Vec
+    upper: Vec
+    tracking: Vec
+    velocity: Vec
+    watchdog: Scalar
+    kp: Vec
+    kd: Vec
+    gravity: Scalar
+    coasting: Scalar
     detectors: detectors.WatchParams
     haptics: haptics.HapticParams
     monitor: monitor.MonitorParams
@@ -147,7 +146,6 @@ def advance(
     stops = [trips & ~state.stopped for trips in stops]
     stopped = reduce(or_, stops, state.stopped)
 
-    damping, usual_damping = (tuple(_gains(arm, gains))[2] for gains in (params, usual))
     torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
     # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
@@ -155,7 +153,7 @@ def advance(
     driven, exerted = _drive(inject, arm, torque)
     damped = Vec(
         jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
-        for x, t, y, d in zip(exerted, torque, more, damping, strict=True)
+        for x, t, y, d in zip(exerted, torque, more, _gains(arm, params)[2], strict=True)
     )
     jpos, jvel = mechanism.step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
     slower = state.jvel * params.coasting
@@ -164,7 +162,7 @@ def advance(
 
     wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
     ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
-    follows = mechanism.step(arm.mechanism, *state.model, ideal, usual_damping)
+    follows = mechanism.step(arm.mechanism, *state.model, ideal, _gains(arm, usual)[2])
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
@@ -240,18 +238,13 @@ def _control(
     )
 
 
-def _gains(arm: Arm, params: Params) -> Iterator[Vec]:
-    """Yield the actuators' forces for each unit of control, position and velocity."""
-    return map(
-        Vec,
-        zip(
-            *(
-                {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
-                for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
-            ),
-            strict=True,
-        ),
+def _gains(arm: Arm, params: Params) -> list[Vec]:
+    """Return the actuators' forces for each unit of control, position and velocity."""
+    rows = (
+        {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
+        for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
     )
+    return [Vec(column) for column in zip(*rows, strict=True)]
 
 
 def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
@@ -300,10 +293,11 @@ def last_command(state: State) -> Vec:
     return state.command
 
 
-def act(params: Params, state: State, now: Scalar, action: acted.Action) -> tuple[Params, State]:
+def act(
+    params: Params, state: State, now: Scalar, takes: dict[str, Scalar], begins: Scalar, good: Vec
+) -> tuple[Params, State]:
     """Return parameters and state with the action: the arm stops, or the controller keeps its last
     good set points.
     """
-    held = action.takes["hold"], action.good
-    stopped = state.stopped | action.takes["stop"]
-    return replace(params, held=held), replace(state, stopped=stopped)
+    stopped = state.stopped | takes["stop"]
+    return replace(params, held=(takes["hold"], good)), replace(state, stopped=stopped)

@@ -18,7 +18,6 @@ from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -28,7 +27,6 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -37,7 +35,6 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
-from ravenjax.vocabulary.robot import Robot
 
 HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
@@ -63,16 +60,6 @@ class RavenConfig(CampaignConfig):
     hand: Hand | None = None
     """a hand that the cue moves; without it the cue is a signal"""
     changeable: ClassVar[str] = r"(control|plc|plant(?!.*\.kinematic_errors))\."
-
-    @staticmethod
-    def usual_parameters(robot: Robot, arms: tuple[ArmName, ...]) -> tuple[Any, Any]:
-        """See `CampaignConfig.usual_parameters`."""
-        # Imported late, because these need the tick.
-        from ravenjax.robots.raven2.loop import run
-        from ravenjax.robots.raven2.setup import RavenSetup
-
-        setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
-        return setup, run.params(setup, (tuple(HOME_JPOS),) * len(arms))
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:

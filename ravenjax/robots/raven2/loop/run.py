@@ -40,7 +40,7 @@ from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import acted, check, detectors, hand, haptics, monitor
+from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.vocabulary.checks import OWN
 from ravenjax.vocabulary.reactions import RELEASE
 from ravenjax.vocabulary.seams import Crossing, list_crossings
@@ -217,7 +217,12 @@ def last_command(state: TickState) -> PerArm[Vec]:
 
 
 def act(
-    params: TickParams, state: TickState, now: Scalar, action: acted.Action
+    params: TickParams,
+    state: TickState,
+    now: Scalar,
+    takes: dict[str, Scalar],
+    begins: Scalar,
+    good: PerArm[Vec],
 ) -> tuple[TickParams, TickState]:
     """Return parameters and state with the action.
 
@@ -226,7 +231,7 @@ def act(
     - `stop`: the overdrive check trips in this tick, whatever the command is.
     - `hold`: while the PLC is in pedal-down, the motors get the last good command.
     """
-    takes, assumed = action.takes, params.reaction
+    assumed = params.reaction
     assert assumed is not None
     lifts, holds = takes["pedal"], takes["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
     reacting = state.stages["reaction"]
@@ -234,11 +239,11 @@ def act(
     latest, *older = state.commands
     state = replace(
         state,
-        commands=(where(holds, action.good, latest), *older),
+        commands=(where(holds, good, latest), *older),
         stages={**state.stages, "reaction": replace(reacting, felt=felt)},
     )
     drive, watchdog = params.control.overdrive, params.plc.watchdog_ticks
-    limit = jnp.where(takes["stop"] & action.begins, -1, drive.max_inst_dac)
+    limit = jnp.where(takes["stop"] & begins, -1, drive.max_inst_dac)
     params = replace(
         params,
         reaction=replace(
