@@ -88,7 +88,7 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         return tuple(
             Channel(joint, (*above, k), "float", units[slides[k]])
             for k, joint in enumerate(joints)
-            if arm.kinds[k] or site == "encoder"
+            if arm.kinds[k] or site in ("encoder", "sensor")
         ) + (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) * (site == "packet")
 
     def signal(field: str, site: str, *against: str) -> Signal:

@@ -57,7 +57,9 @@ class Config(CampaignConfig):
     """A whole campaign file of an arm."""
 
     operator: Operator = Operator()
-    changeable: ClassVar[str] = "lower|upper|tracking|velocity|watchdog|k|gravity|coasting"
+    changeable: ClassVar[str] = (
+        "lower|upper|tracking|velocity|watchdog|sensor|effort|k|gravity|coasting"
+    )
 
     @property
     def operator_label(self) -> str:
@@ -92,7 +94,7 @@ class Config(CampaignConfig):
         """See `CampaignConfig.notices`."""
         yield from super().notices()
         limited = {path.partition(".")[0] for path in self._set()}
-        for name in sorted({"tracking", "velocity", "watchdog"} - limited):
+        for name in sorted(loop.LIMITS - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
         tip = self.operator.tip
         if tip and tip[-1][0] > self.campaign.duration_s:
@@ -138,6 +140,10 @@ def prepare(
         tracking=never,
         velocity=never,
         watchdog=UNLIMITED,
+        sensor=never,
+        sensor_ms=0.0,
+        effort=never,
+        effort_ms=0.0,
         kp=arm.stiffness,
         kd=arm.damping,
         gravity=1.0,

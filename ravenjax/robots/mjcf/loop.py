@@ -42,6 +42,8 @@ class ArmSetup(setup.Setup):
 
 UNLIMITED = 1e9
 """Limit of a check that never trips."""
+LIMITS = {"tracking", "velocity", "watchdog", "sensor", "effort"}
+"""Parameters without which a check never trips."""
 
 
 @describe_fields
@@ -55,6 +57,10 @@ class Params:
     tracking: Vec
     velocity: Vec
     watchdog: Scalar
+    sensor: Vec
+    sensor_ms: Scalar
+    effort: Vec
+    effort_ms: Scalar
     kp: Vec
     kd: Vec
     gravity: Scalar
@@ -83,6 +89,8 @@ class State:
     jvel: Vec  # rad/s or m/s
     goal: Vec  # newest set points that arrived
     silent: Scalar  # int32 ticks since they arrived
+    differ: Scalar  # int32 ticks in a row in which second sensor and encoder differ
+    strained: Scalar  # int32 ticks in a row with a large force
     command: Vec
     reported: Vec
     model: tuple[Vec, Vec]  # positions and velocities of the nominal model
@@ -101,7 +109,7 @@ def init(setup: ArmSetup, params: Params) -> State:
     jpos = cast_to_real(setup, params.start)
     tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
     return State(
-        *(fault.init(setup), jpos, jpos * 0.0, jpos, jnp.int32(0), jpos, jpos),
+        *(fault.init(setup), jpos, jpos * 0.0, jpos, *(jnp.int32(0),) * 3, jpos, jpos),
         *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
@@ -132,6 +140,8 @@ def advance(
     goal = where(packet.lost, state.goal, packet.goal)
     silent = jnp.where(packet.lost, state.silent + 1, 0)
     (reported,) = inject("encoder", (state.jpos,))
+    (second,) = inject("sensor", (state.jpos,))
+    differ = _count(state.differ, second - reported, params.sensor)
     (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
     if params.held is not None:
         holds, good = params.held
@@ -140,6 +150,8 @@ def advance(
         _least(params.tracking - (command - reported).map(jnp.abs)),
         _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
         params.watchdog - cast_to_real(setup, silent),
+        params.sensor_ms - cast_to_real(setup, differ),
+        params.effort_ms - cast_to_real(setup, state.strained),
         _least((*(goal - params.lower), *(params.upper - goal))),
     )
     *stops, clips = (~(margin >= 0.0) for margin in margins)
@@ -182,7 +194,8 @@ def advance(
     watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
     histories = zip(state.checks, (*stops, clips), margins, strict=True)
     new = State(
-        *(inject.state, jpos, jvel, goal, silent, command, reported),
+        *(inject.state, jpos, jvel, goal, silent, differ),
+        *(_count(state.strained, exerted, params.effort), command, reported),
         *(follows, plan, (seen, model), stopped),
         checks=tuple(check.update_check(old, now, trips, m) for old, trips, m in histories),
         detectors=detectors.step(setup, params.detectors, state.detectors, watching),
@@ -193,6 +206,7 @@ def advance(
     signals = {
         "packet": (packet,),
         "encoder": (reported,),
+        "sensor": (second,),
         "command": (command,),
         "torque": (driven,),
         "actuator": (exerted,),
@@ -253,6 +267,12 @@ def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
 
 def _least(numbers: tuple[Scalar, ...]) -> Scalar:
     return reduce(jnp.minimum, numbers)
+
+
+def _count(before: Scalar, numbers: Vec, limits: Vec) -> Scalar:
+    """Return the ticks in a row in which a number has been beyond its limit."""
+    within = _least(limits - numbers.map(jnp.abs)) >= 0.0
+    return jnp.where(within, 0, before + 1)
 
 
 def series_length(setup: ArmSetup) -> int:
