@@ -113,15 +113,14 @@ def test_its_tick_moves_as_c_mujoco(folder):
 
 def test_a_fault_on_a_gain_moves_the_arm_as_the_parameter_does(folder):
     fault = {"site": "parameter", "channel": "kp.wrist_1", "start_ms": 0}
-    raw = {
-        "campaign": {"name": "worn", "robot": "arm.xml", "duration_s": 1.0},
-        "group": [
-            {"name": "fault", "fault": [fault | {"effect": "overwrite", "value": 20}]},
-            {"name": "parameter", "parameters": {"kp.wrist_1": 20}},
-            {"name": "half", "fault": [fault | {"effect": "scale", "value": 0.5, "start_ms": 700}]},
-        ],
-    }
-    fault, parameter, half = (row for _, row in rj.run(raw, engine="simd").iterrows())
+    groups = [
+        {"name": "fault", "fault": [fault | {"effect": "overwrite", "value": 20}]},
+        {"name": "parameter", "parameters": {"kp.wrist_1": 20}},
+        {"name": "half", "fault": [fault | {"effect": "scale", "value": 0.5, "start_ms": 700}]},
+    ]
+    campaign = {"name": "worn", "robot": "arm.xml", "duration_s": 1.0}
+    table = rj.run({"campaign": campaign, "group": groups}, engine="simd")
+    fault, parameter, half = (row for _, row in table.iterrows())
     for column in ("tip_path_mm", "largest_step_mm"):
         assert fault[column] == parameter[column] != half[column]
     # The golden run of the fault has the model's gain, and so has the nominal model.
@@ -153,11 +152,8 @@ def test_an_action_is_the_fault_that_does_the_same(folder):
 def test_set_points_move_the_tip_along_a_path(folder):
     """By the forward kinematics of C MuJoCo, and by the length of a straight arm."""
     places = [[0.2, -0.5, -0.1, 0.4], [0.6, -0.4, 0.1, 0.5], [0.9, -0.4, -0.2, 0.3]]
-    raw = {
-        "campaign": {"name": "tip", "robot": "arm.xml", "duration_s": 1.0},
-        "operator": {"motion": "tip", "tip": places},
-        "group": [{"name": "free"}],
-    }
+    raw = {"campaign": {"name": "tip", "robot": "arm.xml", "duration_s": 1.0}}
+    raw |= {"operator": {"motion": "tip", "tip": places}, "group": [{"name": "free"}]}
     plan = rj.simulate(rj.load_campaign(raw), 0, engine="simd")["jpos_d"].sel(arm="arm").values
     model = mujoco.MjModel.from_xml_path("arm.xml")
     data = mujoco.MjData(model)
@@ -248,8 +244,8 @@ def test_a_check_stops_an_arm_after_its_time(
 ):
     fault = {"site": site, "channel": channel, "effect": "overwrite", "value": value}
     fault |= {"start_ms": 600, "duration_ms": [ms, ms + 1]}
-    campaign = {"name": "arm", "robot": "arm.xml", "duration_s": 1.0}
-    groups = [{"name": "g", "fault": [fault]}]
-    table = rj.run({"campaign": campaign, "parameters": limits, "group": groups}, engine="simd")
+    raw = {"campaign": {"name": "arm", "robot": "arm.xml", "duration_s": 1.0}}
+    raw |= {"parameters": limits, "group": [{"name": "g", "fault": [fault]}]}
+    table = rj.run(raw, engine="simd")
     assert table[f"check_{check}_first_ms"].tolist() == [-1, first]
     assert table["end_runlevel"].tolist() == [1, 0]

@@ -94,7 +94,7 @@ class Config(CampaignConfig):
         """See `CampaignConfig.notices`."""
         yield from super().notices()
         limited = {path.partition(".")[0] for path in self._set()}
-        for name in sorted(loop.LIMITS - limited):
+        for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
         tip = self.operator.tip
         if tip and tip[-1][0] > self.campaign.duration_s:

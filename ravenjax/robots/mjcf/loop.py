@@ -42,8 +42,6 @@ class ArmSetup(setup.Setup):
 
 UNLIMITED = 1e9
 """Limit of a check that never trips."""
-LIMITS = {"tracking", "velocity", "watchdog", "sensor", "effort"}
-"""Parameters without which a check never trips."""
 
 
 @describe_fields
@@ -106,16 +104,16 @@ class State:
 
 def init(setup: ArmSetup, params: Params) -> State:
     """Return the state at rest at the start of the motion."""
-    jpos = cast_to_real(setup, params.start)
+    jpos, zero = cast_to_real(setup, params.start), jnp.int32(0)
     tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
     return State(
-        *(fault.init(setup), jpos, jpos * 0.0, jpos, *(jnp.int32(0),) * 3, jpos, jpos),
+        *(fault.init(setup), jpos, jpos * 0.0, jpos, zero, zero, zero, jpos, jpos),
         *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
         haptics=haptics.init(setup, params.haptics),
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
-        live=jnp.int32(0),
+        live=zero,
     )
 
 
