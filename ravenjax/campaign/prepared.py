@@ -15,7 +15,8 @@ part `campaign` is a module of the package, or the one module. That module defin
     explained(program) -> TickProgram
         optional: the same runs, each compared with its golden run at every seam
     acted(program) -> (TickProgram, {action: number})
-        optional: the same runs with a fault slot for an action, and the actions that it may hold
+        optional: the same runs with a fault slot for an action, see `stages.acted`; an operator
+        who follows the cue takes action 1
     watched(program) -> TickProgram
         optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params
@@ -35,7 +36,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.engines.interface import Loop
-from ravenjax.numbers.setup import Setup
+from ravenjax.numbers.setup import Injection, Precision, Setup
+from ravenjax.stages.haptics import CueParams, HapticParams
+from ravenjax.stages.monitor import MonitorParams
 from ravenjax.store.motion.summary import MotionSummary
 
 
@@ -57,3 +60,28 @@ class Prepared(NamedTuple):
     operator: MotionSummary | None = None  # summary of a recorded motion
     # Parameters that follow from a run's id, and what each draws: every run has its own draw.
     keys: Mapping[str, str] = {}
+
+
+def shared_choices(config: Any, injection: Injection, precision: Precision) -> dict[str, Any]:
+    """Return the fields of a robot's `Setup` that follow from sections of every robot's file."""
+    return {
+        "arms": config.campaign.arms,
+        "precision": precision,
+        "injection": injection,
+        "cues": len(config.haptics.cues()),
+        "detectors": tuple(use for _, use, _ in config.detectors),
+        "harms": tuple(one.use for one in config.harm),
+    }
+
+
+def shared_parameters(config: Any) -> dict[str, Any]:
+    """Return the parameters of haptic cue and monitor that a campaign's file sets."""
+    limits = config.outcomes
+    return {
+        "haptics": HapticParams(tuple(CueParams(*cue) for cue in config.haptics.cues())),
+        "monitor": MonitorParams(
+            jump_step=limits.jump_step_mm / 1e3,
+            large_jump=limits.large_jump_mm / 1e3,
+            limit=limits.limit_mm / 1e3,
+        ),
+    }

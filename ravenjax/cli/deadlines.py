@@ -16,8 +16,9 @@ def deadline(
     """Find the point of no return of each harmful fault: until when an action prevents the harm.
 
     The actions are a lifted pedal, a pressed E-stop, a stop by the software, a held command, and a
-    cue that the operator follows. Beside each deadline is the time at which a signal first shows
-    the fault. The tables are in FOLDER/deadline, and the next report of the folder has them, too.
+    cue that the operator follows. An arm from an MJCF file has the last three.
+    Beside each deadline is the time at which a signal first shows the fault. The tables are in
+    FOLDER/deadline, and the next report of the folder has them, too.
 
     Parameters
     ----------

@@ -12,7 +12,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
-from ravenjax.numbers import Scalar, Vec, as_int, first_tick, jnp, lax, replace, to_int32, wrap16
+from ravenjax.numbers import (
+    Scalar,
+    Vec,
+    as_int,
+    first_tick,
+    jnp,
+    lax,
+    paths,
+    replace,
+    to_int32,
+    wrap16,
+)
 from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES
@@ -188,6 +199,19 @@ class Injector:
     def strikes(self, *sites: str) -> bool:
         """Return whether the campaign injects faults at any of these sites."""
         return injects_faults(self.setup, *sites)
+
+    def strike_parameters(self, params: Any) -> Any:
+        """Return the parameters of the tick after faults: each channel is the path of a number."""
+        keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
+        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
+        numbers = Vec(map(jnp.asarray, given))
+        for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
+            # The kind of a parameter's number is known only here.
+            kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
+            self.paths = {**self.paths, key: ((i,), kind)}
+        for key, number in zip(keys, self(PARAMETER, numbers), strict=True):
+            params = paths.assign_numbers(params, self.setup, key[2], number)
+        return params
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         """Return a site's signal after its faults, which act only if it is `present` (bool)."""

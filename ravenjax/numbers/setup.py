@@ -8,6 +8,7 @@ choices in a subclass.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
@@ -65,7 +66,6 @@ Span = tuple[float, float] | None
 class Explained(NamedTuple):
     """How runs are compared with their golden runs, number by number; static."""
 
-    loop: str  # dotted name of the robot's loop
     checks: int  # that the loop has
     spans: tuple[Span, ...]  # of each compared number; (): no number has a normal range
 
@@ -87,6 +87,13 @@ class Setup:
     hand_yields: bool = False  # the force of the cue moves the operator's hand
     noise: bool = False  # noise is drawn for each run
     explained: Explained | None = None  # only of `ravenjax.stages.explained`
+    # dotted name of the robot's loop, in a loop that adds something to it
+    inner: str = ""
+
+
+def inner_loop(setup: Setup) -> Any:
+    """Return the robot's loop, to which the running loop adds something."""
+    return importlib.import_module(setup.inner)
 
 
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:

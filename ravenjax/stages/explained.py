@@ -22,13 +22,12 @@ inside. Numbers of a packet are compared only in ticks in which a packet was rec
 """
 
 import dataclasses
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.numbers import Scalar, Setup, cast_to_real, first_tick, jnp, lax, record
-from ravenjax.numbers.setup import Explained, Span
+from ravenjax.numbers.setup import Explained, Span, inner_loop
 
 DIFFERS, LEAVES = "differs:", "leaves:"
 NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
@@ -70,19 +69,14 @@ def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> An
 
     checks: how many the loop has. spans: normal range of each number; (): no number has any.
     """
-    use = Explained(program.module, checks, tuple(spans))
-    setup = dataclasses.replace(program.setup, explained=use)
+    use = Explained(checks, tuple(spans))
+    setup = dataclasses.replace(program.setup, explained=use, inner=program.module)
     return dataclasses.replace(program, module=__name__, setup=setup)
-
-
-def _loop(setup: Setup) -> Any:
-    assert setup.explained is not None
-    return importlib.import_module(setup.explained.loop)
 
 
 def init(setup: Setup, params: Any) -> ExplainedState:
     """Return the state of the robot's loop, with no differences."""
-    run = _loop(setup)
+    run = inner_loop(setup)
     never, state = jnp.int32(-1), run.init(setup, params)
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
@@ -107,7 +101,7 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
     """Compute one tick as the robot's loop, then compare it with the golden run."""
-    run = _loop(setup)
+    run = inner_loop(setup)
     length = run.series_length(setup)
     checked = length + len(state.numbers)
     after, series, signals = run.advance(
@@ -158,12 +152,12 @@ def advance(
 def series_length(setup: Setup) -> int:
     """Return the length of the series."""
     assert setup.explained is not None
-    return _loop(setup).series_length(setup) + len(_spans(setup)) + setup.explained.checks
+    return inner_loop(setup).series_length(setup) + len(_spans(setup)) + setup.explained.checks
 
 
 def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scalar]:
     """Return the outcomes of the robot's loop and those of the observer."""
-    run = _loop(setup)
+    run = inner_loop(setup)
     out = run.outcomes(setup, params, state.tick)
     for place, history in zip(run.list_numbers(setup), state.numbers, strict=True):
         out[f"{DIFFERS}{place.name}"] = history.differs
@@ -177,7 +171,7 @@ def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scal
 
 def _spans(setup: Setup) -> tuple[Span, ...]:
     assert setup.explained is not None
-    return setup.explained.spans or (None,) * len(_loop(setup).list_numbers(setup))
+    return setup.explained.spans or (None,) * len(inner_loop(setup).list_numbers(setup))
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
+from ravenjax.analyses.deadline import finding
 from ravenjax.bundled import resources
 from ravenjax.cli import main
 from ravenjax.errors import UserError
@@ -69,6 +70,7 @@ def test_every_command_works(folder, robot, capsys):
         ("trace", "a", "--worst", "1"),
         ("explain", "a"),
         ("compare", "a", "b"),
+        ("deadline", "a"),
         ("coverage", "a"),
         (
             "counterfactual",
@@ -107,6 +109,65 @@ def test_its_tick_moves_as_c_mujoco(folder):
         places.append(data.qpos.copy())
     assert np.ptp(places, axis=0).min() > 0.05 and row["peak_golden_deviation_mm"] > 0.3
     np.testing.assert_allclose(run["link_jpos"], places, rtol=0, atol=2e-6)
+
+
+def test_a_fault_on_a_gain_moves_the_arm_as_the_parameter_does(folder):
+    fault = {"site": "parameter", "channel": "kp.wrist_1", "start_ms": 0}
+    groups = [
+        {"name": "fault", "fault": [fault | {"effect": "overwrite", "value": 20}]},
+        {"name": "parameter", "parameters": {"kp.wrist_1": 20}},
+        {"name": "half", "fault": [fault | {"effect": "scale", "value": 0.5, "start_ms": 700}]},
+    ]
+    campaign = {"name": "worn", "robot": "arm.xml", "duration_s": 1.0}
+    table = rj.run({"campaign": campaign, "group": groups}, engine="simd")
+    fault, parameter, half = (row for _, row in table.iterrows())
+    for column in ("tip_path_mm", "largest_step_mm"):
+        assert fault[column] == parameter[column] != half[column]
+    # The golden run of the fault has the model's gain, and so has the nominal model.
+    assert fault["peak_golden_deviation_mm"] > 0.1 and parameter["peak_golden_deviation_mm"] == 0.0
+    assert fault["peak_model_deviation_mm"] > 0.1 > parameter["peak_model_deviation_mm"]
+    assert (half["first_active_ms"], half["active_ticks"]) == (700, 300)
+
+
+def test_an_action_is_the_fault_that_does_the_same(folder):
+    """A stop is that of a check that trips; holding the command is the effect `stuck`."""
+    at = {"site": "command", "channel": "elbow", "start_ms": 700}
+    push = at | {"site": "actuator", "effect": "offset", "value": 60}
+    stop = at | {"site": "parameter", "channel": "tracking.elbow", "effect": "overwrite"}
+    hold = [at | {"effect": "stuck", "channel": joint} for joint in find_robot("arm.xml").joints]
+    campaign = {"name": "acted", "robot": "arm.xml", "duration_s": 1.0}
+    plain = rj.load_campaign({"campaign": campaign, "group": [{"name": "g", "fault": [push]}]})
+    faults = {"stop": [push, stop | {"value": 0}], "hold": [push, *hold]}
+    groups = [{"name": name, "fault": these} for name, these in faults.items()]
+    expected = rj.run({"campaign": campaign, "group": groups}, engine="simd")
+    actor = finding.Actor(plain, "simd")
+    numbers = np.array([actor.actions[name] for name in expected["group"]])
+    lanes = finding.Lanes(np.zeros(2, int), numbers, *np.full((2, 2), 700))
+    ours = actor.run(lanes, np.full(2, 700))
+    for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
+        assert ours[column].tolist() == expected[column].tolist(), column
+    assert ours["tip_path_mm"][0] != ours["tip_path_mm"][1]
+
+
+def test_set_points_move_the_tip_along_a_path(folder):
+    """By the forward kinematics of C MuJoCo, and by the length of a straight arm."""
+    places = [[0.2, -0.5, -0.1, 0.4], [0.6, -0.4, 0.1, 0.5], [0.9, -0.4, -0.2, 0.3]]
+    raw = {"campaign": {"name": "tip", "robot": "arm.xml", "duration_s": 1.0}}
+    raw |= {"operator": {"motion": "tip", "tip": places}, "group": [{"name": "free"}]}
+    plan = rj.simulate(rj.load_campaign(raw), 0, engine="simd")["jpos_d"].sel(arm="arm").values
+    model = mujoco.MjModel.from_xml_path("arm.xml")
+    data = mujoco.MjData(model)
+    for s, *place in [*places, [0.0, *places[0][1:]], [0.99, *places[-1][1:]]]:
+        data.qpos[:] = plan[round(s * 1e3)]
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.site("tip").xpos, place, rtol=0, atol=1e-5)
+    assert 1e-4 < np.abs(np.diff(plan, axis=0)).max() < 1e-2
+    # The planar arm reaches 0.6 m far.
+    raw["campaign"] |= {"robot": "planar_arm", "duration_s": 0.3}
+    raw["operator"]["tip"] = [[0, 0.5, 0.2, 0], [0.2, 0.9, 0, 0]]
+    raw["parameters"] = {"kp": 40}
+    with pytest.raises(UserError, match=r"\[0.9, 0.0, 0.0\] m at 2\d\d ms: it stays 300 mm away"):
+        rj.run(raw)
 
 
 def test_a_result_belongs_to_one_model(folder, capsys):
@@ -168,20 +229,23 @@ def test_a_motor_needs_a_gain_and_another_time_step_is_named(folder, capsys):
     assert "time step of 2 ms is not used" in " ".join("".join(capsys.readouterr()).split())
 
 
-def test_the_watchdog_stops_an_arm_whose_packets_are_lost(folder):
-    write_campaign(folder / "arm.toml", "arm.xml")
-    text = (folder / "arm.toml").read_text()
-    for old, new in (
-        ('"actuator"', '"packet"'),
-        ('"wrist_1"', '"lost"'),
-        ('"offset"', '"overwrite"'),
-        ("{ uniform = [-60, 60] }", "1"),
-        ("runs = 12", "runs = 2"),
-        ("[[group]]", "parameters.watchdog = 40\n[[group]]"),
-    ):
-        text = text.replace(old, new)
-    (folder / "arm.toml").write_text(text)
-    table = rj.run("arm.toml", engine="simd")
-    # Packet 600 is the first that is lost. In tick 640 the newest set point is 41 ms old.
-    assert (table["check_watchdog_first_ms"] == 640).all()
-    assert (table["end_runlevel"] == 0).all()
+@pytest.mark.parametrize(
+    ("check", "limits", "site", "channel", "value", "ms", "first"),
+    [
+        # Packet 600 is the first that is lost. In tick 640 the newest set point is 41 ms old.
+        ("watchdog", {"watchdog": 40}, "packet", "lost", 1, 40, 640),
+        ("sensor", {"sensor.elbow": 0.01, "sensor_ms": 5}, "encoder", "elbow", 9, 5, 605),
+        # The force of a tick is judged in the next one.
+        ("effort", {"effort.elbow": 200, "effort_ms": 5}, "actuator", "elbow", -250, 5, 606),
+    ],
+)
+def test_a_check_stops_an_arm_after_its_time(
+    folder, check, limits, site, channel, value, ms, first
+):
+    fault = {"site": site, "channel": channel, "effect": "overwrite", "value": value}
+    fault |= {"start_ms": 600, "duration_ms": [ms, ms + 1]}
+    raw = {"campaign": {"name": "arm", "robot": "arm.xml", "duration_s": 1.0}}
+    raw |= {"parameters": limits, "group": [{"name": "g", "fault": [fault]}]}
+    table = rj.run(raw, engine="simd")
+    assert table[f"check_{check}_first_ms"].tolist() == [-1, first]
+    assert table["end_runlevel"].tolist() == [1, 0]

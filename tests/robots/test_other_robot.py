@@ -194,11 +194,11 @@ def test_series_have_names_and_units(file):
         ("campaign.robot=planar_leg", "planar_leg"),
         ("campaign.arms=['gold']", "expected each arm once"),
         ("campaign.policy=hard_regulation", "unknown key"),
-        ("group.torque.fault.0.site=usb_out", "expected one of packet, encoder, command"),
+        ("group.torque.fault.0.site=usb_out", "expected one of parameter, packet, encoder"),
         ("group.torque.fault.0.channel=wrist", "expected one of shoulder, elbow"),
         ("parameters.kq=3", "unknown parameter"),
         ('detector=[{name = "d", kind = "tip_error"}]', "with a file only"),
-        ("parameters.kp=-1", "expected 0..1000000 N m/rad"),
+        ("parameters.kp=-1", "expected 0..1000000000 N m/rad"),
     ],
 )
 def test_what_the_robot_has_not_is_refused(file, override, complaint):

@@ -38,6 +38,8 @@ COLUMNS = (
     "harms_alone",
 )
 """Columns of the table."""
+REACTION_MS = 250
+"""Assumed time from the cue to an operator's action, for a robot without section [reaction]."""
 HORIZON_MS = 300
 """How long the runs of a round last after the action. Most harm comes sooner."""
 GRID = 8
@@ -68,7 +70,7 @@ class Actor(PlannedCampaign):
         if not hasattr(part, "acted"):
             raise UserError(
                 f"robot {config.campaign.robot!r} declares no actions, so no deadline can be found:"
-                " expected a robot whose part `campaign` has `acted`, as raven2"
+                " expected a robot whose part `campaign` has `acted`"
             )
         super().__init__(config, engine)
         program, self.actions = part.acted(self.plan.program)
@@ -76,10 +78,10 @@ class Actor(PlannedCampaign):
             self.plan, program=dataclasses.replace(program, ends=True)
         )
         reaction = "reaction.delay_ms"
-        self.delay_ms = self.plan.varied.get(
-            reaction, np.full(self.plan.runs, program.params.reaction.delay_ms)
-        )
-        """Time from the cue to the lifted pedal, of each run."""
+        assumed = getattr(program.params, "reaction", None)
+        usual_ms = REACTION_MS if assumed is None else assumed.delay_ms
+        self.delay_ms = self.plan.varied.get(reaction, np.full(self.plan.runs, usual_ms))
+        """Time from the cue to the operator's action, of each run."""
         self._work: Computation | None = None
 
     def run(
@@ -223,8 +225,8 @@ def find_deadlines(
     each["deadline_ms"] = (last - lanes.effect).astype(float)
     tell(f"{len(each)} runs with an action and no fault")
     each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
-    # An operator who follows the cue lifts the pedal.
-    cue = each[each["action"] == "pedal"].assign(action="cue")
+    # An operator who follows the cue takes the robot's first action.
+    cue = each[each["number"] == 1].assign(action="cue")
     cue["deadline_ms"] -= actor.delay_ms[cue["row"]]
     whole = pd.concat([each, cue], ignore_index=True)
     seen = whole["visible"]

@@ -4,17 +4,25 @@ The check imports the modules of the robot's tick, which is slow. A campaign's p
 therefore checked when the campaign is planned, not when its file is read.
 """
 
+from __future__ import annotations
+
 import functools
 import itertools
+import re
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import format_value, suggest_name
 from ravenjax.numbers import paths, quantity
 from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.setup import CAMPAIGN, Injection
 from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import Channel, Field
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.file.config import CampaignConfig
 
 
 @functools.cache
@@ -71,6 +79,38 @@ def reserved_reason(robot: Robot, path: str) -> str:
         ),
         "",
     )
+
+
+@functools.cache
+def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> list[str]:
+    """Return the paths of the parameters that a fault can change.
+
+    model: the robot's subclass of `CampaignConfig`.
+    """
+    campaign = {"name": "usual", "robot": robot.name, "arms": arms, "duration_s": 0.1}
+    config = model.model_validate({"campaign": campaign, "group": [{"name": "usual"}]})
+    usual = robot.part("campaign").prepare(config, {}, Injection(), CAMPAIGN)
+    return [
+        path
+        for path, _ in paths.path_leaves(usual.params, usual.setup)
+        if re.match(model.changeable, path) and allowed_values(robot, path)
+    ]
+
+
+def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channel, str]:
+    """Return the channel of a parameter for faults, and why none can act on it; "" if one can.
+
+    known: parameters that a fault can change.
+    """
+    if name not in known:
+        parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
+        return Channel(name, (), "float", "1"), (
+            f"{name} cannot change during a run: expected the whole path of one number that is read"
+            f" in every tick, of {parts}{suggest_name(name, known)}"
+        )
+    row = allowed_values(robot, name)[0]
+    limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
+    return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), ""
 
 
 def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:

@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.axis import Axis, Number
-from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
+from ravenjax.campaign.file.group import Cross, Fault, Group, Run, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.campaign.file.sections import (
     CampaignSection,
@@ -35,6 +35,7 @@ from ravenjax.vocabulary.checks import Check, built_in_column
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 
 class CampaignConfig(Section):
@@ -59,6 +60,7 @@ class CampaignConfig(Section):
     """the runs"""
     _source: Path | None = PrivateAttr(None)
     _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
+    _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
 
     @model_validator(mode="before")
     @classmethod
@@ -120,8 +122,35 @@ class CampaignConfig(Section):
 
     @property
     def robot(self) -> Robot:
-        """The campaign's robot, with the user's checks added."""
-        return robots.find_robot(self.campaign.robot).with_checks(self.own_checks)
+        """The campaign's robot, with the user's checks added.
+
+        Its site `parameter` has the parameters that faults name.
+        """
+        robot = robots.find_robot(self.campaign.robot)
+        if self._aims[0] is not self.group:  # the groups of a copy may be others
+            names = dict.fromkeys(name for _, _, name in self._struck_parameters())
+            channels = (self._parameter_channel(name)[0] for name in names)
+            self._aims = (self.group, tuple(channels))
+        return robot.with_checks(self.own_checks).with_channels(PARAMETER, self._aims[1])
+
+    def _struck_parameters(self) -> Iterator[tuple[int, int, str]]:
+        """Yield (group, slot, parameter) of each fault at site `parameter`."""
+        for g, group in enumerate(self.group):
+            if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
+                for run in group.run or (Run(),):
+                    for f, fault in enumerate(group.faults_of(run)):
+                        if fault.site == PARAMETER and fault.channel:
+                            yield from ((g, f, name) for name in fault.channel.listed)
+
+    def _parameter_channel(self, name: str) -> tuple[Channel, str]:
+        """Return the channel of a parameter for faults, and why none can act; "" if one can."""
+        # Imported late, because it needs the tick.
+        from ravenjax.campaign.file import bounds
+
+        model: Any = type(self)
+        robot = robots.find_robot(self.campaign.robot)
+        known = bounds.changeable_parameters(model, robot, self.campaign.arms)
+        return bounds.parameter_channel(robot, known, name)
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
@@ -172,6 +201,8 @@ class CampaignConfig(Section):
     """Whether the operator may react to the cue."""
     random_packets: ClassVar[bool] = False
     """Whether each run draws the durations of the console's packets."""
+    changeable: ClassVar[str] = ""
+    """Regular expression of the beginnings of paths of the parameters that a fault can change."""
     cycles_a_packet: ClassVar[float] = 1.0
     """Mean number of control cycles per packet of the console."""
 
@@ -180,8 +211,10 @@ class CampaignConfig(Section):
         return ()
 
     def complaints(self) -> Iterator[Complaint]:
-        """Yield (key, message) for each error in the keys that this robot adds."""
-        return iter(())
+        """Yield (key, message) for each error that depends on the robot."""
+        for g, f, name in dict.fromkeys(self._struck_parameters()):
+            if why := self._parameter_channel(name)[1] or self.unread(name):
+                yield ("group", g, "fault", f, "channel"), why
 
     def notices(self) -> Iterator[Complaint]:
         """Yield (key, message) of values without effect in the keys that this robot adds."""

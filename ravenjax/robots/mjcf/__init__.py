@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.mechanics.mechanism import Mechanism, read_mechanism
 from ravenjax.numbers import Vec
@@ -20,35 +21,23 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import ARM, Channel, Site
+from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, Site
 
 TICK_S = 1e-3
 
-SITES = {
-    "packet": ("network", "set points from the network, before the checks"),
-    "encoder": ("encoders", "joint positions as checks and controller read them"),
-    "command": ("set points", "set points of the controller, after the joint limits"),
-    "torque": ("control output", "forces of the controller, after the checks"),
-    "actuator": ("actuators", "forces of the actuators, within their range"),
-}
+_TABLES = resources.read_tables(__file__, "declaration.toml")
+SITES = _TABLES["sites"]
 """Layer and place of each fault site, in the order of the tick; the site is the layer's code."""
-CHECKS = {
-    check.name: check
-    for check in (
-        Check("tracking", "rad or m", "encoder too far from the set point, stops", "stop"),
-        Check("velocity", "rad/s or m/s", "encoder too fast, stops", "stop"),
-        Check("watchdog", "ms", "no packet for too long, stops", "stop"),
-        Check("joint_limit", "rad or m", "set point clipped to the joint's range", "limit"),
-    )
-}
+CHECKS = {name: Check(name, *row) for name, row in _TABLES["checks"].items()}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Arm:
     """A fixed base, hinges and slides, and at most one actuator for each joint.
 
-    Vectors have one number per joint, in rad or m, and Nm or N. An actuator exerts `gain` control +
-    `bias` - `stiffness` position - `damping` velocity.
+    Vectors have one number per joint, in rad or m, and Nm or N. A servo exerts `gain` k control +
+    `bias` - `stiffness` position - `damping` velocity, where k is `stiffness` of a position servo
+    and `damping` of a velocity servo. A motor exerts `gain` control + `bias`.
     """
 
     mechanism: Mechanism
@@ -92,12 +81,14 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
     slides = [link.slide for link in arm.mechanism.links]
 
     def channels(site: str) -> tuple[Channel, ...]:
+        if site == PARAMETER:
+            return ()
         units = ("N m", "N") if site in ("torque", "actuator") else ("rad", "m")
         above = (ARM, "goal") if site == "packet" else (ARM,)
         return tuple(
             Channel(joint, (*above, k), "float", units[slides[k]])
             for k, joint in enumerate(joints)
-            if arm.kinds[k] or site == "encoder"
+            if arm.kinds[k] or site in ("encoder", "sensor")
         ) + (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) * (site == "packet")
 
     def signal(field: str, site: str, *against: str) -> Signal:
@@ -105,7 +96,8 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         return Signal(field, site, sites[site].where, units[0][1], joints, units, against=against)
 
     sites = {
-        site: Site(site, site, True, channels(site), where) for site, (_, where) in SITES.items()
+        site: Site(site, site, site != PARAMETER, channels(site), where)
+        for site, (_, where) in SITES.items()
     }
     return ArmRobot(
         name=name,
@@ -126,6 +118,7 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
                 site.where,
             )
             for name, site in sites.items()
+            if site.channels
         },
         signals=(
             signal("jpos", "encoder", "jpos_d"),
@@ -163,6 +156,7 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
         unit = gear * factor if kinds[k] == "motor" else 1.0 / gear
         gain[k], offset[k] = gear * factor / unit, gear * bias[0]
         stiffness[k], damping[k] = -(gear**2) * bias[1:]
+        gain[k] /= stiffness[k] or damping[k] or 1.0
         if model.actuator_ctrllimited[a]:
             control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
         if model.actuator_forcelimited[a]:

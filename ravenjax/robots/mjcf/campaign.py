@@ -1,32 +1,43 @@
 """Campaigns of an arm from an MJCF file: sections of the file, motion, parameters, time series."""
 
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
 import dataclasses
+import functools
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
+import mujoco
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.file.section import Section
-from ravenjax.campaign.prepared import Prepared
+from ravenjax.campaign.prepared import Prepared, shared_choices, shared_parameters
+from ravenjax.errors import UserError
+from ravenjax.mechanics import mechanism
 from ravenjax.numbers import Vec
 from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
-from ravenjax.stages import detectors, haptics, monitor
+from ravenjax.stages import detectors
+from ravenjax.stages.acted import add_action as acted
 from ravenjax.stages.explained import explain_program
 
-__all__ = ["Config", "Params", "explained", "prepare", "series"]
+__all__ = ["Config", "Params", "acted", "explained", "prepare", "series"]
 
 
 class Operator(Section):
-    """[operator]: set points of all joints, sines around the start."""
+    """[operator]: set points of all joints."""
 
-    motion: Literal["sines"] = "sines"
-    """kind of motion"""
+    motion: Literal["sines", "tip"] = "sines"
+    """sines: of all joints, around the start; tip: set points that move the tip along a path"""
+    tip: tuple[tuple[float, float, float, float], ...] = ()
+    """of motion tip: [s, x, y, z] of each place in the frame of the file, m; rests at both ends"""
     seed: int = Field(default=0, ge=0, lt=2**31)
     """seed of the frequency and the direction of each joint"""
     amplitude: float = Field(default=0.05, gt=0.0, le=0.5)
@@ -34,11 +45,21 @@ class Operator(Section):
     hz: float = Field(default=0.2, gt=0.0, le=50.0)
     """mean frequency, Hz; each joint has 0.5 to 1.5 times as much"""
 
+    @model_validator(mode="after")
+    def _fits(self) -> "Operator":
+        keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
+        if keys != {"tip"} if self.motion == "tip" else "tip" in keys:
+            raise ValueError("motion 'tip' takes the key tip alone, and 'sines' takes the others")
+        return self
+
 
 class Config(CampaignConfig):
     """A whole campaign file of an arm."""
 
     operator: Operator = Operator()
+    changeable: ClassVar[str] = (
+        "lower|upper|tracking|velocity|watchdog|sensor|effort|k|gravity|coasting"
+    )
 
     @property
     def operator_label(self) -> str:
@@ -51,12 +72,12 @@ class Config(CampaignConfig):
         robot: Any = self.robot
         kinds = zip(robot.joints, robot.arm.kinds, strict=True)
         yield "joints", ", ".join(f"{joint} ({kind or 'passive'})" for joint, kind in kinds)
-        yield "tip", f"site {robot.arm.tip}"
+        home = mechanism.tip_position(robot.arm.mechanism, robot.arm.home)
+        place = ", ".join(f"{x:.4g}" for x in home)
+        yield "tip", f"site {robot.arm.tip}, at {place} m in the home position"
         operator = self.operator
-        yield (
-            "operator",
-            f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean",
-        )
+        sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
+        yield "operator", f"tip through {len(operator.tip)} places" if operator.tip else sines
 
     def complaints(self) -> Iterator[Complaint]:
         """See `CampaignConfig.complaints`."""
@@ -73,8 +94,11 @@ class Config(CampaignConfig):
         """See `CampaignConfig.notices`."""
         yield from super().notices()
         limited = {path.partition(".")[0] for path in self._set()}
-        for name in sorted({"tracking", "velocity", "watchdog"} - limited):
+        for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
+        tip = self.operator.tip
+        if tip and tip[-1][0] > self.campaign.duration_s:
+            yield ("operator", "tip"), "the run ends before its last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         arm: Any = self.robot
@@ -104,38 +128,28 @@ def prepare(
     config: Any, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
 ) -> Prepared:
     """Prepare a campaign; see `ravenjax.campaign.prepared`."""
-    robot = config.robot
-    arm, limits, cues = robot.arm, config.outcomes, config.haptics.cues()
-    setup = ArmSetup(
-        arms=config.campaign.arms,
-        precision=precision,
-        injection=injection,
-        cues=len(cues),
-        detectors=tuple(use for _, use, _ in config.detectors),
-        robot=robot,
-    )
-    columns = _sines(config.operator, arm, config.campaign.ticks)
-    zero = Vec.full(len(arm.home), 0.0)
-    watching = detectors.watch_params(setup)
+    arm, never = config.robot.arm, Vec.full(len(config.robot.joints), UNLIMITED)
+    setup = ArmSetup(robot=config.robot, **shared_choices(config, injection, precision))
+    move = _along if config.operator.tip else _sines
+    columns = move(config.operator, config.robot, config.campaign.ticks)
     thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
     params = Params(
         start=Vec(float(column[0]) for column in columns),
         lower=arm.lower.map(max, -UNLIMITED),
         upper=arm.upper.map(min, UNLIMITED),
-        tracking=zero + UNLIMITED,
-        velocity=zero + UNLIMITED,
+        tracking=never,
+        velocity=never,
         watchdog=UNLIMITED,
-        kp=zero,
-        kd=zero,
+        sensor=never,
+        sensor_ms=0.0,
+        effort=never,
+        effort_ms=0.0,
+        kp=arm.stiffness,
+        kd=arm.damping,
         gravity=1.0,
         coasting=0.9,
-        detectors=dataclasses.replace(watching, thresholds=thresholds),
-        haptics=haptics.HapticParams(tuple(haptics.CueParams(*cue) for cue in cues)),
-        monitor=monitor.MonitorParams(
-            jump_step=limits.jump_step_mm / 1e3,
-            large_jump=limits.large_jump_mm / 1e3,
-            limit=limits.limit_mm / 1e3,
-        ),
+        detectors=dataclasses.replace(detectors.watch_params(setup), thresholds=thresholds),
+        **shared_parameters(config),
     )
     return Prepared(loop, setup, params, columns)
 
@@ -144,8 +158,9 @@ RAMP_S = 0.5
 """Time in which the motion starts."""
 
 
-def _sines(operator: Operator, arm: Any, ticks: int) -> tuple[np.ndarray, ...]:
+def _sines(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
     """Return the set points of each joint, float32 [ticks]."""
+    arm = robot.arm
     rng = np.random.default_rng(operator.seed)
     time_s = np.arange(ticks) / 1e3
     ramp = np.clip(time_s / RAMP_S, 0, 1)
@@ -157,6 +172,63 @@ def _sines(operator: Operator, arm: Any, ticks: int) -> tuple[np.ndarray, ...]:
         middle = np.clip(home, low + way, high - way)
         columns.append((middle + way * ramp * np.sin(2 * np.pi * hz * time_s)).astype(np.float32))
     return tuple(columns)
+
+
+TOLERANCE_M = 1e-5
+"""Largest distance of the tip of the set points from its path."""
+DAMPING_M, STEP_M, TRIES = 0.1, 2e-2, 200
+"""Damping of the inverse kinematics for each metre that is left, longest way of the tip in one of
+its iterations, and the number of iterations.
+"""
+
+
+@functools.lru_cache(maxsize=8)
+def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
+    """Return the set points of each joint that move the tip along its path, float32 [ticks].
+
+    Each tick's joints are found by damped least squares, from those of the tick before. Raises
+    UserError.
+    """
+    from scipy.interpolate import CubicSpline
+
+    arm, rows = robot.arm, np.array(operator.tip)
+    if any(not c.limit for c in arm.mechanism.constraints):
+        raise UserError("operator.tip: joints of the arm are coupled; expected motion 'sines'")
+    try:
+        path = CubicSpline(rows[:, 0], rows[:, 1:], bc_type="clamped")
+    except ValueError as error:
+        raise UserError(f"operator.tip, times and places: {error}") from None
+    path = path(np.clip(np.arange(ticks) / 1e3, *rows[[0, -1], 0]))
+
+    model = mujoco.MjModel.from_xml_path(robot.files[0])
+    data, site = mujoco.MjData(model), model.site(arm.tip).id
+    driven = np.array([kind != "" for kind in arm.kinds])
+    ways, found = np.zeros((3, len(driven))), []
+    # A straight arm cannot begin to move along itself.
+    joints = np.array(arm.home) + 1e-2 * driven
+    for goal in path:
+        for _ in range(TRIES):
+            data.qpos[:] = joints
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, ways, None, site)
+            off = goal - data.site_xpos[site]
+            if (distance := math.hypot(*off)) < 1e-8:
+                break
+            ways *= driven
+            square = ways @ ways.T + DAMPING_M * distance * np.eye(3)
+            turn = ways.T @ np.linalg.solve(square, off * min(1.0, STEP_M / distance))
+            joints = np.clip(joints + turn, arm.lower, arm.upper)
+        found.append(joints)
+    columns = tuple(np.array(found, np.float32).T)
+    tip = mechanism.tip_position(arm.mechanism, Vec(columns))
+    apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T, strict=True)))
+    if apart[tick := apart.argmax()] > TOLERANCE_M:
+        raise UserError(
+            f"operator.tip: the tip cannot reach {path[tick].round(4).tolist()} m at {tick} ms: it"
+            f" stays {apart[tick] * 1e3:.3g} mm away, with each joint in its range"
+        )
+    return columns
 
 
 def series(

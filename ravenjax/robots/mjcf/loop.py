@@ -14,15 +14,14 @@ import copy
 import dataclasses
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import Injector, channel_paths, read_channel
 from ravenjax.mechanics import mechanism
-from ravenjax.numbers import cast_to_real, jnp, setup
+from ravenjax.numbers import cast_to_real, describe_fields, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
-from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
 from ravenjax.stages import check, detectors, haptics, monitor
@@ -47,23 +46,30 @@ UNLIMITED = 1e9
 """Limit of a check that never trips."""
 
 
+@describe_fields
 @record
 class Params:
     """What a campaign may vary."""
 
     start: Vec  # rad or m
-    lower: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "least set point of a joint")]
-    upper: Annotated[Vec, Quantity("rad or m", -1e9, 1e9, "largest set point of a joint")]
-    tracking: Annotated[Vec, Quantity("rad or m", 0, 1e9, "tracking error that stops")]
-    velocity: Annotated[Vec, Quantity("rad/s or m/s", 0, 1e9, "velocity that stops")]
-    watchdog: Annotated[Scalar, Quantity("ms", 0, 1e9, "time without a packet that stops")]
-    kp: Annotated[Vec, Quantity("N m/rad, N/m or 1/s", 0, 1e6, "PD gain of a joint without servo")]
-    kd: Annotated[Vec, Quantity("N m s/rad or N s/m", 0, 1e6, "damping gain of a motor's PD law")]
-    gravity: Annotated[Scalar, Quantity("", 0, 1, "share of gravity that the controller carries")]
-    coasting: Annotated[Scalar, Quantity("", 0, 1, "share of the speed left after 1 ms of braking")]
+    lower: Vec
+    upper: Vec
+    tracking: Vec
+    velocity: Vec
+    watchdog: Scalar
+    sensor: Vec
+    sensor_ms: Scalar
+    effort: Vec
+    effort_ms: Scalar
+    kp: Vec
+    kd: Vec
+    gravity: Scalar
+    coasting: Scalar
     detectors: detectors.WatchParams
     haptics: haptics.HapticParams
     monitor: monitor.MonitorParams
+    # of an action: (whether the controller keeps set points, these); None: without actions
+    held: Any = None
 
 
 @record
@@ -83,6 +89,8 @@ class State:
     jvel: Vec  # rad/s or m/s
     goal: Vec  # newest set points that arrived
     silent: Scalar  # int32 ticks since they arrived
+    differ: Scalar  # int32 ticks in a row in which second sensor and encoder differ
+    strained: Scalar  # int32 ticks in a row with a large force
     command: Vec
     reported: Vec
     model: tuple[Vec, Vec]  # positions and velocities of the nominal model
@@ -98,16 +106,16 @@ class State:
 
 def init(setup: ArmSetup, params: Params) -> State:
     """Return the state at rest at the start of the motion."""
-    jpos = cast_to_real(setup, params.start)
+    jpos, zero = cast_to_real(setup, params.start), jnp.int32(0)
     tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
     return State(
-        *(fault.init(setup), jpos, jpos * 0.0, jpos, jnp.int32(0), jpos, jpos),
+        *(fault.init(setup), jpos, jpos * 0.0, jpos, zero, zero, zero, jpos, jpos),
         *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
         haptics=haptics.init(setup, params.haptics),
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
-        live=jnp.int32(0),
+        live=zero,
     )
 
 
@@ -125,17 +133,25 @@ def advance(
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
     inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+    usual, params = params, inject.strike_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
     (packet,) = inject("packet", (Packet(plan, jnp.bool_(False)),))
     goal = where(packet.lost, state.goal, packet.goal)
     silent = jnp.where(packet.lost, state.silent + 1, 0)
     (reported,) = inject("encoder", (state.jpos,))
+    (second,) = inject("sensor", (state.jpos,))
+    differ = _count(state.differ, second - reported, params.sensor)
     (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
+    if params.held is not None:
+        holds, good = params.held
+        command = where(holds, good, command)
     margins = (
         _least(params.tracking - (command - reported).map(jnp.abs)),
         _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
         params.watchdog - cast_to_real(setup, silent),
+        params.sensor_ms - cast_to_real(setup, differ),
+        params.effort_ms - cast_to_real(setup, state.strained),
         _least((*(goal - params.lower), *(params.upper - goal))),
     )
     *stops, clips = (~(margin >= 0.0) for margin in margins)
@@ -149,7 +165,7 @@ def advance(
     driven, exerted = _drive(inject, arm, torque)
     damped = Vec(
         jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
-        for x, t, y, d in zip(exerted, torque, more, arm.damping, strict=True)
+        for x, t, y, d in zip(exerted, torque, more, _gains(arm, params)[2], strict=True)
     )
     step = mechanism.step if setup.link_dynamics == "unrolled" else mechanism.step_by_mjx
     jpos, jvel = step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
@@ -157,9 +173,9 @@ def advance(
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
 
-    wanted, before = (_clip(x, params.lower, params.upper) for x in (plan, state.plan))
-    ideal = _clip(_control(arm, params, 1.0, *state.model, wanted, before), *arm.force)
-    follows = mechanism.step(arm.mechanism, *state.model, ideal, arm.damping)
+    wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
+    ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
+    follows = mechanism.step(arm.mechanism, *state.model, ideal, _gains(arm, usual)[2])
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
@@ -179,7 +195,8 @@ def advance(
     watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
     histories = zip(state.checks, (*stops, clips), margins, strict=True)
     new = State(
-        *(inject.state, jpos, jvel, goal, silent, command, reported),
+        *(inject.state, jpos, jvel, goal, silent, differ),
+        *(_count(state.strained, exerted, params.effort), command, reported),
         *(follows, plan, (seen, model), stopped),
         checks=tuple(check.update_check(old, now, trips, m) for old, trips, m in histories),
         detectors=detectors.step(setup, params.detectors, state.detectors, watching),
@@ -190,6 +207,7 @@ def advance(
     signals = {
         "packet": (packet,),
         "encoder": (reported,),
+        "sensor": (second,),
         "command": (command,),
         "torque": (driven,),
         "actuator": (exerted,),
@@ -225,13 +243,23 @@ def _control(
             arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
         )
     )
-    force = plus(arm.gain.map(mul, _clip(control, *arm.control)), arm.bias)
-    force = minus(minus(force, arm.stiffness.map(mul, jpos)), arm.damping.map(mul, jvel))
+    strength, stiffness, damping = _gains(arm, params)
+    force = plus(arm.gain.map(mul, strength).map(mul, _clip(control, *arm.control)), arm.bias)
+    force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))
     held = mechanism.gravity_torque(arm.mechanism, jpos)
     return Vec(
         f + mul(gravity, h) if kind else 0.0 * h
         for kind, f, h in zip(arm.kinds, force, held, strict=True)
     )
+
+
+def _gains(arm: Arm, params: Params) -> list[Vec]:
+    """Return the actuators' forces for each unit of control, position and velocity."""
+    rows = (
+        {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
+        for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
+    )
+    return [Vec(column) for column in zip(*rows, strict=True)]
 
 
 def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
@@ -240,6 +268,12 @@ def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
 
 def _least(numbers: tuple[Scalar, ...]) -> Scalar:
     return reduce(jnp.minimum, numbers)
+
+
+def _count(before: Scalar, numbers: Vec, limits: Vec) -> Scalar:
+    """Return the ticks in a row in which a number has been beyond its limit."""
+    within = _least(limits - numbers.map(jnp.abs)) >= 0.0
+    return jnp.where(within, 0, before + 1)
 
 
 def series_length(setup: ArmSetup) -> int:
@@ -269,3 +303,22 @@ def crossing_numbers(setup: ArmSetup, signals: dict[str, Any]) -> list[tuple[Sca
     """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
     paths = [(place.seam.name, place.channel.path[1:]) for place in list_numbers(setup)]
     return [(read_channel(signals[seam][0], path), True) for seam, path in paths]
+
+
+ACTIONS = ("stop", "hold")
+"""Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""
+
+
+def last_command(state: State) -> Vec:
+    """Return the set points of the controller, rad or m."""
+    return state.command
+
+
+def act(
+    params: Params, state: State, now: Scalar, takes: dict[str, Scalar], begins: Scalar, good: Vec
+) -> tuple[Params, State]:
+    """Return parameters and state with the action: the arm stops, or the controller keeps its last
+    good set points.
+    """
+    stopped = state.stopped | takes["stop"]
+    return replace(params, held=(takes["hold"], good)), replace(state, stopped=stopped)

@@ -17,7 +17,7 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.packets import CHOICES, EVERY_CYCLE
 
 FOLDER = "fault_free"
-UNVARIED = ("still",)
+UNVARIED = ("still", "tip")
 """Generated motions that are the same for every seed."""
 _NOT_OF_ROBOT = ("name", "description", "seed", "duration_s", "limit", "chunk")
 """Keys of [campaign] that do not describe the robot."""

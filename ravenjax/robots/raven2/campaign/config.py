@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import PrivateAttr, model_validator
+from pydantic import model_validator
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError, suggest_name
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.errors import UserError
 from ravenjax.parts import part
-from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -31,7 +27,6 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -40,8 +35,6 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
-from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.sites import PARAMETER, Channel, Field
 
 HEALTHY_MM = 0.1
 """A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
@@ -66,7 +59,7 @@ class RavenConfig(CampaignConfig):
     """stages of the control software that are files of your own"""
     hand: Hand | None = None
     """a hand that the cue moves; without it the cue is a signal"""
-    _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
+    changeable: ClassVar[str] = r"(control|plc|plant(?!.*\.kinematic_errors))\."
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
@@ -100,24 +93,6 @@ class RavenConfig(CampaignConfig):
             yield f"control.own.{stage}", source
         if (hands := self.operator.own) is not None:
             yield "operator.own.hands", hands
-
-    @property
-    def robot(self) -> Robot:
-        """The campaign's robot, whose site `parameter` has the parameters that faults name."""
-        if self._aims[0] is not self.group:  # the groups of a copy may be others
-            names = dict.fromkeys(name for _, _, name in self._struck_parameters())
-            channels = (parameter_channel(self.campaign.arms, name)[0] for name in names)
-            self._aims = (self.group, tuple(channels))
-        return super().robot.with_channels(PARAMETER, self._aims[1])
-
-    def _struck_parameters(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (group, slot, parameter) of each fault at site `parameter`."""
-        for g, group in enumerate(self.group):
-            if any(fault.site == PARAMETER for fault in group.fault):
-                for run in group.run or (Run(),):
-                    for f, fault in enumerate(group.faults_of(run)):
-                        if fault.site == PARAMETER and fault.channel:
-                            yield from ((g, f, name) for name in fault.channel.listed)
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -306,9 +281,7 @@ class RavenConfig(CampaignConfig):
 
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each mistake in the robot's own sections."""
-        for g, f, name in dict.fromkeys(self._struck_parameters()):
-            if why := parameter_channel(self.campaign.arms, name)[1] or self.unread(name):
-                yield ("group", g, "fault", f, "channel"), why
+        yield from super().complaints()
         hands = self.operator.hands
         if hands is not None and self.reaction is not None:
             yield (
@@ -434,37 +407,6 @@ class RavenConfig(CampaignConfig):
         stages = () if self.controller is None else self.controller.parts()
         digests = {stage: part.hash_source(source) for stage, source in stages}
         return content | sections | hand | ({"controller": digests} if digests else {})
-
-
-CHANGEABLE = ("control.", "plc.", "plant.")
-"""Parts of the parameters that the robot reads in every tick, so that a fault can change them."""
-
-
-UNKNOWN = Quantity("1", -math.inf, math.inf, "")
-
-
-@functools.cache
-def parameter_channel(arms: tuple[ArmName, ...], name: str) -> tuple[Channel, str]:
-    """Return the channel of a parameter for faults, and why none can act on it; "" if one can."""
-    from ravenjax.campaign.file import bounds  # imported late, because these need the tick
-    from ravenjax.numbers.paths import path_leaves
-    from ravenjax.robots.raven2.loop import run
-    from ravenjax.robots.raven2.setup import RavenSetup
-
-    setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
-    params = run.params(setup, (tuple(HOME_JPOS),) * len(arms))
-    known = [path for path, _ in path_leaves(params, setup)]
-    rows = bounds.allowed_values(ROBOT, name)
-    why = ""
-    if name not in known:
-        why = f"got {name!r}, expected the path of one number, with arm and joint"
-        why += suggest_name(name, [path for path in known if path.startswith(CHANGEABLE)])
-    elif not name.startswith(CHANGEABLE) or ".kinematic_errors." in name or not rows:
-        why = f"{name} cannot change during a run: expected a parameter that begins with one of"
-        why += f" {', '.join(CHANGEABLE)}, and no kinematic error; vary it in [parameters]"
-    row = rows[0] if rows else UNKNOWN
-    limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
-    return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), why
 
 
 # --- packets that network faults send again ---

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.campaign.prepared import Prepared
+from ravenjax.campaign.prepared import Prepared, shared_choices, shared_parameters
 from ravenjax.engines.interface import TickProgram
 from ravenjax.hazards import ranges
 from ravenjax.numbers import paths, replace
@@ -16,11 +16,11 @@ from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.robots.raven2.declaration import CHECKS
-from ravenjax.robots.raven2.loop import acted, run, user_files, watched
+from ravenjax.robots.raven2.loop import run, user_files, watched
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.stages import explained, haptics
+from ravenjax.stages import acted, explained
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 from ravenjax.vocabulary.seams import Crossing
@@ -41,7 +41,7 @@ DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that makes the tick keep past commands, and the longest delay that it keeps, ms."""
 
 
-SAME = ("arms", "software", "build", "console", "substeps", "contact", "noise")
+SAME = ("software", "build", "console", "substeps", "contact", "noise")
 """Keys of [campaign] that are fields of `RavenSetup`."""
 SCALE = "operator.scale"
 """Parameter that scales a tip's motion relative to the hands' motion."""
@@ -61,20 +61,16 @@ def prepare_campaign(
     motion = hands.operator_motion(config) if replay is None else replay.motion
     setup = RavenSetup(
         **{name: getattr(config.campaign, name) for name in SAME},
+        **shared_choices(config, injection, precision),
         tools=config.tools,
         dac_words=config.campaign.dac_words or "wrap",
-        precision=precision,
-        injection=injection,
-        cues=len(config.haptics.cues()),
         cables=config.campaign.cables if config.watches_cables else "unwatched",
         controller=() if config.controller is None else tuple(config.controller.parts()),
         hands=config.operator.own,
         packets=_distributions(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
-        detectors=tuple(use for _, use, _ in config.detectors),
         checks=tuple(check.use for check in config.check),
-        harms=tuple(one.use for one in config.harm),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
     )
@@ -105,8 +101,7 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
     params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
     level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
     control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
-    cues = tuple(haptics.CueParams(*cue) for cue in config.haptics.cues())
-    params = replace(params, control=control, haptics=haptics.HapticParams(cues))
+    params = replace(params, control=control, **shared_parameters(config))
     if params.detectors is not None:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
@@ -125,9 +120,6 @@ def _written(config: RavenConfig) -> dict[str, Any]:
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),
-        "monitor.limit": config.outcomes.limit_mm / 1e3,
-        "monitor.jump_step": config.outcomes.jump_step_mm / 1e3,
-        "monitor.large_jump": config.outcomes.large_jump_mm / 1e3,
     }
     if config.campaign.kinematic_errors == "measured":
         values["plant.kinematic_errors.registered"] = np.int32(1)
@@ -164,14 +156,12 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     A user's file in place of the operator does not lift the foot.
     """
     setup, params = program.setup, program.params
-    injection = dataclasses.replace(setup.injection, slots=setup.injection.slots + 1)
-    delay = max(1, setup.command_delay)
-    setup = dataclasses.replace(setup, injection=injection, reacts=True, command_delay=delay)
+    setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
     params = replace(params, reaction=params.reaction or reaction.ReactionParams())
-    numbers = {name: number for number, name in enumerate(acted.ACTIONS, start=1)}
+    program, numbers = acted.add_action(replace(program, setup=setup, params=params))
     if setup.hands is not None:
         del numbers["pedal"]
-    return dataclasses.replace(program, module=acted.__name__, setup=setup, params=params), numbers
+    return program, numbers
 
 
 def explain_program(program: TickProgram) -> TickProgram:

@@ -9,7 +9,7 @@ from operator import ne, or_
 from typing import Any
 
 from ravenjax.faults import fault, injection
-from ravenjax.numbers import Scalar, Vec, jnp, narrow_numbers, paths, where, widen_numbers
+from ravenjax.numbers import Scalar, narrow_numbers, where, widen_numbers
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -41,22 +41,7 @@ class RavenInjector(injection.Injector):
                 turned = narrow_numbers(self.setup, matrix_from_quat(struck))
                 rotations.append(where(changed, turned, rotation))
             return tuple(rotations)
-        if site == PARAMETER and self.strikes(site):
-            return self._strike_parameters(signal)
         return super().__call__(site, signal, present)
-
-    def _strike_parameters(self, params: Any) -> Any:
-        """Return the parameters of the tick after faults: each channel is the path of a number."""
-        keys = [key for key in injection.channel_keys(self.setup) if key[0] == PARAMETER]
-        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
-        numbers = Vec(map(jnp.asarray, given))
-        for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
-            # The kind of a parameter's number is known only here.
-            kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
-            self.paths = {**self.paths, key: ((i,), kind)}
-        for key, number in zip(keys, super().__call__(PARAMETER, numbers), strict=True):
-            params = paths.assign_numbers(params, self.setup, key[2], number)
-        return params
 
 
 def seeds_network(setup: RavenSetup, what: str) -> bool:

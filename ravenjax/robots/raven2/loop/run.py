@@ -9,7 +9,17 @@ from typing import Any
 from ravenjax.bundled import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults, read_channel
-from ravenjax.numbers import Scalar, Vec, at_once, cast_to_real, for_each_arm, jnp, widen_numbers
+from ravenjax.numbers import (
+    Scalar,
+    Vec,
+    at_once,
+    cast_to_real,
+    for_each_arm,
+    jnp,
+    replace,
+    where,
+    widen_numbers,
+)
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.declaration import SEAMS
@@ -32,6 +42,7 @@ from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
 from ravenjax.vocabulary.checks import OWN
+from ravenjax.vocabulary.reactions import RELEASE
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 from ravenjax.vocabulary.sites import ARM
 
@@ -194,3 +205,54 @@ def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scal
         of_packet = place.seam.name in ("packet_header", "packet")
         numbers.append((number, packet.received != 0 if of_packet else True))
     return numbers
+
+
+ACTIONS = ("pedal", "estop", "stop", "hold")
+"""Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""
+
+
+def last_command(state: TickState) -> PerArm[Vec]:
+    """Return the command on the boards, int32 counts."""
+    return state.boards.current_cmd
+
+
+def act(
+    params: TickParams,
+    state: TickState,
+    now: Scalar,
+    takes: dict[str, Scalar],
+    begins: Scalar,
+    good: PerArm[Vec],
+) -> tuple[TickParams, TickState]:
+    """Return parameters and state with the action.
+
+    - `pedal`: the operator lifts the foot, as `console.reaction` does at a cue. It stays up.
+    - `estop`: the PLC goes to E-stop and cannot be started again, as while the button is pressed.
+    - `stop`: the overdrive check trips in this tick, whatever the command is.
+    - `hold`: while the PLC is in pedal-down, the motors get the last good command.
+    """
+    assumed = params.reaction
+    assert assumed is not None
+    lifts, holds = takes["pedal"], takes["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
+    reacting = state.stages["reaction"]
+    felt = jnp.where(lifts & (reacting.felt < 0), now, reacting.felt)
+    latest, *older = state.commands
+    state = replace(
+        state,
+        commands=(where(holds, good, latest), *older),
+        stages={**state.stages, "reaction": replace(reacting, felt=felt)},
+    )
+    drive, watchdog = params.control.overdrive, params.plc.watchdog_ticks
+    limit = jnp.where(takes["stop"] & begins, -1, drive.max_inst_dac)
+    params = replace(
+        params,
+        reaction=replace(
+            assumed,
+            action=jnp.where(lifts, RELEASE, assumed.action),
+            delay_ms=jnp.where(lifts, 0.0, assumed.delay_ms),
+        ),
+        control=replace(params.control, overdrive=replace(drive, max_inst_dac=limit)),
+        plc=replace(params.plc, watchdog_ticks=jnp.where(takes["estop"], -1, watchdog)),
+        usb=replace(params.usb, command_delay=jnp.where(holds, 1, params.usb.command_delay)),
+    )
+    return params, state

@@ -35,7 +35,6 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import channel, detectors
-from ravenjax.vocabulary.sites import PARAMETER
 
 
 @record
@@ -67,7 +66,7 @@ def advance_tick(
     inject = RavenInjector(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
-    params = inject(PARAMETER, params)
+    params = inject.strike_parameters(params)
     files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
