@@ -32,8 +32,10 @@ from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, Windows, describe_place, window
 from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
-from ravenjax.train.robot import tip_pose
+from ravenjax.train.robot import ARMS, tip_pose
 
+# Reads the model of the operating field, which takes 0.2 s, while the session prepares its robot.
+describe_place(ARMS)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
