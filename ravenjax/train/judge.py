@@ -156,7 +156,7 @@ class Episode:
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ) -> None:
         self.hazard, self.harm = hazard, harm
-        self.tell = functools.partial(record, number=hazard.number)
+        self.record = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
         self.struck_ms: int | None = None
@@ -200,7 +200,7 @@ class Episode:
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if at is None else at, by
             self._originate(self.knowable_ms)
-            self.tell(tick, "knowable", by=by, ms=self.knowable_ms)
+            self.record(tick, "knowable", by=by, ms=self.knowable_ms)
 
     def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
@@ -224,7 +224,7 @@ class Episode:
         self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.tell(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
+            self.record(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long a held pedal moved neither robot. Report a new loss of motion."""
@@ -233,7 +233,7 @@ class Episode:
         stopped = self.check_response == "stopped"
         self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
-            self.tell(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, tick: int, what: str, at: int | None = None) -> None:
         """Record a response, if it is the first of its kind after the origin.
@@ -250,7 +250,7 @@ class Episode:
         counts = not was_answered or self.answer()[0] == what
         if counts and (what != "slow" or what in self.hazard.right_response):
             ms, is_right = self.reaction_ms(what), self.is_right(what)
-            self.tell(tick, "response", what=what, ok=is_right, ms=ms)
+            self.record(tick, "response", what=what, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
         """Whether the outcome is final: after harm, a right response, or the time allowed."""
@@ -265,7 +265,7 @@ class Episode:
         """Record that something other than the operator ended the active, undecided hazard."""
         if self.struck and not self.interrupted and not self.is_decided(tick):
             self.interrupted = True
-            self.tell(tick, "interrupted", by=by)
+            self.record(tick, "interrupted", by=by)
 
     def is_right(self, what: str) -> bool:
         """Whether this response, which the operator gave, is right and in time."""
@@ -420,14 +420,14 @@ class Trip(NamedTuple):
 
 
 class Trips:
-    """Counts the trips of each check. Call `look` every few milliseconds."""
+    """Counts the trips of each check. Call `new_trips` every few milliseconds."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
         self._earlier: Counter[str] = Counter()  # trips before the robot's last restart
         self._last: dict[str, int] = {}  # tick of each check's last trip
 
-    def look(
+    def new_trips(
         self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
     ) -> list[Trip]:
         """Return each check that tripped since the last reading, the earliest first.
@@ -523,7 +523,7 @@ class Judge:
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
-        self._tell = record
+        self._record = record
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
@@ -552,10 +552,10 @@ class Judge:
         """Begin to judge a hazard, which is armed before this tick."""
         self.disarmed(tick)
         hazard, harm = self.hazards[number], self.scenario.harm
-        self._episode = Episode(hazard, harm, tick, self.cue_on, self._tell)
+        self._episode = Episode(hazard, harm, tick, self.cue_on, self._record)
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
-        self._episode.tell(tick, "hazard_armed", row=known)
+        self._episode.record(tick, "hazard_armed", row=known)
 
     def disarmed(self, tick: int) -> None:
         """End the judgement of the armed hazard, if there is one."""
@@ -565,9 +565,9 @@ class Judge:
         self._over.append(episode)
         row = episode.row()
         over = {name: row.get(name) for name in _NAMES["known_when_over"]}
-        episode.tell(tick, "hazard_over", **over)
+        episode.record(tick, "hazard_over", **over)
         known = {name: value for name, value in row.items() if value is not None}
-        self._tell(tick, "hazard_row", row=known)
+        self._record(tick, "hazard_row", row=known)
 
     def restarted(self, tick: int) -> None:
         """Forget the state of the robot, which was homed again without any fault."""
@@ -580,7 +580,7 @@ class Judge:
 
     def close(self, tick: int, reason: str = "end") -> None:
         for name, count in self._alarms.items():
-            self._tell(tick, "alarm_count", check=name, count=count)
+            self._record(tick, "alarm_count", check=name, count=count)
         self.interrupted(tick, reason)
         self.disarmed(tick)
 
@@ -597,12 +597,12 @@ class Judge:
         """
         self._walked = True
 
-    def excuse_rest(self, tick: int) -> None:
+    def begin_trial(self, tick: int) -> None:
         """Count the start of a trial as a lifted pedal, not as a robot that halted on its own."""
         self._respond(tick, "release")
         self._was_down = False
 
-    def stood_by(self) -> None:
+    def forget_trips(self) -> None:
         """Forget the trips of the checks: the waiting robot was restarted without a hazard."""
         self._trips.reset()
 
@@ -620,7 +620,7 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
+        """Judge one tick. outcomes, golden: see `read_checks`; outcomes None: not read now."""
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
@@ -640,17 +640,17 @@ class Judge:
             for arm in self._arms:
                 # The depth at which the tip touches the tissue without the hazard.
                 arm.depth_at_strike = max(row[arm.depth], 0.0)
-            episode.tell(tick, "hazard_struck")
+            episode.record(tick, "hazard_struck")
         self._halted = (int(halted[0]), int(halted[1]))
         self._golden_cue = self._golden_cue or golden_cue != 0.0
         if outcomes is not None:
-            self.look(outcomes, golden)
+            self.read_checks(outcomes, golden)
         if self.cue_on and alive:
-            self._feel(tick, row)
+            self._record_cue(tick, row)
         if episode is not None and episode.struck:
             if not alive and not self._walked:
                 self.interrupted(tick, "console")
-            self._watch(tick, row, pedal, alive, episode)
+            self._judge_tick(tick, row, pedal, alive, episode)
         self._pedal = pedal != 0.0
         self._walked = self._walked and not self._pedal
 
@@ -665,7 +665,7 @@ class Judge:
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def look(self, outcomes: Json, golden: Json | None = None) -> None:
+    def read_checks(self, outcomes: Json, golden: Json | None = None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
@@ -673,7 +673,7 @@ class Judge:
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
-        for trip in self._trips.look(tick, robot_tick, outcomes, golden):
+        for trip in self._trips.new_trips(tick, robot_tick, outcomes, golden):
             check, ms, is_first = trip.check, trip.ms, False
             if episode is not None and trip.beyond_golden:
                 ms = max(ms, episode.struck_ms or 0)
@@ -686,13 +686,13 @@ class Judge:
                 self._counted_at[check.name] = tick
                 self._alarms.pop(check.name, None)
                 kind = "alarm" if is_new else "alarm_count"
-                self._tell(tick, kind, check=check.name, count=trip.count)
+                self._record(tick, kind, check=check.name, count=trip.count)
             if episode is not None and is_first:
-                episode.tell(tick, check.response, check=check.name, ms=ms)
+                episode.record(tick, check.response, check=check.name, ms=ms)
                 if is_told:
                     episode.record_knowable(tick, check.name, ms)
 
-    def _feel(self, tick: int, row: list[float]) -> None:
+    def _record_cue(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()
         for arm in self._arms:
             if not any(row[arm.force]):
@@ -701,10 +701,10 @@ class Judge:
                 if episode is not None and episode.cue_ms is None and not self._golden_cue:
                     episode.record_cue(tick)
                 number = -1 if episode is None or episode.cue_ms is None else episode.hazard.number
-                self._tell(tick, "cue", number=number, arm=arm.name)
+                self._record(tick, "cue", number=number, arm=arm.name)
             arm.last_force = tick
 
-    def _watch(
+    def _judge_tick(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
         # Measures the effect of the hazard in this tick, and detects responses of the operator.

@@ -26,10 +26,10 @@ AFTER_END_MS = 200
 
 
 class Console(Protocol):
-    """A console: `poll` returns its new commands, `tell` sends the robot's frame to it."""
+    """A console: `poll` returns its new commands, `send_frame` sends the robot's frame to it."""
 
     def poll(self) -> list[Command]: ...
-    def tell(self, frame: Frame) -> None: ...
+    def send_frame(self, frame: Frame) -> None: ...
 
 
 class TickedSession(Protocol):
@@ -68,7 +68,7 @@ class PageCommands:
                 commands.append({**command, "console": "page"})
         return commands
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         """Do nothing, because the page reads frames from a ring."""
 
 
@@ -102,7 +102,7 @@ def run_loop(
             if rings:
                 rings[0].put(row)
             for console in consoles:
-                console.tell(frame)
+                console.send_frame(frame)
             paced.done()
             notes = session.conclude()
             if rehearsal:

@@ -403,7 +403,7 @@ class ItpConsole:
         [(cause, count)] = more.most_common(1) or [("", 0)]
         return packets_message(cause) if count >= SOME_PACKETS else self._why
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         drives = self._session.arbiter.owner == "itp"
         forces = {}
         if drives and frame.number("console_alive"):

@@ -81,11 +81,13 @@ class PacketSession:
             match command["type"]:
                 case "increments":
                     # `append` returns None, so this returns True: no message is refused.
-                    self.arbiter.hear(command, lambda hand: hands.append(hand) is None, self.ticks)
+                    self.arbiter.receive(
+                        command, lambda hand: hands.append(hand) is None, self.ticks
+                    )
                 case "unheard" if command.get("once"):
                     self.pedals.report(console, command["why"])
                 case "unheard":
-                    self.arbiter.unheard(console, command["why"])
+                    self.arbiter.set_refusal(console, command["why"])
                 case _:
                     self._obey(command)
         driver = self.arbiter.owner
@@ -103,7 +105,7 @@ class PacketSession:
 
     def conclude(self) -> list[Event]:
         """Compute the second half: trips of the checks, and why pedals do not count."""
-        self.pedals.look({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
+        self.pedals.update({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
         frame, trips = self.frame, self.frame.number("trips")
         if trips != self._trips and self.ticks - self._looked >= CHECKS_EVERY:
             self._trips, self._looked = trips, self.ticks
@@ -158,7 +160,7 @@ class JointConsole:
             self._server.answer((listener, content), error)
         return commands
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         session = self._session
         if session.taken == "itp":
             self._last_seq = self._itp.last_sequence

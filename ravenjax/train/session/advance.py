@@ -252,7 +252,7 @@ class Session:
                 self.robot.arm(number)
                 self.judge.armed(number, self.ticks)
             else:
-                self._look()
+                self._read_checks()
                 self.robot.disarm()
                 self.judge.disarmed(self.ticks)
         if goes_on:
@@ -284,7 +284,7 @@ class Session:
         self._told |= state
         if self._moved:
             self._update()
-        for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
+        for event in self.pedals.update({console: self._why_not(console) for console in NETWORK}):
             self._tell("refused", **event)
         if self._moved:
             self.ticks += 1
@@ -295,7 +295,7 @@ class Session:
         if self.over:
             return ""
         why = self.arbiter.why_not(console, self.ticks)
-        if not self.arbiter.holds(console):
+        if not self.arbiter.is_pedal_down(console):
             return why
         if self.phase in (PAUSED, STOPPED, LOST):
             return REASONS[PHASES[self.phase]]
@@ -306,21 +306,21 @@ class Session:
     def _command(self, command: Command) -> None:
         kind = command.get("type")
         if kind in ("input", "increments"):
-            self.arbiter.hear(
-                command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
+            self.arbiter.receive(
+                command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
             )
             console = console_of(command)
             is_owner = console in NETWORK and console == self.arbiter.owner
-            if is_owner and self._presses.hear(command["pedal"], self.ticks):
+            if is_owner and self._presses.update(command["pedal"], self.ticks):
                 self._operator({"do": _OF_TWO_PRESSES[self.view]})
         elif kind == "unheard":
             console, why = console_of(command), str(command.get("why", ""))[:200]
             if command.get("once"):
                 self._tell("refused", **self.pedals.report(console, why))
             else:
-                self.arbiter.unheard(console, why)
+                self.arbiter.set_refusal(console, why)
         elif kind == "seat":
-            if self.arbiter.obey(command, self.ticks):
+            if self.arbiter.change_seat(command, self.ticks):
                 self._release_pedal("handover", own=command.get("by") != "instructor")
         elif kind == "operator":
             self._operator(command)
@@ -347,7 +347,7 @@ class Session:
             self.view = REPLAY if last > first else REAL
         elif do == "discard" and self.view != REAL:
             # The hand continues at the pose of the driven robot, which has not moved.
-            self._hands.place(self.robot.motion[:, self.robot.now - 1])
+            self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
             self.view = REAL
         elif do == "note":
             self._tell("note", text=str(command.get("text", ""))[:500])
@@ -382,7 +382,7 @@ class Session:
         own: the operator caused this by handing the console over or by leaving.
         """
         self.arbiter.rearm(why, self.ticks)
-        self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
+        self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if own:
             self.judge.walked_away()
         else:
@@ -407,7 +407,7 @@ class Session:
             row[:] = self.virtual.motion[:, first]
             self._tried = first + 1, last
             if first + 1 >= last:
-                self._hands.place(row)
+                self._hands.move_to(row)
                 self.view = REAL
         elif self.view == REPLAY:  # the robot waits, because the pedal is up
             row[:] = motion[:, max(now - 1, 0)]
@@ -426,9 +426,9 @@ class Session:
         self._tried = (now, now)
         self._trial_checks = Trips()
         # Do not report trips before the trial.
-        self._trial_checks.look(self.ticks, now, self.virtual.outcomes())
+        self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes())
         self._trial_trips = float(self.virtual.row[self._trips])
-        self.judge.excuse_rest(self.ticks)
+        self.judge.begin_trial(self.ticks)
         self.view = VIRTUAL
 
     def _record_trial(self) -> None:
@@ -437,7 +437,7 @@ class Session:
         if trips == self._trial_trips or self.ticks % OUTCOMES_EVERY:
             return
         self._trial_trips, now = trips, self.virtual.now
-        for trip in self._trial_checks.look(self.ticks, now, self.virtual.outcomes()):
+        for trip in self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes()):
             if trip.check.response in verdict.TOLD and trip.announced:
                 self._tell("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
@@ -449,12 +449,12 @@ class Session:
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
                 return False
-            self.judge.stood_by()
+            self.judge.forget_trips()
         self.robot.stand_by()
         return True
 
     def _restart(self, why: str) -> None:
-        self._look()
+        self._read_checks()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
@@ -518,14 +518,14 @@ class Session:
         self._seen_trips, self._looked = trips, self.ticks
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
-    def _look(self) -> None:
+    def _read_checks(self) -> None:
         """Let the judge read the trips before the robot or the golden run restarts."""
         if checked := self._checked():
-            self.judge.look(*checked)
+            self.judge.read_checks(*checked)
 
     def _end(self, reason: str) -> None:
         if self.phase != OVER:
-            self._look()
+            self._read_checks()
             self.judge.close(self.ticks, reason)
             self.phase, self.ended = OVER, reason
             self._tell("end", reason=reason)

@@ -49,7 +49,7 @@ class PedalReasons:
         # The latest reason of each console, and for how many ms it has lasted.
         self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
 
-    def look(self, why: Mapping[str, str]) -> list[Event]:
+    def update(self, why: Mapping[str, str]) -> list[Event]:
         """Return an event for each console whose reason changed.
 
         why: the present reasons, "" for none. Call it once a millisecond, also in a pause.
@@ -81,7 +81,7 @@ class DoublePress:
         self._down = False
         self._changes: deque[int] = deque(maxlen=4)
 
-    def hear(self, down: bool, tick: int) -> bool:
+    def update(self, down: bool, tick: int) -> bool:
         """Return whether the pedal of this message ends the second of two short presses."""
         if down == self._down:
             return False
@@ -114,7 +114,7 @@ class ConsoleArbiter:
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
 
-    def hear(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
+    def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
         """Process a message in which a console reports its hands and its pedal.
 
         take: called with the message if its console drives; the pedal in it is up if it does not
@@ -141,11 +141,11 @@ class ConsoleArbiter:
         if not pedal:
             self._armed.add(console)
 
-    def unheard(self, console: str, why: str) -> None:
+    def set_refusal(self, console: str, why: str) -> None:
         """Store why a console's messages are refused; "": they are accepted again."""
         self._unheard[console] = why
 
-    def holds(self, console: str) -> bool:
+    def is_pedal_down(self, console: str) -> bool:
         """Whether a console's pedal is down, even if it does not count."""
         return self._foot.get(console, False)
 
@@ -165,7 +165,7 @@ class ConsoleArbiter:
         cause = _WORDS["since"].get(self._since.get(console))
         return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
 
-    def obey(self, command: Command, tick: int) -> bool:
+    def change_seat(self, command: Command, tick: int) -> bool:
         """Carry out a command of type "seat". Return whether another console has the seat now."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
         target, refusal = command.get("to") if do == "give" else console if do == "take" else "", ""

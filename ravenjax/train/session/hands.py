@@ -54,7 +54,7 @@ class Hands:
         self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
         self.alive = False  # whether the last input is not stale
 
-    def take(self, message: Command, tick: int) -> bool:
+    def apply(self, message: Command, tick: int) -> bool:
         """Apply a valid message "input" or "increments". Return False if it leads out of range."""
         tables = message["arms"]
         if message["type"] == "increments":
@@ -85,12 +85,12 @@ class Hands:
         self.columns[:] = values
         return self
 
-    def place(self, columns: np.ndarray) -> None:
+    def move_to(self, columns: np.ndarray) -> None:
         """Put the hands, at rest, where a row of motion has them. The next row then equals it."""
         width = len(ARM_COLUMNS)
         for i, hand in enumerate(self._hands.values()):
             hand.stop()
-            hand.place(columns[i * width : (i + 1) * width].tolist(), self._scale)
+            hand.move_to(columns[i * width : (i + 1) * width].tolist(), self._scale)
 
 
 class _Hand:
@@ -171,7 +171,7 @@ class _Hand:
         values += [_beyond(position) * per_um for position in self._x]
         values += (*self._quat, _beyond(self._grasped))
 
-    def place(self, values: list[float], scale: float) -> None:
+    def move_to(self, values: list[float], scale: float) -> None:
         """Set the position from the arm's columns in a row of motion."""
         self._x = [_within(x * scale) for x in values[0:3]]
         self._quat = unit_quaternion(tuple(values[3:7]))  # type: ignore[arg-type]

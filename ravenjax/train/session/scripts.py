@@ -157,7 +157,7 @@ class Scripted:
             commands.append({"type": "instructor", "do": "start"})
         return commands
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         """Do nothing, because `poll` reads the session's frame."""
 
 

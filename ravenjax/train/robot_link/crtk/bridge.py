@@ -87,7 +87,7 @@ class CrtkConsole:
         self.taken = first + len(rows)
         return list(read_json(rows))
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         self._row[0] = frame.row, time.time_ns(), time.monotonic_ns(), self.taken
         self.rows.put(self._row.view(np.uint8))
 
@@ -114,7 +114,7 @@ def spawn_bridge(
     rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
-    helper.tell((rings, ros, arms, setup.tools, gain, contact))
+    helper.send((rings, ros, arms, setup.tools, gain, contact))
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
@@ -189,7 +189,7 @@ def run_bridge(robot: Connection) -> None:
                 connected, was_down = transport.connected(), interpreter.state.pedal
                 interpreter.observe(row, connected, now_ms)
                 for name, message in heard:
-                    interpreter.hear(name, message, now_ms)
+                    interpreter.receive(name, message, now_ms)
                 if connected or heard or was_down or interpreter.state.pedal:
                     for command in interpreter.commands(now_ms):
                         interpreter.note_sent(rings.send(command))
