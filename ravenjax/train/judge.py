@@ -196,7 +196,7 @@ class Episode:
         return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
     def record_knowable(self, tick: int, by: str, at: int | None = None) -> None:
-        """Record that a person can notice the hazard from `at` or this tick on, unless earlier."""
+        """Record the first sign of the hazard, at `at` or this tick, if there was none before."""
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if at is None else at, by
             self._originate(self.knowable_ms)
@@ -726,6 +726,7 @@ class Judge:
             self._respond(tick, "slow", self._slowdown.slowed)
 
     def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
+        # Updates the largest distances, error and depth of one arm during the hazard.
         if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
             episode.record_knowable(tick, "tip")
         peaks = episode.peak_mm

@@ -66,8 +66,7 @@ class SessionOptions(ConsoleOptions):
     instructor_token: str | None = None
     # A simulated operator that drives: a reaction of `scripts`, or a file of commands.
     script: str | None = None
-    # A robot in another process, HOST[:ITP_PORT[:JOINT_PORT]]. ros1 or ros2 may replace
-    # JOINT_PORT. None: a simulated robot in this process.
+    # Address of a robot in another process: see `parse_address`. None: a simulated robot.
     robot: str | None = None
 
 

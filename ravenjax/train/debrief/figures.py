@@ -123,6 +123,7 @@ def _charts(
     limits: Mapping[str, float],
     blinded: bool,
 ) -> list[Chart]:
+    # Returns charts of distances, depth, force and run level over `time`, with lines at moments.
     distances = [
         _curve(time=time, values=course.greatest(channel, arms), **look)
         for channel, look in _LOOKS["distances"].items()

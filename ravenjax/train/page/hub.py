@@ -256,7 +256,7 @@ class Hub:
             role: Visibility(self._layout, role, blinded)
             for role in ("operator", "watcher", "instructor")
         }
-        self._clients: list[Client] = []
+        self.clients: list[Client] = []
         # An event loop holds its tasks weakly, so this set keeps closing connections alive.
         self._closing: set[asyncio.Task[None]] = set()
         self._events: list[Event] = []
@@ -277,35 +277,31 @@ class Hub:
             role = "watcher" if asks or not self._seat_is_free() else "operator"
         client = Client(connection, role, window, instructs)
         self._greet(client)
-        self._clients.append(client)
+        self.clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._visibility[client.role]))
         try:
             async for message in connection:
-                self._take(client, message)
+                self._receive(client, message)
         except ConnectionClosed:
-            # The window has closed. `_part` releases its pedal.
+            # The window has closed. `_remove` releases its pedal.
             pass
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
-            self._part(client)
+            self._remove(client)
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
         """Queue a new frame (float32) and its extras for every window; see `Visibility.frame`."""
-        for client in self._clients:
+        for client in self.clients:
             client.show(row, extras)
 
     def announce(self, events: list[Event]) -> None:
         """Queue new events of the session for the windows that may see them."""
         self._events = [*self._events, *events][-KEPT_EVENTS:]
-        for client in self._clients:
+        for client in self.clients:
             for event in self._visible(client, events):
                 client.send_soon({"type": "event", **event})
-
-    @property
-    def open(self) -> int:
-        return len(self._clients)
 
     def _visible(self, client: Client, events: list[Event]) -> list[Event]:
         """Return the events that a window may see, without their rows of hazards.csv: these tell
@@ -314,10 +310,11 @@ class Hub:
         shown = filter(self._visibility[client.role].shows_event, events)
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
-    def _part(self, client: Client) -> None:
-        if client not in self._clients:
+    def _remove(self, client: Client) -> None:
+        # Removes a window. If it was the operator's, its pedal goes up and its seat is free.
+        if client not in self.clients:
             return
-        self._clients.remove(client)
+        self.clients.remove(client)
         drove = client.role == "operator"
         # Messages that it sent before may still arrive.
         client.role = "watcher"
@@ -329,8 +326,8 @@ class Hub:
         """Drop the earlier connection of a window that connects again. It may have failed
         unnoticed.
         """
-        for client in [known for known in self._clients if window and known.window == window]:
-            self._part(client)
+        for client in [known for known in self.clients if window and known.window == window]:
+            self._remove(client)
             closing = asyncio.create_task(
                 client.connection.close(reason="the window is on another connection")
             )
@@ -338,7 +335,7 @@ class Hub:
             closing.add_done_callback(self._closing.discard)
 
     def _has(self, role: str) -> bool:
-        return any(client.role == role for client in self._clients)
+        return any(client.role == role for client in self.clients)
 
     def _seat_is_free(self) -> bool:
         return not (self._scripted or self._has("operator"))
@@ -369,10 +366,11 @@ class Hub:
         )
 
     def _announce_seat(self) -> None:
-        for client in (client for client in self._clients if client.role == "watcher"):
+        for client in (client for client in self.clients if client.role == "watcher"):
             client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
-    def _take(self, client: Client, message: str | bytes) -> None:
+    def _receive(self, client: Client, message: str | bytes) -> None:
+        # Checks a window's message, and carries it out or forwards it to the session.
         if not client.admits():
             return
         try:
@@ -381,13 +379,14 @@ class Hub:
             client.send_soon({"type": "refused", "why": str(reason)})
             return
         if command["type"] == "page":
-            self._obey(client, command)
+            self._change_role(client, command)
         elif client.role != "operator" and command["type"] in _SIGNED:
             self._forward({**command, "by": client.role})
         else:
             self._forward(command)
 
-    def _obey(self, client: Client, command: Command) -> None:
+    def _change_role(self, client: Client, command: Command) -> None:
+        # Gives a window the role that it requests, or passes other requests to the page.
         do = command["do"]
         if do == "instruct" and client.instructs:
             client.role = "instructor"

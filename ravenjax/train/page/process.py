@@ -237,6 +237,7 @@ class PageServer:
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
+        # Returns the list of earlier sessions, or the debrief of one of them.
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         # These take a while to import.
@@ -337,6 +338,7 @@ class Page:
         self._scene = Scene(self._server.viser, options.arms, header.get("task"), blinded)
 
     def work(self) -> None:
+        # Sends frames and events to the windows, and draws the scene, until the session ends.
         last_frame = time.monotonic()
         while not parent_has_ended():
             now = time.monotonic()
@@ -368,7 +370,7 @@ class Page:
         _, rows = self._frames.read(self._frames_seen)
         if len(rows):
             self._frames_seen = self._frames.written
-            if self._hub.open:
+            if self._hub.clients:
                 frames = rows.view(np.float32)
                 row = with_tips(self._layout, frames[-1])
                 call_soon(self._hub.show, row, self._extras(frames))

@@ -303,6 +303,7 @@ class Scene:
             figure.set_visible(False)
 
     def update(self, frame: Frame) -> None:
+        # Draws the robot, the virtual robot, ghosts, forces and the task as in this frame.
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")

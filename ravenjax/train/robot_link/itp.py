@@ -404,6 +404,7 @@ class ItpConsole:
         return packets_message(cause) if count >= SOME_PACKETS else self._why
 
     def send_frame(self, frame: Frame) -> None:
+        # Sends the force of this frame to the console: zero unless the console drives.
         drives = self._session.arbiter.owner == "itp"
         forces = {}
         if drives and frame.number("console_alive"):

@@ -304,6 +304,7 @@ class Session:
     # --- commands ---
 
     def _command(self, command: Command) -> None:
+        # Carries out a command: of the hands, of a console's seat, of operator or instructor.
         kind = command.get("type")
         if kind in ("input", "increments"):
             self.arbiter.receive(
@@ -328,6 +329,7 @@ class Session:
             self._instructor(command)
 
     def _operator(self, command: Command) -> None:
+        # Carries out a command of type "operator", which is also a response for the judge.
         do, by = command["do"], command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
@@ -353,6 +355,7 @@ class Session:
             self._tell("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command) -> None:
+        # Carries out a command of type "instructor". Pause and reset interrupt a hazard.
         do = command["do"]
         if do in ("arm", "disarm"):
             if do == "disarm":
@@ -454,6 +457,7 @@ class Session:
         return True
 
     def _restart(self, why: str) -> None:
+        # Homes the robot. Its hazard ends, and every pedal must be lifted.
         self._read_checks()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()

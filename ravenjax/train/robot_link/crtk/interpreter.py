@@ -115,7 +115,7 @@ class SetpointFollower:
         return True
 
     def has_slipped(self, at: Setpoint) -> bool:
-        """Whether the control software has another setpoint than sent, which is adopted then."""
+        """Whether the control software's setpoint differs from `sum`. If so, continue from it."""
         if self.sum is None:
             return False
         slipped = (

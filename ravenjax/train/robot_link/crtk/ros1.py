@@ -92,6 +92,7 @@ class Ros1Transport:
             self._node.wait()
 
     def _receive(self) -> tuple[Any, Any]:
+        # Reads one pair from the node and stores its reports. Raises UserError if ROS 1 fails.
         try:
             word, content = self._link.recv()
         except (EOFError, OSError):
