@@ -15,7 +15,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 448_600, "lines": 67_200, "modules": 390, "lines of tests": 42_000}
+LIMITS = {"tokens": 450_000, "lines": 68_000, "modules": 400, "lines of tests": 42_000}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 

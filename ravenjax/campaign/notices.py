@@ -82,8 +82,9 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
                 yield f"{key}: is the same as {kind}[{first}] but for its name"
     for number, one in enumerate(config.harm):
         if one.counts != "watch":
-            beside = "also means" if config.limit_counts else "means"
-            yield f"harm[{number}]: unintended motion {beside} {one.name!r}: {one.when}"
+            beside = "beside" if config.limit_counts else "instead of"
+            limit = f"a motion of more than {config.outcomes.limit_mm:g} mm"
+            yield f"harm[{number}]: {one.name} counts {beside} {limit}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:

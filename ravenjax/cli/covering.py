@@ -41,10 +41,10 @@ def coverage(
     out
         folder of the files; default FOLDER/coverage
     """
-    from ravenjax.analyses.coverage import checks
     from ravenjax.analyses.deadline import read_deadlines
     from ravenjax.errors import UserError
     from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections import coverage as checks
     from ravenjax.report.sections import tables
     from ravenjax.store import files, manifest
 

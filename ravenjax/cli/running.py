@@ -219,6 +219,7 @@ def fault_free(
 def _summary(folder: Path, results: Results) -> None:
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
+    from ravenjax.outcomes import events
     from ravenjax.store import manifest
 
     record = manifest.read_manifest(folder)
@@ -226,9 +227,10 @@ def _summary(folder: Path, results: Results) -> None:
     valid = sum(count for verdict, count in counted.items() if verdict)
     if rows := terminal.share_rows(counted, valid):
         columns = ("response / hazard / cue", "runs", "share")
-        console.print_table("Runs with a fault", columns, rows)
-        evading = terminal.count_evading(counted, record.limit_mm, bool(record.rules.harms))
-        console.print_text(evading)
+        named = [(events.name_harm(name, record.rules), *row) for name, *row in rows]
+        console.print_table("Runs with a fault", columns, named)
+        own = record.rules.harm if record.rules.harms else ""
+        console.print_text(terminal.count_evading(counted, record.limit_mm, own))
     if record.done and (idle := sum(results.verdicts(acted=False).values())):
         console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")
     if rows := terminal.share_rows(record.failures, record.done):

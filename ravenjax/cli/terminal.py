@@ -110,9 +110,9 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
     return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
-def count_evading(runs: Mapping[str, int], limit_mm: float, own: bool = False) -> str:
+def count_evading(runs: Mapping[str, int], limit_mm: float, own: str = "") -> str:
     """Return how many runs evade, and how many of these have a cue. runs: counts by verdict. own:
-    the campaign has harms of its own that count.
+    what counts as harm, if the campaign has harms of its own.
     """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     motion = verdict.HAZARDS[0]

@@ -40,7 +40,8 @@ def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
         Definition(
             kind,
             word,
-            meaning.format(**terms) + f" {describe_harms(rules)}".rstrip() * (word == HAZARDS[0]),
+            f"{meaning.format(**terms) * (word != HAZARDS[0] or rules.limit_counts)}"
+            f" {describe_harms(rules) * (word == HAZARDS[0])}".strip(),
         )
         for kind, words in kinds.items()
         for word, meaning in words.items()

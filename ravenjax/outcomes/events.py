@@ -31,6 +31,12 @@ class Rules(NamedTuple):
     harms: tuple[str, ...] = ()  # in words, the campaign's own harms that count
     limit_counts: bool = True  # unintended motion beyond the limit is harm
 
+    @property
+    def harm(self) -> str:
+        """What counts as harm, in words."""
+        own = [f"harm {text.partition(':')[0]}" for text in self.harms]
+        return " or ".join(["unintended motion"] * self.limit_counts + own)
+
 
 def _among(words: Iterable[str]) -> str:
     return "(" + ", ".join(f"'{word}'" for word in words) + ")"
@@ -96,8 +102,15 @@ def event_meaning(name: str, rules: Rules) -> str:
 
 def describe_harms(rules: Rules) -> str:
     """Return which harms of the campaign's own count as unintended motion; "" if none does."""
-    how = "or, counted as unintended motion," if rules.limit_counts else "in place of that motion,"
-    return f"({how} {' or '.join(rules.harms)})" if rules.harms else ""
+    return f"({'or ' * rules.limit_counts}{' or '.join(rules.harms)})" if rules.harms else ""
+
+
+def name_harm(text: str, rules: Rules) -> str:
+    """Return a text on unintended motions with the names of the campaign's own harms, if any."""
+    if not rules.harms:
+        return text
+    text = re.sub(r"\b([Aa]n )?[Uu]nintended( |<br>)motions?( over [\d.]+ mm)?", rules.harm, text)
+    return re.sub(r"the motion (reache[sd]|exceed(s|ed)) [\d.]+ mm", "the harm began", text)
 
 
 def event_columns(names: Sequence[str], rules: Rules) -> list[str]:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from ravenjax.document import html
 from ravenjax.hazards import naming
+from ravenjax.outcomes import events
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section, all_sections, answers, tables
@@ -62,7 +63,8 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     bodies = {section: text for section in all_sections() if (text := body(section)) is not None}
     first = body(answers.FIRST_PAGE)
     page = _environment().get_template("page.html.j2")
-    return html.with_scopes(page.render(common, answers=first, bodies=bodies))
+    text = page.render(common, answers=first, bodies=bodies)
+    return html.with_scopes(events.name_harm(text, manifest.rules))
 
 
 @functools.cache

@@ -54,12 +54,16 @@ def share_of_cells(k: int, n: int) -> Rate:
 
 
 def rates_with_intervals(
-    k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson"
+    k: ArrayLike,
+    n: ArrayLike,
+    confidence: float = 0.95,
+    method: Method = "wilson",
+    half_width: float | None = None,
 ) -> list[Rate]:
     """Return rates k[i] of n[i] with their intervals, computed in one vectorised call.
 
-    k and n are whole numbers of one shape [m] or a number each. Raises ValueError unless 0 <= k <=
-    n and 0 < confidence < 1.
+    method, half_width: as of `rate_bounds`. k and n are whole numbers of one shape [m] or a number
+    each. Raises ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     hits, trials = np.broadcast_arrays(np.atleast_1d(k).astype(int), np.atleast_1d(n).astype(int))
     outside = np.flatnonzero((hits < 0) | (hits > trials))
@@ -67,7 +71,7 @@ def rates_with_intervals(
         raise ValueError(
             f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}"
         )
-    low, high = rate_bounds(hits, trials, alpha_of(confidence), method)
+    low, high = rate_bounds(hits, trials, alpha_of(confidence), method, half_width)
     with np.errstate(invalid="ignore"):
         value = hits / trials
     rows = zip(*(part.tolist() for part in (hits, trials, value, low, high)), strict=True)
@@ -75,19 +79,54 @@ def rates_with_intervals(
 
 
 def rate_bounds(
-    k: np.ndarray, n: np.ndarray, alpha: float = ALPHA, method: Method = "wilson"
+    k: np.ndarray,
+    n: np.ndarray,
+    alpha: float = ALPHA,
+    method: Method = "wilson",
+    half_width: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
     as an expected count.
 
-    `alpha`: 1 - confidence. If k is 0 the lower bound is 0, and if k is n the upper bound is 1.
+    `alpha`: 1 - confidence. `half_width`: the bounds are `anytime_bounds`. If k is 0 the lower
+    bound is 0, and if k is n the upper bound is 1.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
     with np.errstate(all="ignore"):
-        low, high = proportion_confint(k, n, alpha, method)
+        low, high = (
+            proportion_confint(k, n, alpha, method)
+            if half_width is None
+            else anytime_bounds(k, n, alpha, half_width)
+        )
     low = np.where(n == 0, np.nan, np.where(k == 0, 0.0, low))
     return low, np.where(n == 0, np.nan, np.where(k == n, 1.0, high))
+
+
+def anytime_bounds(
+    k: np.ndarray, n: np.ndarray, alpha: float, half_width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper bounds [m] of the rates k/n that hold at all n together, with a chance
+    to miss of `alpha`.
+
+    Each rate p is tested against p - half_width and p + half_width by Wald's likelihood ratio (Ann.
+    Math. Stat. 16, 1945). By Ville's inequality the mean of both exceeds 1/alpha at any n with a
+    probability of at most alpha. The bounds need the fewest runs to be +- half_width apart.
+    """
+    from scipy.special import xlogy
+
+    def upper(k: np.ndarray) -> np.ndarray:
+        low, high = np.zeros(k.shape), np.ones(k.shape)
+        # The ratio rises with the rate, so halving finds where it excludes the rate.
+        for _ in range(50):
+            rate = (low + high) / 2
+            other = np.maximum(rate - half_width, 0.0)
+            ratio = xlogy(k, other / rate) + xlogy(n - k, (1 - other) / (1 - rate))
+            excluded = ratio > math.log(2 / alpha)
+            low, high = np.where(excluded, low, rate), np.where(excluded, rate, high)
+        return high
+
+    return 1 - upper(n - k), upper(k)
 
 
 def alpha_of(confidence: float) -> float:

@@ -11,9 +11,10 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax import cli
-from ravenjax.analyses.coverage import checks, pairs
+from ravenjax.analyses.coverage import pairs
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import coverage as checks
 from ravenjax.report.sections.tables import EVERY_SITE
 from ravenjax.vocabulary.effects import FIELDS
 

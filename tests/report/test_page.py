@@ -49,6 +49,19 @@ def built(tmp_path_factory):
     return path, path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("counts", ["replaces", "joins"])
+def test_harms_of_a_campaign_are_named(tmp_path, counts):
+    own = [{"name": "quick_dip", "when": "depth > 2", "counts": counts}]
+    record = synthetic.manifest(300, config=MANIFEST.config | {"harm": own})
+    path = page.build_report(synthetic.folder(tmp_path / "own", FRAME[:300], record))
+    said = words(Page(path.read_text(encoding="utf-8")))
+    assert "harm quick_dip" in said and "quick_dip: depth > 2" in said
+    assert ("nintended motion" in said) == (counts == "joins")
+    assert "Coverage of checks The share of" in said
+    assert "cannot warn" not in said, "the cue's distance says nothing about this harm"
+
+
 def test_one_self_contained_file(built):
     path, text = built
     parsed = Page(text)

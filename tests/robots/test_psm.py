@@ -1,5 +1,5 @@
-"""Kinematics of the dVRK PSM against its DH table and against the geometry of a remote centre; its
-campaign.
+"""Kinematics of the dVRK PSM and of the iiwa 14 against DH tables, and of the PSM against the
+geometry of a remote centre; its campaign.
 """
 
 import mujoco
@@ -41,6 +41,18 @@ def test_its_kinematics():
         along = insertion + 0.4162 - 0.4318 + 0.0091 * np.cos(bend)
         tip = along * shaft + 0.0091 * np.sin(bend) * side
         np.testing.assert_allclose(found, tip, rtol=0, atol=1e-12)
+
+
+def test_the_kinematics_of_the_iiwa_are_those_of_its_dh_table():
+    model = mujoco.MjModel.from_xml_path(str(resources.find_model("iiwa14/iiwa14.xml")))
+    data, turn, tip = mujoco.MjData(model), Rotation.identity(), np.zeros(3)
+    data.qpos[:] = qpos = np.random.default_rng(2).uniform(*model.jnt_range.T)
+    rows = (-90, 0.36), (90, 0), (90, 0.42), (-90, 0), (-90, 0.4), (90, 0), (0, 0.126)
+    for angle, (alpha, d) in zip(qpos, rows, strict=True):
+        turn = turn * Rotation.from_euler("z", angle)
+        tip, turn = tip + turn.apply([0, 0, d]), turn * Rotation.from_euler("x", np.radians(alpha))
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(data.site("tip").xpos, tip, rtol=0, atol=1e-12)
 
 
 def test_its_campaign_is_a_campaign():

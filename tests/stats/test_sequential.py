@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom
 
-from ravenjax.stats.intervals import rate_bounds
-from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum, wilson_runs
+from ravenjax.stats.intervals import anytime_bounds
+from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
 
 
 def rule(sizes=(1000,), rates=("harm",), half_width=0.03, shares=(0.1, 0.3, 1.0), **more):
@@ -143,7 +144,7 @@ def test_strata_that_are_not_judged_are_taken_at_once():
     assert one.first().tolist() == [40, 10]
     look = one.look(1, one.first(), np.array([[0, 1]]), one.first())
     assert [i.stratum for i in look.intervals] == ["dac"] and look.waiting == ("dac",)
-    assert one.each == 1 - 0.05 / 2
+    assert one.each == 0.95
 
 
 def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
@@ -158,11 +159,25 @@ def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
         )
 
 
-@given(st.floats(0, 1), st.integers(1, 10**6), st.floats(1e-4, 0.49), st.floats(0.5, 0.9999))
-def test_more_runs_are_the_fewest_whatever_is_asked(rate, n, half_width, confidence):
-    k = round(rate * n)
-    total = max(n, int(wilson_runs(np.array(k / n), half_width, confidence)))
-    runs = np.array([total, total - 1.0])
-    low, high = rate_bounds(k / n * runs, runs, 1 - confidence)
-    enough, fewer = (high - low) / 2
-    assert enough <= half_width * (1 + 1e-8) and (total == n or fewer > half_width * (1 - 1e-8))
+@given(st.integers(0, 300), st.integers(0, 300), st.floats(0.01, 0.4), st.floats(1e-4, 0.3))
+def test_bounds_at_any_time_are_a_test_of_every_rate(k, others, half_width, alpha):
+    """A rate is outside exactly if a likelihood ratio against it exceeds 2/alpha."""
+    n, rates = k + others, np.linspace(0.001, 0.999, 97)
+    (low,), (high,) = anytime_bounds(np.array([k]), np.array([n]), alpha, half_width)
+    assert 0 <= low <= high <= 1
+    others = np.clip(rates + [[-half_width], [half_width]], 0, 1)
+    ratio = (binom.logpmf(k, n, others) - binom.logpmf(k, n, rates)).max(axis=0)
+    sure = np.abs(ratio - math.log(2 / alpha)) > 1e-6
+    inside = (low < rates) & (rates < high)
+    assert (inside == (ratio < math.log(2 / alpha)))[sure].all()
+
+
+def test_any_look_is_covered():
+    """2 000 users look after each of 300 draws; few ever see an interval without the truth."""
+    random, steps = np.random.default_rng(3), np.arange(1, 301)
+    low, high = anytime_bounds(*np.meshgrid(np.arange(301), steps, indexing="ij"), 0.05, 0.1)
+    for rate in (0.02, 0.3):
+        hits = (random.random((2000, 300)) < rate).cumsum(axis=1)
+        missed = (low[hits, steps - 1] > rate) | (high[hits, steps - 1] < rate)
+        assert missed.any(axis=1).mean() <= 0.05
+        assert (high - low)[hits[:, -1], -1].mean() / 2 < 0.1, "wide intervals promise nothing"

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ravenjax.analyses.coverage.checks import list_sources, times_sql
 from ravenjax.document import html
 from ravenjax.errors import UserError
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections.coverage import list_sources, times_sql
 from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.store.files import write_text
 from ravenjax.vocabulary.effects import FIELDS

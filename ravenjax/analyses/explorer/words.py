@@ -40,6 +40,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
         "joints": robot.joints,
         "duration_ms": round(1000 * config.campaign.duration_s),
         "limit_mm": config.outcomes.limit_mm,
+        "harm": config.rules.harm if config.rules.harms else "",
         "halt_ms": verdict.HALT_MS,
         "cue": config.outcomes.cue,
         "cues": {

@@ -111,8 +111,11 @@ class CampaignConfig(Section):
         """The campaign's choices in the definitions of outcomes."""
         built_in = built_in_column(self.own_checks, self.stops)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
+        threshold = self.haptics.cues()[cue].threshold_m * 1e3
         return events.Rules(
-            cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm, built_in
+            *(cue, threshold, jump, self.outcomes.limit_mm, built_in),
+            harms=tuple(f"{one.name}: {one.when}" for one in self.harm if one.counts != "watch"),
+            limit_counts=self.limit_counts,
         )
 
     @property

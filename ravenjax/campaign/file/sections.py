@@ -314,8 +314,7 @@ class Outcomes(Section):
 
 
 class Stop(Section):
-    """[stop]: stop the campaign early, at one of the planned looks, when every rate is precise
-    enough.
+    """[stop]: stop the campaign early, at one of the looks, when every rate is precise enough.
 
     Groups without faults are computed as a whole and not judged.
     """
@@ -329,11 +328,13 @@ class Stop(Section):
     of: Literal["groups", "whole"] = "groups"
     """groups: the rates of each group; whole: those of the whole table"""
     looks: tuple[float, ...] = Field(
-        default=(0.1, 0.2, 0.4, 0.7, 1.0), min_length=1, max_length=100
+        default=tuple(round(10 ** (number / 10), 3) for number in range(-20, 1)),
+        min_length=1,
+        max_length=100,
     )
     """shares of each group after which one looks, increasing; no more than the last is computed"""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
-    """with which all intervals of all looks hold"""
+    """with which all intervals hold together, at any time"""
     allocation: Literal["proportional", "neyman"] = "proportional"
     """proportional: as many of each group; neyman: after the first look where it narrows most"""
 

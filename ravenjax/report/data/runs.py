@@ -211,13 +211,14 @@ def cue_leads(manifest: Manifest, number: int) -> bool:
     Cue and tip-error detector fire at a distance of the reported tip from the nominal model. An
     unintended motion begins where the true tip is farther than the limit from that model and from
     other references. So an alarm at the limit or beyond cannot warn of the motion, by definition.
+    A harm of the campaign's own may begin earlier or later.
     """
-    return manifest.cues[number].threshold_mm < manifest.limit_mm
+    return manifest.cues[number].threshold_mm < manifest.limit_mm or bool(manifest.rules.harms)
 
 
 def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
     """Return whether it is a finding that a detector at a threshold alarms before the motion."""
-    return detector.kind != TIP_ERROR or threshold < manifest.limit_mm
+    return detector.kind != TIP_ERROR or threshold < manifest.limit_mm or bool(manifest.rules.harms)
 
 
 def _more(manifest: Manifest) -> dict[str, str]:

@@ -1,19 +1,19 @@
-"""Decides when to stop: looks are registered in advance, and intervals hold for any stopping
-decision.
+"""Decides when to stop, with intervals that hold for any stopping decision.
 
-A user who looks at m sample sizes and stops at a convenient one has m chances to be wrong. So the
-sizes that each stratum may ever have are fixed before the first run, one for each look. Every
-interval has confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's inequality,
-the intervals of all rates in all strata at all sizes hold together with the wanted confidence. This
-includes sizes that the data themselves chose, by stopping or by giving one stratum more draws than
-another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
+A user who looks at m sample sizes and stops at a convenient one has m chances to be wrong. Each
+rate of a stratum therefore has a confidence sequence: intervals that hold at all sizes together
+(`anytime_bounds`), so that a look costs nothing. Every sequence has confidence 1 - (1 - confidence)
+/ (strata x rates). By Bonferroni's inequality, all of them hold together with the wanted
+confidence. This includes sizes that the data themselves chose, by stopping or by giving one stratum
+more draws than another.
 
-The rate of the whole table is that of strata weighted by their sizes. Its interval is the
-effective-sample-size Wilson interval of `stratified_rate`, at 1 - (1 - confidence) / (looks x
-rates). It is approximate, as that one is.
+The rate of the whole table is that of strata weighted by their sizes. Its sequence is that of a
+plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - confidence) / rates.
+It is approximate, as that number is.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
-drawn without replacement. Its intervals are therefore wider than necessary.
+drawn without replacement. Its intervals are therefore wider than necessary. `analysis/stopping`
+simulates both.
 """
 
 import dataclasses
@@ -27,7 +27,14 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
 from ravenjax.bundled import resources
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rate_bounds, rates_with_intervals
+from ravenjax.stats.intervals import (
+    Estimate,
+    Rate,
+    alpha_of,
+    anytime_bounds,
+    rate_bounds,
+    rates_with_intervals,
+)
 
 Of = Literal["groups", "whole"]
 Allocation = Literal["proportional", "neyman"]
@@ -116,7 +123,7 @@ class Sequential:
     def each(self) -> float:
         """Return the confidence of each interval."""
         apart = int(self.judged.sum()) if self.of == "groups" else 1
-        return 1 - alpha_of(self.confidence) / (len(self.shares) * apart * len(self.rates))
+        return 1 - alpha_of(self.confidence) / (apart * len(self.rates))
 
     def sizes(self) -> np.ndarray:
         """Return the draws of each stratum that may ever be taken, int64 [looks, strata]; at least
@@ -190,12 +197,13 @@ class Sequential:
         """Return how many further draws of each stratum probably suffice, at least 1."""
         if self.of == "whole":
             return self.size
-        low, high = rate_bounds(k, n, alpha_of(self.each))
+        alpha = alpha_of(self.each)
+        low, high = anytime_bounds(k, n, alpha, self.half_width)
         # The rate may move within its interval towards one half, where a rate is hardest to
-        # estimate.
+        # estimate. So many draws tell it from a rate at the distance of a half-width.
         worst = np.minimum(np.maximum(0.5, low), high)
-        more = wilson_runs(worst, self.half_width, self.each) - n
-        return np.where(n > 0, np.maximum(1, more).max(axis=0), self.size).astype(np.int64)
+        need = 2 * math.log(2 / alpha) * worst * (1 - worst) / self.half_width**2
+        return np.maximum(1, np.ceil(need - n)).max(axis=0).astype(np.int64)
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
         of_it = self.judged & np.array(
@@ -208,16 +216,15 @@ class Sequential:
         names, runs = [self.strata[s].name for s in there], n[there]
         for rate, hits in zip(self.rates, k[:, there], strict=True):
             if self.of == "groups":
-                found = dict(
-                    zip(names, rates_with_intervals(hits, runs, self.each, "beta"), strict=True)
-                )
+                rates = rates_with_intervals(hits, runs, self.each, half_width=self.half_width)
+                found = dict(zip(names, rates, strict=True))
             # A stratum without any valid draw leaves the rate of the whole table unknown.
             elif not (runs > 0).all():
                 found = {"": Rate()}
             else:
                 # Draws that do not count, such as faults that never act, are no part of the table.
                 weight = self.size[there] * runs / taken[there]
-                estimate = stratified_rate(hits, runs, weight, self.each)
+                estimate = stratified_rate(hits, runs, weight, self.each, self.half_width)
                 found = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
             for name, one in found.items():
                 yield Interval(rate=rate, stratum=name, **one._asdict())
@@ -229,9 +236,14 @@ def describe_stop(looks: Sequence[Look]) -> str:
 
 
 def stratified_rate(
-    k: ArrayLike, n: ArrayLike, weight: ArrayLike, confidence: float = 0.95
+    k: ArrayLike,
+    n: ArrayLike,
+    weight: ArrayLike,
+    confidence: float = 0.95,
+    half_width: float | None = None,
 ) -> Estimate:
-    """Return the rate sum of w[s] k[s]/n[s] over strata, with its confidence interval.
+    """Return the rate sum of w[s] k[s]/n[s] over strata, with its confidence interval. With
+    `half_width` the interval is `anytime_bounds` instead of Wilson's.
 
     Stratum s has k[s] hits in n[s] runs. Its share of the population is w[s]: weight[s] divided by
     the sum of all weights. The arguments are arrays [strata]; each weight and each n is above 0.
@@ -252,7 +264,9 @@ def stratified_rate(
     overall = share @ centre
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
-    low, high = rate_bounds(np.array(value * effective), np.array(effective), alpha)
+    low, high = rate_bounds(
+        np.array(value * effective), np.array(effective), alpha, half_width=half_width
+    )
     return Estimate(value, float(low), float(high))
 
 
@@ -278,20 +292,3 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
     largest = np.argsort(runs - exact, kind="stable")
     runs[largest[: total - int(runs.sum())]] += 1
     return runs
-
-
-def wilson_runs(rate: np.ndarray, half_width: float, confidence: float) -> np.ndarray:
-    """Return the fewest runs with which a Wilson interval around each rate is +- half_width
-    (fraction) or narrower; whole numbers, NaN for a rate that is NaN.
-
-    With z the normal quantile, the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) /
-    (1 + z^2 / n), which falls with n. Setting it to half_width gives a quadratic equation in n with
-    one positive root.
-    """
-    from scipy.special import ndtri
-
-    z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
-    excess = rate * (1 - rate) - 2 * square
-    root = z**2 * (excess + np.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)
-    # An excess that is only floating-point rounding does not add a run.
-    return np.maximum(1, np.ceil(root * (1 - 1e-9)))

@@ -113,7 +113,7 @@ def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert [one.model_dump_json() for one in decisions.read_looks(tmp_path)] == [
         look.model_dump_json()
     ]
-    assert decisions.describe_stop(tmp_path).startswith("Not stopped yet: at look 1 of 5")
+    assert decisions.describe_stop(tmp_path).startswith("Not stopped yet: at look 1 of 21")
     (tmp_path / decisions.FILE).write_text(look.model_dump_json()[:50])
     with pytest.raises(
         StoreError, match=r"decisions.jsonl: cannot be read .* Delete it and start the same"

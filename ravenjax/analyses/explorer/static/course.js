@@ -92,15 +92,15 @@ const HARM = {
   false_report_first_ms: "false report: the robot reports a wrong position of the tip",
 };
 
-/** Events of a run on lanes: [{lane, look, from, to, words}]. */
-export function events(outcome, fault, duration, checks) {
+/** Events of a run on lanes: [{lane, look, from, to, words}]; own: what counts as harm, if that is not the limit alone. */
+export function events(outcome, fault, duration, checks, own = "") {
   const end = ends(fault, duration);
   const out = [{ lane: "Fault", look: "fault", from: fault.start_ms, to: end, words: `the fault begins; it lasts until ${millis(end)}` }];
   for (const { name, first_ms: ms } of outcome.tripped ?? [])
     out.push({ lane: "Checks", look: "check", from: ms, to: ms, words: `${checks[name]?.meaning ?? name}${checks[name]?.does ? ` (${checks[name].does})` : ""}` });
   const cue = outcome[`cue${outcome.cue_set ?? 0}_first_ms`];
   if (cue >= 0) out.push({ lane: "Cue", look: "cue", from: cue, to: cue, words: "the haptic cue begins" });
-  for (const [name, words] of Object.entries(HARM)) if (outcome[name] >= 0) out.push({ lane: "Harm", look: "harm", from: outcome[name], to: outcome[name], words });
+  for (const [name, words] of Object.entries(own ? { ...HARM, unintended_first_ms: own } : HARM)) if (outcome[name] >= 0) out.push({ lane: "Harm", look: "harm", from: outcome[name], to: outcome[name], words });
   return out;
 }
 

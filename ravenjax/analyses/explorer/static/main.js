@@ -219,7 +219,7 @@ function say() {
   requestAnimationFrame(() => {
     saying = false;
     const counted = count(field.outcomes());
-    const [before, many, after] = answer(counted, campaign.limit_mm, 1e3 * question()[`haptics.cues.${campaign.cue}.threshold_m`]);
+    const [before, many, after] = answer(counted, campaign.limit_mm, 1e3 * question()[`haptics.cues.${campaign.cue}.threshold_m`], campaign.harm);
     const strong = document.createElement("strong");
     strong.textContent = many;
     $("answer").replaceChildren(before, strong, after);
@@ -267,7 +267,7 @@ async function open() {
     if (replaying !== own) return;
     judged(replay.outcome);
     $("run").hidden = false;
-    $("told").textContent = told(replay.outcome, campaign.limit_mm).join(" ");
+    $("told").textContent = told(replay.outcome, campaign.limit_mm, campaign.harm).join(" ");
     $("smallest").hidden = !spanOf(campaign, fault) || campaign.effects[fault.effect].value === "bit";
     run.show(replay, fault, state.ms);
     document.body.dataset.verdict = replay.outcome.verdict;
@@ -293,8 +293,10 @@ async function search() {
   const unit = unitOf(campaign, fault);
   if (found) change({ value: found.value });
   $("said").textContent = found
-    ? `With ${found.value} ${unit} the unintended motion exceeds ${campaign.limit_mm} mm, with ${found.safe} ${unit} it does not. ${found.runs} operations.`
-    : `With no size up to ${to} ${unit} does the unintended motion exceed ${campaign.limit_mm} mm at this moment.`;
+    ? `With ${found.value} ${unit} ${campaign.harm ? `there is ${campaign.harm}` : `the unintended motion exceeds ${campaign.limit_mm} mm`}, with ${found.safe} ${unit} ${campaign.harm ? "there is none" : "it does not"}. ${found.runs} operations.`
+    : campaign.harm
+      ? `With no size up to ${to} ${unit} is there ${campaign.harm} at this moment.`
+      : `With no size up to ${to} ${unit} does the unintended motion exceed ${campaign.limit_mm} mm at this moment.`;
 }
 
 const takes = () => Boolean(campaign.effects[state.fault.effect].value);

@@ -69,7 +69,7 @@ export class Run {
   lanes() {
     const { duration_ms: duration, checks } = this.campaign;
     const place = $("lanes");
-    const happened = [...events(this.replay.outcome, this.fault, duration, checks), ...this.acting.marks];
+    const happened = [...events(this.replay.outcome, this.fault, duration, checks, this.campaign.harm), ...this.acting.marks];
     $("never").textContent = this.acting.never;
     const html = lanes(happened, duration);
     $("events").replaceChildren(...[...happened].sort((a, b) => a.from - b.from).map(({ from, words }) => line(from, words)));
@@ -174,7 +174,7 @@ export class Run {
     this.kept = this.kept ? null : this.replay;
     $("pin").textContent = this.kept ? "Stop comparing" : "Compare with this run";
     $("pinned-key").hidden = $("pinned").hidden = !this.kept;
-    if (this.kept) $("pinned").textContent = `Compared with this run: ${told(this.kept.outcome, this.campaign.limit_mm).join(" ")}`;
+    if (this.kept) $("pinned").textContent = `Compared with this run: ${told(this.kept.outcome, this.campaign.limit_mm, this.campaign.harm).join(" ")}`;
     this.signals();
   }
 

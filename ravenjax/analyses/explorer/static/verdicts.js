@@ -66,29 +66,29 @@ export function length(mm, limit = Number.NaN) {
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
-/** The answer of a map: [before, number, after]; limit and the cue's threshold in mm. */
-export function answer({ all, evading, ahead, without = -1, classes }, limit, threshold) {
+/** The answer of a map: [before, number, after]; limit and the cue's threshold in mm; own: the campaign's own harm in words, or "". */
+export function answer({ all, evading, ahead, without = -1, classes }, limit, threshold, own = "") {
   if (!all) return ["Simulating the robot …", "", ""];
+  const one = evading === 1;
   const after =
-    ` ${evading === 1 ? "evades" : "evade"} every safety check and ${evading === 1 ? "moves" : "move"} the instrument ` +
-    `more than ${text(limit)} mm` +
-    (evading ? `; ${warned(classes.felt ?? 0, threshold < limit ? ahead : null, limit, without)}.` : ".");
+    ` ${one ? "evades" : "evade"} every safety check and ${own ? `${one ? "has" : "have"} ${own}` : `${one ? "moves" : "move"} the instrument more than ${text(limit)} mm`}` +
+    (evading ? `; ${warned(classes.felt ?? 0, own || threshold < limit ? ahead : null, own ? "harm" : `${text(limit)} mm`, without)}.` : ".");
   return [`Of ${whole(all)} faults like this, `, evading ? whole(evading) : "none", after];
 }
 
 /**
  * The part of the answer about the cue. felt: runs with a cue; ahead: runs with a cue before the harm, null if the cue's
- * threshold is at the limit or beyond; without: when the cue begins without the fault, ms.
+ * threshold is at the limit or beyond; harm: in words; without: when the cue begins without the fault, ms.
  */
-function warned(felt, ahead, limit, without) {
+function warned(felt, ahead, harm, without) {
   if (!felt) return without < 0 ? "the surgeon feels no cue" : `the cue comes without a fault, too, at ${millis(without)}, so it warns of none`;
   if (ahead === null) return `the surgeon feels a cue in ${whole(felt)}`;
   const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${whole(ahead)}`;
-  return `the surgeon feels a cue in ${whole(felt)}, ${early} before the ${text(limit)} mm`;
+  return `the surgeon feels a cue in ${whole(felt)}, ${early} before the ${harm}`;
 }
 
-/** Sentences about the outcome of one run. */
-export function told(outcome, limit) {
+/** Sentences about the outcome of one run. own: the campaign's own harm in words, or "". */
+export function told(outcome, limit, own = "") {
   const sentences = [];
   const name = classOf(outcome);
   const harm = outcome.unintended_first_ms;
@@ -99,7 +99,8 @@ export function told(outcome, limit) {
   else if (outcome.evades) sentences.push("This fault evades every safety check.");
   else if (outcome.response === "limited") sentences.push("A check limits a command or drops a packet, without an alarm.");
   else sentences.push("No check reacts to this fault.");
-  if (harm >= 0) sentences.push(`${after(harm, onset).replace(/^at/, "At")}, the unintended motion exceeds ${text(limit)} mm; it reaches ${length(outcome.unintended_mm, limit)}${name === "stopped" ? " until the robot stops" : ""}.`);
+  if (harm >= 0 && own) sentences.push(`${after(harm, onset).replace(/^at/, "At")}, there is ${own}.`);
+  else if (harm >= 0) sentences.push(`${after(harm, onset).replace(/^at/, "At")}, the unintended motion exceeds ${text(limit)} mm; it reaches ${length(outcome.unintended_mm, limit)}${name === "stopped" ? " until the robot stops" : ""}.`);
   else if (outcome.hazard === "loss of motion") sentences.push("The instrument does not follow the surgeon.");
   else if (outcome.hazard === "false report") sentences.push("The robot reports a wrong position of the tip; the instrument itself follows the surgeon.");
   else sentences.push(`The unintended motion is ${length(Math.max(0, outcome.unintended_mm), limit)} at most while the robot works.`);

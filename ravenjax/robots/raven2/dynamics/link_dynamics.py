@@ -10,9 +10,7 @@ A straight-line program, derived from the compiled model, computes M and bias. W
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -73,9 +71,11 @@ def solve_by_mjx(
     which MuJoCo's implicit integrator takes at the end of the step. `qfrc_applied` returns what
     bias and dampers take at the start.
     """
-    dtype = jnp.result_type(*right)
-    real = functools.partial(jnp.array, dtype=dtype)
-    mjx, model, data = _mjx_model(arm, str(dtype))
+    # imports MuJoCo
+    from ravenjax.mechanics.mechanism import advance_by_mjx
+
+    real = functools.partial(jnp.array, dtype=jnp.result_type(*right))
+    model = _mjx_model(arm)
     mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
     joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
     full = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
@@ -83,28 +83,23 @@ def solve_by_mjx(
     shares = damping / jnp.outer(lever, lever)
     # GPUs would otherwise multiply matrices with 10 bits
     with jax.default_matmul_precision("highest"):
-        option = model.opt.replace(
-            timestep=timestep, gravity=real(arm_model.frame_rotation(arm)) @ real(gravity)
-        )
-        model = model.replace(
-            opt=option,
-            body_mass=model.body_mass * mass_scale,
-            body_inertia=model.body_inertia * mass_scale,
-            tendon_damping=shares[np.tril_indices(len(right), -1)],
-            dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * shares.sum(axis=1),
-        )
+        turned = real(arm_model.frame_rotation(arm)) @ real(gravity)
         applied = real(right + bias) + damping @ speed
-        data = data.replace(qpos=real(qpos), qvel=speed, qfrc_applied=applied)
-        # MJX widens numbers if x64 is on
-        return Vec((mjx.step(model, data).qvel - speed).astype(dtype))
+    _, after = advance_by_mjx(
+        *(model, qpos, qvel, applied),
+        {"timestep": timestep, "gravity": turned},
+        body_mass=real(model.body_mass) * mass_scale,
+        body_inertia=real(model.body_inertia) * mass_scale,
+        tendon_damping=shares[np.tril_indices(len(right), -1)],
+        dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * shares.sum(axis=1),
+    )
+    # MJX widens numbers if x64 is on
+    return Vec((after - speed).astype(speed.dtype))
 
 
 @functools.cache
-def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return `mjx`, the arm's model with a tendon per pair of joints, and its data, of `dtype`."""
-    # The import takes half a second and prints a line for each optional backend that is missing.
-    with contextlib.redirect_stdout(io.StringIO()):
-        from mujoco import mjx
+def _mjx_model(arm: ArmName) -> Any:
+    """Return the arm's model with a tendon for each pair of joints."""
     import mujoco
 
     spec, names = arm_model.one_arm_spec(arm), arm_model.joint_names(arm)
@@ -114,9 +109,7 @@ def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
         tendon.wrap_joint(names[j], LEVERS[j])
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    compiled = spec.compile()
-    with jax.ensure_compile_time_eval():
-        return mjx, mjx.put_model(compiled), mjx.make_data(compiled)
+    return spec.compile()
 
 
 @functools.cache

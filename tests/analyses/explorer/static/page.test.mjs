@@ -143,6 +143,13 @@ test("a check that limits is not passed over in silence", () => {
   assert.match(told({ ...run, response: "silent" }, 3)[0], /^No check reacts/);
 });
 
+test("a harm of one's own is named, and the limit is not", () => {
+  const run = { failed: "", response: "silent", hazard: "unintended motion", cue: true, cue0_first_ms: 6, evades: true, unintended_mm: 1, unintended_first_ms: 7, first_active_ms: 5 };
+  const said = [...told(run, 3, "harm fast"), ...answer(count([run]), 3, 3, "harm fast")].join(" ");
+  assert.match(said, /there is harm fast\. .* has harm fast; the surgeon feels a cue in 1, always before the harm\./);
+  assert.doesNotMatch(said, /3 mm|unintended/);
+});
+
 test("a cue of the same millisecond as the harm does not come before it", () => {
   const run = { failed: "", response: "silent", hazard: "unintended motion", cue: true, evades: true, unintended_mm: 4, unintended_first_ms: 7, first_active_ms: 5 };
   const said = (ms) => told({ ...run, cue0_first_ms: ms }, 3).at(-1).split(", ")[1];

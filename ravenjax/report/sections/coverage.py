@@ -1,4 +1,4 @@
-"""Diagnostic coverage: the share of harmful faults that a check detects.
+"""Section "Coverage of checks": the share of harmful faults that a check detects.
 
 IEC 61508-4 defines diagnostic coverage as the rate of detected dangerous failures divided by the
 rate of all dangerous failures. Here a fault is dangerous if its run has an unintended motion. If a
@@ -6,22 +6,26 @@ check makes a fault harmless, the fault is not dangerous. Run without the check,
 only watch, to see what the fault would have done.
 """
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from ravenjax.errors import UserError, suggest_name
+from ravenjax.errors import StoreError, UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs, after_onset
+from ravenjax.report.sections import Section
 from ravenjax.report.sections.detectors import list_alarms
 from ravenjax.report.sections.tables import EVERY_SITE
 from ravenjax.stats.intervals import Rate
+from ravenjax.store.access import explained
 from ravenjax.store.access.query import RESULTS, quote_name
 
 Kind = Literal["built-in check", "check of your own", "detector", "cue"]
@@ -173,13 +177,13 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
         "unknown": unknown,
         "fickle": fickle,
     }
-    notices = wording.text_templates(__package__).get_template("notices.txt.j2").render(content)
+    notices = wording.fill_template("coverage.txt.j2", **content)
     return CoverageTable(
         harmful,
         sources,
         list(_rows(runs, harmful, sources, latest)),
         [_smallest(harmful, sources, name, limit) for name, limit in latest.items()],
-        notices.splitlines(),
+        notices,
     )
 
 
@@ -250,3 +254,16 @@ def _smallest(
         size += 1
     sets = [tuple(names[place] for place in team) for team in found]
     return SmallestSets(criterion, len(hits), sets)
+
+
+def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+    deadlines = None
+    # The section of the deadlines says why they cannot be read.
+    with contextlib.suppress(StoreError):
+        deadlines = explained.read_rows(folder / explained.DEADLINES, runs.manifest, "deadline")
+    found = measure_coverage(runs, deadlines)
+    rows = [row for row in found.rows if row.site == EVERY_SITE and row.detected.k]
+    return {"found": found, "rows": rows} if rows else None
+
+
+SECTIONS = (Section("coverage", "Coverage of checks", 158, _content),)
