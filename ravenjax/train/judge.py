@@ -4,19 +4,19 @@ docs/outcomes.md defines the outcomes. Effects are differences from the golden r
 from the robot's state when the hazard is armed. From the activation on, the columns `unintended_mm`
 to `false_report_first_ms` have the same meaning as in a campaign's result table.
 
-At `knowable_ms` a person at the console can first know of the hazard: the tip is `SEEN_MM` off its
-course, the robot has left pedal-down without being asked, or a check has raised an alarm. Reaction
-times are measured from the *origin*: the start of the cue or `knowable_ms`, whichever is earlier.
-Until `ACTS_MS` after the origin nobody could have prevented anything.
+At `knowable_ms` a person at the console can first notice the hazard: the tip is `SEEN_MM` off its
+course, the robot has left pedal-down although the pedal is held, or a check has raised an alarm.
+Reaction times start at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier.
+Nobody can prevent harm within `ACTS_MS` after the origin.
 
-The judge takes the first right response within the time allowed. If there is none, it takes the
+The judge scores the first right response within the time allowed. If there is none, it scores the
 first other response. It ignores a slow-down that the scenario does not list as right, because hands
-also slow down near a target. A hazard is decided when harm is done, when the person gives a right
-response, or when the time is up. If somebody ends it before, it is interrupted.
+also slow down near a target. A hazard is decided when harm is done, when the operator gives a right
+response, or when the time is up. A pause, a reset or a broken connection before that interrupts it.
 
 The score has two parts of up to 50 points. A right response gives all 50 points up to `FASTEST_MS`,
-and half of them at the end of the time allowed. The other part is for the patient: the share of the
-distance to harm that remains at the end, from when a person could first have acted.
+and half of them at the end of the time allowed. The other part measures the patient's safety: of
+the distance to harm at the moment when a person could first act, the share that remains at the end.
 """
 
 from __future__ import annotations
@@ -43,25 +43,25 @@ from ravenjax.vocabulary.checks import Check
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
 _NAMES: dict[str, list[str]] = resources.read_tables(__file__, "judge.toml")
-"""Names of columns and channels."""
+"""Names of columns and of channels of a frame."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 SEEN_MM = AFFECTED_MM
 """A distance that a person at the console can see while the tip moves: the surgeons' jump.
 
-This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but sees no golden run.
+This is an assumption. An eye at 0.6 m resolves 0.2 mm on the screen, but cannot see the golden run.
 """
 ACTS_MS = 150.0
-"""The earliest that a person can act: a simple reaction to a touch takes 150 to 300 ms."""
+"""The shortest reaction time of a person, ms: reactions to a touch take 150 to 300 ms."""
 FASTEST_MS = 250.0
-"""Reactions up to this time lose no points; `stages.reaction` assumes the same value."""
+"""Reactions up to this time, ms, lose no points; `stages.reaction` assumes the same value."""
 CONTINUE = "continue"
 MOMENTS = ("knowable", "cue", "alarm", "response")
 """Moments of a hazard after its activation, each with a column `<name>_ms`."""
 DISTANCES = ("unintended", "loss", "false_report")
-"""Distances in the frame (`<name>_mm`) that are a hazard if they exceed the limit."""
+"""Distances of a frame (channels `<name>_mm`) that are a motion hazard above the limit."""
 PEAKS = (*DISTANCES, "unintended_off")
-"""Distances whose largest value an episode keeps."""
+"""Distances whose largest value an `Episode` stores."""
 
 
 def _number_or_none(value: Any) -> float | None:
@@ -77,10 +77,10 @@ Number = Annotated[float | None, BeforeValidator(_number_or_none)]
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row of hazards.csv, from a table's cells or from numbers.
+    """One row of hazards.csv. Strings from a file are converted.
 
-    Times are ms since the session began, None if the event never happened. Sizes are None if they
-    were not measured.
+    Times are ms since the session began, None if the event never happened. Distances are None if
+    they were not measured.
     """
 
     session: Text
@@ -156,7 +156,7 @@ class Episode:
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ) -> None:
         self.hazard, self.harm = hazard, harm
-        self.tell = functools.partial(record, number=hazard.number)
+        self.record = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
         self.struck_ms: int | None = None
@@ -165,11 +165,11 @@ class Episode:
         self.cue_ms: int | None = None
         # ms and name of the first check of each kind of response
         self.checks: dict[str, tuple[int, str]] = {}
-        # The earliest of knowledge, cue and alarm.
+        # Time of the first sign, cue or alarm, whichever is earliest.
         self.origin_ms: int | None = None
         self.halted = False
         self.halted_ms, self.golden_halted_ms = 0, 0
-        # The arm on which the fault acts, otherwise the arm that moved farthest.
+        # The arm on which the fault acts. If the fault acts on no arm: the one that moved farthest.
         self.arm = hazard.arm
         self.peak_error_mm = 0.0
         # -1: not measured
@@ -177,8 +177,8 @@ class Episode:
         # When one of `DISTANCES` first exceeded the limit.
         self.first_ms: dict[str, int] = {}
         self.deepest_mm = -math.inf
-        # Unintended motion and depth that the fault caused, the limits of both, and the part caused
-        # before a person could have acted.
+        # Each has two values: unintended motion and depth. `_done_mm` is what the fault caused,
+        # `_spared_mm` is the part of it before a person could have acted.
         self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
         self._is_lost = False
@@ -192,23 +192,23 @@ class Episode:
 
     @property
     def check_response(self) -> str:
-        """The checks' response, one of `verdict.RESPONSES`."""
+        """The response of the robot's checks, one of `verdict.RESPONSES`."""
         return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
 
     def record_knowable(self, tick: int, by: str, at: int | None = None) -> None:
-        """Record that the hazard could be known from `at` or this tick on, unless it already is."""
+        """Record the first sign of the hazard, at `at` or this tick, if there was none before."""
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if at is None else at, by
             self._originate(self.knowable_ms)
-            self.tell(tick, "knowable", by=by, ms=self.knowable_ms)
+            self.record(tick, "knowable", by=by, ms=self.knowable_ms)
 
-    def feel(self, tick: int) -> None:
+    def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
         self.cue_ms = tick
         self._originate(tick)
 
-    def trip(self, tick: int, check: Check) -> bool:
-        """Record a trip beyond the golden run's. Return whether it is the first of its response."""
+    def record_trip(self, tick: int, check: Check) -> bool:
+        """Record a check that the golden run did not trip. Return whether its response is new."""
         if check.response in self.checks:
             return False
         self.checks[check.response] = tick, check.name
@@ -217,23 +217,23 @@ class Episode:
         return True
 
     def record_peak(self, tick: int, name: str, mm: float, arm: str) -> None:
-        """Record a new peak of one of `PEAKS`, and report the first beyond the limit."""
+        """Record a new largest value of one of `PEAKS`. Report the first value above the limit."""
         self.peak_mm[name] = mm
         if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
             self.arm = arm
         self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.tell(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
+            self.record(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
-        """Record the times of a held pedal without motion, and report a new loss."""
+        """Record for how long a held pedal moved neither robot. Report a new loss of motion."""
         was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
         self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
-            self.tell(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, tick: int, what: str, at: int | None = None) -> None:
         """Record a response, if it is the first of its kind after the origin.
@@ -249,11 +249,11 @@ class Episode:
         self.responses[what] = began
         counts = not was_answered or self.answer()[0] == what
         if counts and (what != "slow" or what in self.hazard.right_response):
-            ms, is_right = self.reaction_ms(what), self.right(what)
-            self.tell(tick, "response", what=what, ok=is_right, ms=ms)
+            ms, is_right = self.reaction_ms(what), self.is_right(what)
+            self.record(tick, "response", what=what, ok=is_right, ms=ms)
 
-    def decided(self, tick: int) -> bool:
-        """Whether nothing can improve the outcome: after harm, a right response, or the time."""
+    def is_decided(self, tick: int) -> bool:
+        """Whether the outcome is final: after harm, a right response, or the time allowed."""
         if self._exceeds(self._done_mm) and not self._exceeds(self._spared_mm):
             return True
         is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
@@ -262,13 +262,13 @@ class Episode:
         return is_late or self.answer()[1]
 
     def interrupt(self, tick: int, by: str) -> None:
-        """Record that others cut off the active hazard, if it is not decided yet."""
-        if self.struck and not self.interrupted and not self.decided(tick):
+        """Record that something other than the operator ended the active, undecided hazard."""
+        if self.struck and not self.interrupted and not self.is_decided(tick):
             self.interrupted = True
-            self.tell(tick, "interrupted", by=by)
+            self.record(tick, "interrupted", by=by)
 
-    def right(self, what: str) -> bool:
-        """Whether this response, once given, is right and in time."""
+    def is_right(self, what: str) -> bool:
+        """Whether this response, which the operator gave, is right and in time."""
         return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
 
     def reaction_ms(self, what: str) -> int:
@@ -281,7 +281,7 @@ class Episode:
         first = next((what for what in in_order if what != "slow"), "")
         if CONTINUE in self.hazard.right_response:
             return (first, False) if first else (CONTINUE, self.struck and not self.halted)
-        right = next((what for what in in_order if self.right(what)), "")
+        right = next((what for what in in_order if self.is_right(what)), "")
         return (right, True) if right else (first, False)
 
     def motion_hazard(self) -> str:
@@ -318,14 +318,14 @@ class Episode:
             longest = max(self._within_ms - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
             response = 1.0 - 0.5 * min(late / longest, 1.0)
-        # The share used of the distance to a limit that remained when a person could act. If
-        # nothing remained then, the share used of the whole distance.
+        # Of the distance to a limit when a person could first act, the share that the fault used up
+        # afterwards. If the limit was exceeded before: the share of the whole distance.
         done, spared, limit = map(np.array, (self._done_mm, self._spared_mm, self._limits_mm))
         used = float(np.max((done - spared) / (limit - np.where(spared < limit, spared, 0.0))))
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
     def row(self) -> Json:
-        """Return the hazard's columns of hazards.csv."""
+        """Return the columns of hazards.csv that are known now."""
         what, ok = self.answer()
         answered = what in self.responses
         # Of two alarms at the same time, the stronger comes first.
@@ -383,54 +383,51 @@ class Episode:
 
 
 SLOW_SHARE = 0.25
-"""Hands are slow below this share of their usual speed before the hazard (`stages.reaction`)."""
+"""Hands are slow below this share of their usual speed, as in `stages.reaction`."""
 SLOW_FOR_MS = 1000
-"""A slow-down counts only if it lasts this long without a break."""
+"""A slow-down counts only if it lasts this long, ms."""
 MOVING_MM_S = 2.0
-"""Hands below this speed, as tip motion, have no speed to reduce."""
+"""Hands slower than this cannot slow down. Speed of the tip, mm/s."""
 # Rates of the running means of the usual and the present speed, 1/ms.
 _USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
+# Values of `_since` in place of a tick: the hands are not slow, or were slow before the hazard.
 _QUICK, _SLOW_AT_STRIKE = -1, -2
 QUIET_MS = 1000
-"""A check that keeps tripping is announced again only after this time without a trip."""
+"""A check that trips again is announced only after this time without a trip, ms."""
 CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue."""
+"""Time without force after which a new force counts as a new cue, ms."""
 COUNT_EVERY_MS = 1000
-"""The shortest time between two events "alarm_count" of one check."""
+"""The shortest time between two events "alarm_count" of one check, ms."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
-_EVENTS = {
-    "unintended": "unintended_motion",
-    "loss": "loss_of_motion",
-    "false_report": "false_report",
-}
+_NAMED = ("unintended_motion", "loss_of_motion", "false_report")
+_EVENTS = dict(zip(DISTANCES, _NAMED, strict=True))
 """Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
 SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of the true tip.
-"""
+"""Distances of a frame that a person may see at the console."""
 
 
 class Trip(NamedTuple):
-    """A trip of a check since the last reading."""
+    """One or more trips of a check since the last reading of the counters."""
 
     check: Check
     # ms of the session: exact for a check's first trip, otherwise the time of the reading.
     ms: int
-    # Whether it has tripped more often so far than in the golden run.
+    # Whether the check has tripped more often than in the golden run.
     beyond_golden: bool
-    announced: bool  # the first after `QUIET_MS` without one
-    count: int  # in the session so far
+    announced: bool  # the first after `QUIET_MS` without a trip
+    count: int  # trips in the session so far
 
 
 class Trips:
-    """Counts the trips of each check. Call `look` every few milliseconds."""
+    """Counts the trips of each check. Call `new_trips` every few milliseconds."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
         self._earlier: Counter[str] = Counter()  # trips before the robot's last restart
         self._last: dict[str, int] = {}  # tick of each check's last trip
 
-    def look(
+    def new_trips(
         self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
     ) -> list[Trip]:
         """Return each check that tripped since the last reading, the earliest first.
@@ -460,10 +457,10 @@ class Trips:
 
 
 class SlowdownDetector:
-    """Running means of the hands' speed as tip motion, mm/s, both hands together.
+    """Detects that the operator slows down, from running means of the speed of both hands.
 
-    Hands also slow down where they arrive, so a slow-down counts only if it lasts longer than a tip
-    is held at a target. Its time is that of its beginning.
+    Hands also slow down at each target, so a slow-down counts only if it lasts longer than a tip is
+    held at a target. Speeds are those of the tip, mm/s.
     """
 
     def __init__(self, scale: float) -> None:
@@ -478,7 +475,7 @@ class SlowdownDetector:
         """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
-        """Take the hands' positions of a tick: um before scaling, three numbers a hand."""
+        """Read the hands' positions in this tick: um before scaling, three numbers per hand."""
         before, self._before = self._before, hands
         if before is None:
             return
@@ -493,26 +490,26 @@ class SlowdownDetector:
         elif self._since >= 0 and tick - self._since >= SLOW_FOR_MS:
             self.slowed = self._since
 
-    def strike(self) -> None:
-        """Measure slow-downs against the usual speed before the hazard that becomes active now."""
+    def start_hazard(self) -> None:
+        """Compare later speeds with the usual speed before the hazard that becomes active now."""
         self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
         self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
         self.slowed = -1
 
-    def jump(self) -> None:
-        """Ignore the next step of the hands, because they were moved to another position."""
+    def skip_step(self) -> None:
+        """Ignore the next step of the hands, because a restart moved them elsewhere."""
         self._before = None
 
 
 class Judge:
-    """The judge of one session. The operator can respond in these ways:
+    """Judges one session. The operator can respond in these ways:
 
-    - `release`: the pedal comes up, also because the operator hands the console over, leaves, or
+    - `release`: the pedal goes up, also because the operator hands the console over, leaves, or
       tries a motion on the virtual robot.
     - `slow`: for a second, the hands move at less than a quarter of their usual speed.
     - `restart`: the operator restarts a robot that does not follow.
     - `stop`: the operator presses the E-stop button.
-    - `convert`: the operator sends a note that contains "convert", as by the page's button.
+    - `convert`: the operator sends a note that contains "convert"; the page's button does so.
     """
 
     def __init__(
@@ -522,11 +519,11 @@ class Judge:
         cue_on: bool,
         record: Callable[..., None],
     ) -> None:
-        """record: receives the tick, the kind and the content of each event."""
+        """record: called with the tick, the kind and the content of each event."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
-        self._tell = record
+        self._record = record
         self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
@@ -536,54 +533,54 @@ class Judge:
         self._slowdown = SlowdownDetector(scenario.scale)
         self._arms: tuple[_Arm, ...] = ()
         self._pedal = False
-        # Whether the robot followed when the hazard became active, and the pedal is held since.
+        # Whether the robot moved when the hazard became active, and the pedal was held since.
         self._was_down = False
         self._pressed = False  # whether the operator pressed the E-stop
-        # Whether the operator has given the seat away or left, and nobody has driven since.
+        # Whether the operator has handed the console over or left, and nobody has driven since.
         self._walked = False
         self._live = False
         # The last ticks of session and robot.
         self._ticks = (0, 0)
         # Whether the cue has acted in the golden run since the activation.
         self._golden_cue = False
-        # ms so far, of robot and golden run.
+        # ms without motion although the pedal was held: of the robot and of its golden run.
         self._halted = self._halted_at_strike = (0, 0)
 
     # --- calls of the session ---
 
     def armed(self, number: int, tick: int) -> None:
-        """Begin an episode: a hazard is armed before this tick."""
+        """Begin to judge a hazard, which is armed before this tick."""
         self.disarmed(tick)
         hazard, harm = self.hazards[number], self.scenario.harm
-        self._episode = Episode(hazard, harm, tick, self.cue_on, self._tell)
+        self._episode = Episode(hazard, harm, tick, self.cue_on, self._record)
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
-        self._episode.tell(tick, "hazard_armed", row=known)
+        self._episode.record(tick, "hazard_armed", row=known)
 
     def disarmed(self, tick: int) -> None:
-        """End the episode of the present hazard, if there is one."""
+        """End the judgement of the armed hazard, if there is one."""
         episode, self._episode = self._episode, None
         if episode is None:
             return
         self._over.append(episode)
         row = episode.row()
         over = {name: row.get(name) for name in _NAMES["known_when_over"]}
-        episode.tell(tick, "hazard_over", **over)
+        episode.record(tick, "hazard_over", **over)
         known = {name: value for name, value in row.items() if value is not None}
-        self._tell(tick, "hazard_row", row=known)
+        self._record(tick, "hazard_row", row=known)
 
     def restarted(self, tick: int) -> None:
-        """Reset what depends on the robot, which was homed again without any fault."""
+        """Forget the state of the robot, which was homed again without any fault."""
         self.disarmed(tick)
         self._trips.reset()
-        self._slowdown.jump()
+        self._slowdown.skip_step()
         self._pressed = False
         for arm in self._arms:
             arm.reset()
 
     def close(self, tick: int, reason: str = "end") -> None:
         for name, count in self._alarms.items():
-            self._tell(tick, "alarm_count", check=name, count=count)
+            self._record(tick, "alarm_count", check=name, count=count)
         self.interrupted(tick, reason)
         self.disarmed(tick)
 
@@ -594,23 +591,23 @@ class Judge:
             self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """Take an operator who gives the seat away or leaves.
+        """Record that the operator hands the console over or leaves.
 
         The silence until the next pedal-down interrupts no hazard, so that leaving avoids no score.
         """
         self._walked = True
 
-    def excuse_rest(self, tick: int) -> None:
-        """Take a rest for a trial as a lifted pedal, and not as a robot that halted on its own."""
+    def begin_trial(self, tick: int) -> None:
+        """Count the start of a trial as a lifted pedal, not as a robot that halted on its own."""
         self._respond(tick, "release")
         self._was_down = False
 
-    def stood_by(self) -> None:
-        """Reset the trips: a waiting robot, at rest and without a hazard, was restarted."""
+    def forget_trips(self) -> None:
+        """Forget the trips of the checks: the waiting robot was restarted without a hazard."""
         self._trips.reset()
 
     def command(self, message: Command, tick: int) -> None:
-        """Take a command of the operator other than motion."""
+        """Record a response that the operator gives by a command other than motion."""
         do = message.get("do")
         if do == "estop":
             self._pressed = True
@@ -623,7 +620,7 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes, golden: see `look`; outcomes None: not read in this tick."""
+        """Judge one tick. outcomes, golden: see `read_checks`; outcomes None: not read now."""
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
@@ -637,30 +634,30 @@ class Judge:
         if episode is not None and active and not episode.struck:
             self._was_down = was_live and self._pedal
             episode.struck_ms = tick
-            self._slowdown.strike()
+            self._slowdown.start_hazard()
             self._pressed = self._golden_cue = False
             self._halted_at_strike = self._halted
             for arm in self._arms:
                 # The depth at which the tip touches the tissue without the hazard.
                 arm.depth_at_strike = max(row[arm.depth], 0.0)
-            episode.tell(tick, "hazard_struck")
+            episode.record(tick, "hazard_struck")
         self._halted = (int(halted[0]), int(halted[1]))
         self._golden_cue = self._golden_cue or golden_cue != 0.0
         if outcomes is not None:
-            self.look(outcomes, golden)
+            self.read_checks(outcomes, golden)
         if self.cue_on and alive:
-            self._feel(tick, row)
+            self._record_cue(tick, row)
         if episode is not None and episode.struck:
             if not alive and not self._walked:
                 self.interrupted(tick, "console")
-            self._watch(tick, row, pedal, alive, episode)
+            self._judge_tick(tick, row, pedal, alive, episode)
         self._pedal = pedal != 0.0
         self._walked = self._walked and not self._pedal
 
     # --- rows and events ---
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a dict with the keys COLUMNS of each hazard. identity: of `recording.reader`."""
+        """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
         episodes = self._over + ([] if self._episode is None else [self._episode])
         rows = [identity | episode.row() for episode in episodes]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
@@ -668,7 +665,7 @@ class Judge:
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def look(self, outcomes: Json, golden: Json | None = None) -> None:
+    def read_checks(self, outcomes: Json, golden: Json | None = None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
@@ -676,11 +673,11 @@ class Judge:
         """
         tick, robot_tick = self._ticks
         episode = None if self._pressed else self._struck_episode()
-        for trip in self._trips.look(tick, robot_tick, outcomes, golden):
+        for trip in self._trips.new_trips(tick, robot_tick, outcomes, golden):
             check, ms, is_first = trip.check, trip.ms, False
             if episode is not None and trip.beyond_golden:
                 ms = max(ms, episode.struck_ms or 0)
-                is_first = episode.trip(ms, check)
+                is_first = episode.record_trip(ms, check)
             is_told = check.response in verdict.TOLD
             is_new = is_first or trip.announced
             if is_told and not is_new and tick - self._counted_at[check.name] < COUNT_EVERY_MS:
@@ -689,28 +686,28 @@ class Judge:
                 self._counted_at[check.name] = tick
                 self._alarms.pop(check.name, None)
                 kind = "alarm" if is_new else "alarm_count"
-                self._tell(tick, kind, check=check.name, count=trip.count)
+                self._record(tick, kind, check=check.name, count=trip.count)
             if episode is not None and is_first:
-                episode.tell(tick, check.response, check=check.name, ms=ms)
+                episode.record(tick, check.response, check=check.name, ms=ms)
                 if is_told:
                     episode.record_knowable(tick, check.name, ms)
 
-    def _feel(self, tick: int, row: list[float]) -> None:
+    def _record_cue(self, tick: int, row: list[float]) -> None:
         episode = self._struck_episode()
         for arm in self._arms:
             if not any(row[arm.force]):
                 continue
             if tick - arm.last_force > CUE_QUIET_MS:
                 if episode is not None and episode.cue_ms is None and not self._golden_cue:
-                    episode.feel(tick)
+                    episode.record_cue(tick)
                 number = -1 if episode is None or episode.cue_ms is None else episode.hazard.number
-                self._tell(tick, "cue", number=number, arm=arm.name)
+                self._record(tick, "cue", number=number, arm=arm.name)
             arm.last_force = tick
 
-    def _watch(
+    def _judge_tick(
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
-        # Measures what the hazard does in this tick, and recognises responses of the operator.
+        # Measures the effect of the hazard in this tick, and detects responses of the operator.
         for arm in self._arms:
             self._measure(tick, row, arm, episode)
         self._was_down = self._was_down and pedal != 0.0
@@ -729,21 +726,22 @@ class Judge:
             self._respond(tick, "slow", self._slowdown.slowed)
 
     def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
+        # Updates the largest distances, error and depth of one arm during the hazard.
         if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
             episode.record_knowable(tick, "tip")
         peaks = episode.peak_mm
         for name, place in arm.distances:
             mm = row[place]
-            # This is never true for NaN, which marks an unknown distance.
+            # An unknown distance is NaN, for which this comparison is false.
             if mm > peaks[name]:
                 episode.record_peak(tick, name, mm, arm.name)
         if not self._live:
             return
         unintended, depth = row[arm.unintended], row[arm.depth]
-        # A NaN changes nothing, because it is the second argument.
+        # `max` ignores a NaN as its second argument.
         episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
         episode.deepest_mm = max(episode.deepest_mm, depth)
-        # The fault drove the tip at most as deep as it moved it.
+        # The fault added at most as much depth as it added motion.
         episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
@@ -751,7 +749,7 @@ class Judge:
             episode.record_response(tick, what, at)
 
     def interrupted(self, tick: int, by: str) -> None:
-        """Record that others cut off the active hazard, if it is not decided yet."""
+        """Record that something other than the operator ended the active, undecided hazard."""
         if self._episode is not None:
             self._episode.interrupt(tick, by)
 

@@ -1,10 +1,10 @@
 """Runs a whole training session in three processes, from the scenario to the debrief.
 
-- realtime: this process and one thread. It reads consoles, ticks, and writes rows and events.
-- page: reads the rows and events, serves the browser and sends commands (optional).
-- recorder: reads the rows and events, and writes the session's folder.
+- realtime: this process. It reads the consoles, computes the ticks, and writes frames and events.
+- page (optional): reads frames and events, serves browsers, and sends their commands.
+- recorder: reads frames and events, and writes the session's folder.
 
-The page and the recorder never make the realtime loop wait. Both end with the realtime process.
+The realtime process never waits for the page and the recorder. Both end with it.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import Blueprint, SimulatedRobot
 
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
-"""Capacities of the rings in rows: four seconds of frames, and more than arrives in that time."""
+"""Capacities of the rings in rows: four seconds of frames, and the events of a longer time."""
 COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
 
@@ -62,12 +62,11 @@ class SessionOptions(ConsoleOptions):
     cue: bool | None = None  # None: as the scenario sets it
     blinded: bool | None = None
     port: int = 0
-    # Makes its bearer the instructor. None: a random token is generated.
+    # The token of the instructor's address. None: a random token is generated.
     instructor_token: str | None = None
-    # Drives in place of a person: a reaction of `scripts`, or a file of commands.
+    # A simulated operator that drives: a reaction of `scripts`, or a file of commands.
     script: str | None = None
-    # A robot outside this process, HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may replace
-    # JOINT_PORT.
+    # Address of a robot in another process: see `parse_address`. None: a simulated robot.
     robot: str | None = None
 
 
@@ -79,7 +78,7 @@ class FinishedSession:
     hazards: list[Json]
     timing: LoopTiming | None
     ended: str
-    # The session that the instructor wants next: the command "next" of `protocol`.
+    # The instructor's command "next", which requests the next session; None: no request.
     wish: Command | None = None
     port: int = 0  # port of the page
 
@@ -92,11 +91,11 @@ def run_realtime(
     say: Say = print,
     helpers: SessionHelpers | None = None,
 ) -> FinishedSession:
-    """Run a session against the clock.
+    """Run a session in real time.
 
     linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
-    both the session and the page. helpers: processes that were started in advance, with the tokens
-    of `options`; None: they are started now, with a page if `with_page` is true.
+    both the session and the page. helpers: page and recorder that were started before, with the
+    tokens of `options`; None: they are started now, with a page if `with_page` is true.
     """
     began = time.monotonic()
     profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
@@ -111,7 +110,7 @@ def run_realtime(
             helpers = SessionHelpers(stack, listening)
         options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
-        helpers.wait_for("robot: its tick is being compiled, or read from the cache", say)
+        helpers.wait_for("robot: compiling its tick, or reading it from the cache", say)
         connect = functools.partial(_connect, stack, options, say)
         robot = SimulatedRobot if options.robot is None else connect
         session = Session(options.scenario, options.seed, cue=options.cue, robot=robot)
@@ -126,14 +125,14 @@ def run_realtime(
         commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
         for ring in (frames, events, commands):
             stack.callback(ring.close)
-        helpers.recorder.tell(
+        helpers.recorder.send(
             (frames.name, events.name, session.layout.names(), options.folder, header)
         )
         recording = helpers.recorder.process
         browser: loop.PageCommands | None = None
         if helpers.page is not None:
-            helpers.wait_for("page: its scene is being loaded", say)
-            helpers.page.tell(
+            helpers.wait_for("page: loading its scene", say)
+            helpers.page.send(
                 page.PageOptions(
                     frames.name,
                     events.name,
@@ -153,7 +152,7 @@ def run_realtime(
         if itp is not None:
             stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
         consoles = [*filter(None, (browser, *consoles, script))]
-        say("recorder: waiting for its file")
+        say("recorder: opening its file")
         helpers.recorder.answer()
         helpers.keep_away()
         stop = stack.enter_context(interruption.until_interrupted())
@@ -178,14 +177,14 @@ def run_realtime(
             wish = None
             while wish is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
-                # The page checks that the scenario exists.
+                # The page has checked that the scenario exists.
                 wish = next((one for one in browser.poll() if one.get("do") == "next"), None)
             result = dataclasses.replace(result, wish=wish, port=helpers.port)
     return result
 
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """Return the options of the session that the instructor requested, beside the last one."""
+    """Return the options of the session that the instructor requested after `last`."""
     wish = last.wish or {}
     setting = options.scenario
     if "scenario" in wish:
@@ -197,14 +196,14 @@ def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptio
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as possible; the same options write the same bits.
+    """Run a session as fast as possible, with a simulated operator.
 
-    Raises UserError without a script, because something must drive.
+    The same options give the same recording to the bit. Raises UserError without a script.
     """
     script = options.script
     if script is None:
         raise UserError(
-            "nothing drives the session: give --script with a file of commands or one of"
+            "nobody drives the session: give --script with a file of commands or one of"
             f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
@@ -227,7 +226,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
 def fresh_folder(
     name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
 ) -> Path:
-    """Return a folder for a session that begins now. Its name does not reveal the group."""
+    """Return a folder for a session that begins now. Its name does not contain the group."""
     who = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
@@ -237,9 +236,9 @@ def fresh_folder(
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """Create the session's folder, with a number if it exists, and return the options with it.
+    """Create the session's folder, and return the options with its path.
 
-    Raises UserError if no folder can be created.
+    If the folder exists, the new folder gets a number. Raises UserError if it cannot be created.
     """
     wanted = folder = options.folder
     for number in itertools.count(2):
@@ -264,7 +263,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _header(options: SessionOptions, session: Session) -> Json:
-    # The session's settings as session.json has them.
+    # Returns the content of session.json at the beginning of a session.
     setting = options.scenario
     network = {"itp": options.itp_port, "crtk": options.crtk}
     consoles = ["page", *(name for name, given in network.items() if given is not None)]
@@ -297,7 +296,7 @@ def _header(options: SessionOptions, session: Session) -> Json:
 def _connect(
     stack: contextlib.ExitStack, options: SessionOptions, say: Say, made: Blueprint
 ) -> DistantRobot:
-    # Connects to a distant robot, which is driven in place of the simulation.
+    # Connects to a robot in another process, which replaces the simulated robot.
     host, itp_port, stream = parse_address(options.robot or "")
     say(f"robot: waiting for an answer from {host}")
     armables = scenario.armable_hazards(options.scenario, made.plan.rows)
@@ -331,7 +330,7 @@ def _connect(
 
 
 def parse_address(text: str) -> tuple[str, int, int | Ros]:
-    """Parse HOST[:ITP_PORT[:JOINT_PORT]]. In place of JOINT_PORT, "ros1" or "ros2" is allowed.
+    """Return host, ITP port, and joint port or ROS of HOST[:ITP_PORT[:JOINT_PORT or ros1 or ros2]].
 
     Raises UserError if the text is invalid.
     """
@@ -350,7 +349,7 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
 def _conclude(
     options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
 ) -> FinishedSession:
-    """Write the hazard table, the summary and the debrief, once the recording is complete."""
+    """Write hazards.csv, commands.jsonl, the summary and the debrief after the recording."""
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 

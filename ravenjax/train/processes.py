@@ -1,4 +1,4 @@
-"""Starts the processes beside the realtime loop, and reports when they end."""
+"""Starts the page and the recorder of a session as processes, and reports when they end."""
 
 import contextlib
 import multiprocessing
@@ -18,18 +18,18 @@ STARTING_S = 60.0
 
 
 class Helper:
-    """A process that does its imports before its options are known."""
+    """A process that imports its modules before its options are known."""
 
     def __init__(
         self, stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
     ) -> None:
-        """target: receives its options through the connection, and may answer through it."""
+        """target: called with a connection, which delivers the options and takes the answer."""
         self.answers, theirs = multiprocessing.Pipe()
         stack.callback(self.answers.close)
         self.process = spawn_process(stack, target, theirs, *given)
         theirs.close()
 
-    def tell(self, options: Any) -> None:
+    def send(self, options: Any) -> None:
         """Send the process its options. Raises UserError if the process has ended."""
         try:
             self.answers.send(options)
@@ -48,29 +48,29 @@ class Helper:
     def _ended(self) -> UserError:
         self.process.join(STARTING_S)
         return UserError(
-            f"a process of the session ended with code {self.process.exitcode}; see its message"
+            f"a process of the session ended with code {self.process.exitcode}; its message is"
             " above"
         )
 
 
 class SessionHelpers:
-    """The page and the recorder, started before the session imports anything else."""
+    """The page and the recorder. They start before the session imports its modules."""
 
     def __init__(self, stack: contextlib.ExitStack, listening: socket.socket | None) -> None:
-        """stack: ends the processes. listening: of `page.open_port`; None: there is no page."""
+        """stack: ends the processes. listening: socket of `page.open_port`; None: no page."""
         self.page, self.port = None, 0
         if listening is not None:
-            # Only the page's process keeps the port.
+            # The socket closes in this process. The page's process has a copy.
             with listening:
                 self.port = listening.getsockname()[1]
                 self.page = Helper(stack, page.run_when_told, listening)
         self.recorder = Helper(stack, recording.run_when_told)
 
     def wait_for(self, what: str, say: Callable[[str], None]) -> None:
-        """Say, in the terminal and on the page, what the session waits for."""
+        """Show in the terminal and on the page what the session waits for."""
         say(what)
         if self.page is not None:
-            self.page.tell(what)
+            self.page.send(what)
 
     def keep_away(self) -> None:
         """Move both processes off the CPU of the realtime loop."""
@@ -87,8 +87,8 @@ class SessionHelpers:
 def spawn_process(
     stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
-    """Spawn a process that Ctrl-C does not reach. JAX and a loaded server do not survive a fork."""
-    # As python -P: a file such as tempfile.py in the current folder is no module of the process.
+    """Start a process that ignores Ctrl-C. It is spawned, because JAX does not survive a fork."""
+    # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The
@@ -114,4 +114,4 @@ def recorder_error(recording: BaseProcess) -> str | None:
     """Return a message if the recorder has ended before the session; None while it runs."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
-    return f"the recorder ended with code {recording.exitcode}: the session goes on unrecorded"
+    return f"the recorder ended with code {recording.exitcode}: the session continues unrecorded"

@@ -1,4 +1,4 @@
-"""Defines what a session's parts exchange: frames, commands, events, and the scene in numbers.
+"""Defines the data that the processes of a training session exchange, and the scene's geometry.
 
 A *frame* is one millisecond of a session as a row of named float32 numbers, for the page, the
 recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, because
@@ -7,12 +7,12 @@ angles in rad unless a name's suffix gives another unit. `tip`, `position` and `
 arm's frame 0.
 
 *Commands* and *events* are plain dicts, sent as JSON; docs/how-to/training-messages.md lists them.
-At the beginning of each tick the session takes the commands that have arrived, so it depends only
-on a list of (tick, command).
+At the beginning of each tick the session reads the commands that have arrived. Its course depends
+only on a list of (tick, command).
 
-The *scene* consists of plain numbers, for code that runs every millisecond. It contains the point
-where the jaws close, because people see this point as the tip of an instrument. The software's tip
-is the axis of the jaws.
+The *scene* is geometry in plain numbers, for code that runs every millisecond. It contains the
+point where the jaws close, because people see this point as the tip of an instrument. The control
+software uses the axis of the jaws as its tip.
 """
 
 from __future__ import annotations
@@ -42,16 +42,14 @@ from ravenjax.train.robot import (
 from ravenjax.vocabulary.packets import QUIET_MS
 
 CHANNELS: dict[str, dict[str, int]] = resources.read_tables(__file__, "channels.toml")
-"""Channels of the tick (`simulated`) and of the session, with the number of values of each."""
+"""Channels of the robot's tick (`simulated`) and of the session: the number of values of each."""
 GOLDEN = ("golden_halted_ms", "golden_cue")
 """Channels of the golden run. They are neighbours in a row."""
-
-
 _SHARED = resources.read_tables(__file__, "protocol.toml")
 PHASES: list[str] = _SHARED["phases"]
 CONSOLES: list[str] = _SHARED["consoles"]
 VIEWS: list[str] = _SHARED["views"]
-"""Phases of a session, what may drive, and what follows the hand. `protocol.toml` explains them."""
+"""Names of the phases of a session, of the consoles that may drive, and of the views."""
 READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 Point = tuple[float, float, float]
@@ -59,27 +57,27 @@ Rows = tuple[Point, Point, Point]
 Json = dict[str, Any]
 """A JSON object."""
 Command = dict[str, Any]
-"""A command, as above."""
+"""A command, as the module's docstring defines it."""
 Event = dict[str, Any]
-"""An event, as above."""
+"""An event, as the module's docstring defines it."""
 Say = Callable[[str], None]
 """Prints a line for the user."""
 STALE_MS = QUIET_MS
-"""Older input counts as no input: pedal up, hands at rest, no force."""
+"""Input older than this, ms, counts as no input: pedal up, hands at rest, no force."""
 VIEW: Rows = _SHARED["operator_axes"]
-"""Right, up and toward the operator in the world (z up, gold arm at negative x)."""
+"""Axes of the operator's view (right, up, toward) in the world: z up, gold arm at negative x."""
 encode = json.JSONEncoder(separators=(",", ":")).encode
 """Returns a command or an event as JSON text."""
 # The limit of 1e9 keeps whole numbers exact and squares finite.
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
-"""The tissue's dome for a window that draws it, m."""
+"""Shape of the tissue's dome, m, for the page that draws it."""
 _DRAWN = _SHARED["drawn"]
 
 
 class FrameLayout:
-    """The place of each channel in a row."""
+    """The position of each channel in a row of a frame."""
 
     def __init__(self, arms: Sequence[ArmName], sizes: dict[str, int]) -> None:
         """sizes: the number of values of each channel, in their order."""
@@ -99,18 +97,18 @@ class FrameLayout:
         return FrameLayout(arms, sizes)
 
     def of_channels(self, keeps: Callable[[str], bool]) -> FrameLayout:
-        """Return the layout of a row that has only some channels, in the same order."""
+        """Return the layout of a row that has only the channels that `keeps` selects."""
         return FrameLayout(
             self.arms, {name: self.sizes[name] for name in filter(keeps, self.sizes)}
         )
 
     @property
     def simulated(self) -> int:
-        """The number of values that the tick fills."""
+        """The number of values that the robot's tick fills. They come first in a row."""
         return self.places["session_tick"].start
 
     def names(self) -> list[str]:
-        """Return a name for each number: `gold/jpos/0`, or `runlevel` for a single one."""
+        """Return a name for each number of a row: `gold/jpos/0`, or `runlevel` if single."""
         return [
             name if size == 1 else f"{name}/{i}"
             for name, size in self.sizes.items()
@@ -119,10 +117,10 @@ class FrameLayout:
 
 
 class Frame:
-    """A row, read by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
+    """A row, read by name: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
 
-    `numbers` is the same row as Python floats, for readers of many single numbers. Writing by name
-    changes both. After filling the row directly, call `settle()`.
+    `numbers` contains the row as Python floats, because reading many single numbers of an array is
+    slow. Writing by name changes both. After writing into `row` directly, call `copy_numbers()`.
     """
 
     __slots__ = ("layout", "numbers", "row")
@@ -132,9 +130,9 @@ class Frame:
         self.layout = layout
         self.row = np.zeros(layout.size, np.float32) if row is None else row
         self.numbers: list[float] = []
-        self.settle()
+        self.copy_numbers()
 
-    def settle(self) -> None:
+    def copy_numbers(self) -> None:
         """Copy the row into `numbers`."""
         self.numbers = self.row.tolist()
 
@@ -155,13 +153,13 @@ Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator
 
 
 class Message(BaseModel):
-    """A message, or a table in it. Unknown keys are an error."""
+    """Base of messages and of the tables in them. Unknown keys are an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Hand(Message):
-    """Speeds of one hand, as shares of the greatest."""
+    """Speeds of one hand, as shares of the greatest speed."""
 
     move: Vector = [0.0, 0.0, 0.0]
     turn: Vector = [0.0, 0.0, 0.0]
@@ -186,7 +184,7 @@ class Input(Message, extra="ignore"):
 
 
 class Increments(Message, extra="ignore"):
-    """Increments of a console."""
+    """The motion of a network console's hands since its last message."""
 
     type: Literal["increments"]
     pedal: bool
@@ -215,18 +213,13 @@ def itp_from_view(arm: ArmName) -> Rows:
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
 
-def view_from_world(way: Point) -> Point:
-    """Return a displacement in the world along the axes of the operator's view."""
-    return turn_vector(VIEW, way)
-
-
 def tissue_height(x: float, y: float) -> float:
-    """Return the height of the tissue's dome at (x, y), m, also beside the tissue."""
+    """Return the height of the tissue's dome at (x, y), m. The dome continues beyond its edge."""
     return scene.TISSUE_TOP - scene.TISSUE_SAG[0] * x * x - scene.TISSUE_SAG[1] * y * y
 
 
 def turn_vector(rows: Rows, v: Point) -> Point:
-    """Return `rows` times `v`."""
+    """Return the product of the matrix `rows` and the vector `v`."""
     x, y, z = v
     first, second, third = (a * x + b * y + c * z for a, b, c in rows)
     return first, second, third
@@ -237,7 +230,7 @@ def _rows(matrix: Any) -> Any:
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Return where the ends of the jaws meet, m. axis: their axis, m, frame 0. jpos: [7]."""
+    """Return where the ends of the jaws meet, m, frame 0. axis: of the jaws. jpos: joints [7]."""
     x, y, z = jaw_direction(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
@@ -257,8 +250,8 @@ def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     geometry = GEOMETRY[arm]
     right = math.pi / 2
     x, y, z = 1.0, 0.0, 0.0
-    # From the jaws to frame 0: a joint's angle about z, then sine and cosine of the link's twist
-    # about x. The insertion, which does not turn, is a constant part of the roll.
+    # From the jaws back to frame 0. Each row: a joint's angle about z, then sine and cosine of the
+    # link's twist about x. The insertion does not turn, so there is no row for it.
     for theta, sine, cosine in (
         (0.5 * (jpos[6] - jpos[5]), 1.0, 0.0),
         (jpos[4] - right, 1.0, 0.0),
@@ -273,7 +266,7 @@ def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
 
 
 def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:
-    """Return a copy of a frame's row, with tips where the jaws close, for drawing."""
+    """Return a copy of a frame's row for drawing: its tips are the points where the jaws close."""
     frame = Frame(layout, row.copy())
     for arm in layout.arms:
         for axis, joints in _DRAWN.items():

@@ -1,7 +1,6 @@
-"""Collects the parts of the Raven-II that sessions use, and computes its kinematics on plain
-numbers.
+"""Provides the parts of the Raven-II that sessions use, and its kinematics for single poses.
 
-Only modules that compile a tick or draw the arms import the robot's modules directly.
+Modules that compile a tick or draw the arms import the robot's modules directly.
 """
 
 # ruff: noqa: F401
@@ -54,7 +53,7 @@ def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndar
 
 @cache
 def motor_matrix(arm: ArmName, tool: str) -> np.ndarray:
-    """Return the matrix [7, 7] that gives the motors of joints, and the motor rates of rates."""
+    """Return the matrix [7, 7] from joint positions to motor positions, and from rates to rates."""
     with at_once():
         columns = [transmission.motor_from_joint(arm, tool, Vec(row)) for row in np.eye(7).tolist()]
     return np.array(columns, float).T

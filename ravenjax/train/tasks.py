@@ -1,8 +1,7 @@
 """Defines the operator's tasks: reach targets (also in levels), transfer an object, follow a line.
 
-All positions are in world coordinates, m. A task is centred between the tips' start positions. A
-frame gives each tip in frame 0 of its arm. Tasks do not affect the robot: pegs and objects stay in
-place, without contact.
+All positions are in world coordinates, m. The middle of a task lies between the start positions of
+the tips. Tasks do not affect the robot: targets, pegs and objects exert no force.
 """
 
 import itertools
@@ -26,45 +25,45 @@ from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
 
 Tips = Mapping[ArmName, Point]
-"""Where the jaws of each arm close, m, world."""
+"""The point where the jaws of each arm close, m, world."""
 POINTS = 200
-"""Points of the line; on the largest line they are half a millimetre apart."""
+"""Number of points of a line. On the largest line they are half a millimetre apart."""
 AHEAD = 8
-"""Points that the tip may pass in one tick. A hand passes no more, but a short cut does."""
+"""The largest number of points that count as passed in one tick. A short cut passes more."""
 LOOK_AHEAD_M = 0.003
-"""How far ahead on the line a scripted operator aims."""
+"""Distance ahead on the line to which a simulated operator moves."""
 PATH_COLOUR = "#3f7fbf"
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
-"""Jaw openings below which jaws hold and above which they release. The opening is 1.57 at home, and
-0.67 with the 900 mrad of the generated motion of the same name.
+"""Jaws hold an object below the first opening and release it above the second. The opening is 1.57
+at home. The generated motion of a peg transfer closes the jaws to 0.67.
 """
 LIFT_M = 0.008
-"""How high a scripted operator carries the object over pegs."""
+"""Height above pegs at which a simulated operator moves the object."""
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
 PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
 LEAST_WAY_M = 0.005
-"""The least distance from one target to the next, so that the tip must move."""
+"""The least distance between two successive targets."""
 TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
 class Field(NamedTuple):
-    """The place of a task, and the seed of its goals."""
+    """The arms and the position of a task, and the seed of its goals."""
 
     arms: Arms  # arms that do the task, in turn
-    begin: Tips  # where the tips begin
-    middle: tuple[float, float]  # of the tips, m
+    begin: Tips  # start positions of the tips
+    middle: tuple[float, float]  # x and y between the start positions, m
     seed: int
 
 
 class Wish(NamedTuple):
-    """The next aim of a scripted operator: where a tip should go, and what its jaws should do."""
+    """The next aim of a simulated operator: a position of the tip, and whether the jaws close."""
 
     point: Point  # m, world
     closed: bool = False
 
 
 class Task:
-    """A task under way; call `step` once a tick. This base class has no goals and is never done."""
+    """A task; call `step` once a tick. This base class has no goals and is never done."""
 
     def __init__(self, settings: Any, field: Field) -> None:
         """settings: the scenario's [task]."""
@@ -78,7 +77,7 @@ class Task:
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
-        """Advance by one tick. Return the events "target", "object", "level" and "task_done"."""
+        """Process one tick. Return its events: "target", "object", "level" and "task_done"."""
         self._events = []
         if not self.done:
             tips: dict[ArmName, Point] = {}
@@ -92,29 +91,29 @@ class Task:
         return self._events
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
-        """Advance what is specific to the kind of task."""
+        """Process one tick of this kind of task."""
 
     def restart(self) -> None:
-        """Adapt to a robot that was homed again: what is held is lost, what is done stays done."""
+        """Adapt to a robot that was homed again: a held object is lost, and progress stays."""
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        """Return where the tip (m, world) should go next, or None."""
+        """Return the next aim of a simulated operator, or None. tip: m, world."""
         return None if self.done or arm != self._arm else self._wish(tip)
 
     @property
     def _arm(self) -> ArmName | None:
-        """The arm in turn."""
+        """The arm whose turn it is."""
 
     def _wish(self, tip: Point) -> Wish | None:
-        """Return the wish of the arm in turn."""
+        """Return the aim of the arm whose turn it is."""
 
     def geometry(self) -> Json:
-        """Return JSON of what the page draws, m, world. `turns`: the arms, and how many turns."""
+        """Return the shapes for the page as JSON, m, world. `turns`: arms, number of turns."""
         empty = dict.fromkeys(("object", "path", "turns"))
         return {"kind": self.settings.kind, "targets": [], "pegs": []} | empty | self._shapes()
 
     def _shapes(self) -> Json:
-        """Return what this kind of task has in `geometry`."""
+        """Return the entries of `geometry` of this kind of task."""
         return {}
 
     def result(self) -> Json:
@@ -147,16 +146,16 @@ def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
 
 
 class PathTask(Task):
-    """One arm follows the line. Two arms take turns, lap by lap."""
+    """The tip follows a line. Two arms take turns, lap by lap."""
 
     def __init__(self, settings: Path, field: Field) -> None:
         super().__init__(settings, field)
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
         self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
-        # Points passed so far; the next is this one, modulo POINTS.
+        # Number of passed points. Modulo POINTS, it is the index of the next point.
         self._at = 0
-        self._on = False  # whether the tip has come to the line
+        self._on = False  # whether the tip has reached the line
         self._ticks, self._within = 0, 0
         spacing = math.dist(self.points[0], self.points[1])
         self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
@@ -176,7 +175,7 @@ class PathTask(Task):
             return
         self._ticks += 1
         self._within += near <= self._tolerance_m
-        if not ahead or near > self._tolerance_m:  # a tip that left the line resumes where it left
+        if not ahead or near > self._tolerance_m:  # progress continues where the tip left the line
             return
         lap = self._at // POINTS
         self._at += ahead
@@ -213,10 +212,11 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
 
 
 class PegTask(Task):
-    """The operator transfers one object repeatedly; two arms take turns. The object has no contact
-    forces. Jaws of the true links that close within `tolerance_mm` of the object carry it until
-    they open. If they open over the object's peg, the object is placed. Elsewhere it drops to the
-    tissue, and the operator must fetch it.
+    """The operator transfers one object from peg to peg; two arms take turns.
+
+    Jaws that close within `tolerance_mm` of the object hold it until they open. If they open near
+    the peg that is the goal, the object is placed. Otherwise it drops to the tissue, and the
+    operator must fetch it.
     """
 
     def __init__(self, settings: PegTransfer, field: Field) -> None:
@@ -245,7 +245,7 @@ class PegTask(Task):
         return self._arms[self.placed % len(self._arms)]
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
-        # Jaws that close near the object take it; jaws that open let it go.
+        # Jaws that close near the object hold it. Jaws that open release it.
         for arm, closed in self._closed.items():
             opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
             closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
@@ -254,7 +254,7 @@ class PegTask(Task):
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
-                    self._let_go(tick)
+                    self._release(tick)
             elif (
                 closes
                 and self.held is None
@@ -264,8 +264,8 @@ class PegTask(Task):
                 self.target = self.ways[self.placed + 1]
                 self._record_object(tick)
 
-    def _let_go(self, tick: int) -> None:
-        # An object within the tolerance of its peg is placed. Another one falls to the tissue.
+    def _release(self, tick: int) -> None:
+        # Places an object that is within the tolerance of its peg, and drops another object.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
         self.target = len(self.pegs)
@@ -296,7 +296,7 @@ class PegTask(Task):
         aside = math.hypot(tip[0] - x, tip[1] - y)
         there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
         if holding and tip[2] < z + LIFT_M - 0.002 and aside > self._tolerance_m:
-            return Wish((tip[0], tip[1], z + LIFT_M), True)  # lift it first
+            return Wish((tip[0], tip[1], z + LIFT_M), True)  # lift the object first
         over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
         return Wish((x, y, over), holding != there)
 
@@ -316,7 +316,7 @@ class PegTask(Task):
 
 
 class ReachTask(Task):
-    """Targets in a box over the tissue. Two arms take turns."""
+    """The tip reaches targets in a box above the tissue. Two arms take turns."""
 
     def __init__(self, settings: Reach, field: Field) -> None:
         super().__init__(settings, field)
@@ -365,11 +365,11 @@ class ReachTask(Task):
 
 
 class LevelsTask(Task):
-    """Rounds of targets in levels. A level ends after some rounds in a row within its time.
+    """Levels of rounds of targets. A level ends after some rounds in a row within the time.
 
-    A round has the same targets each time. Its time runs from its first target to its last, so that
-    nobody is hurried between rounds. Surgical skills are taught in this way (Ritter, Scott, Surg.
-    Innov. 14, 2007). Targets are numbered through all levels.
+    All rounds of a level have the same targets. The time of a round runs from its first target to
+    its last, so that the operator can rest between rounds. Surgical skills are taught in this way
+    (Ritter, Scott, Surg. Innov. 14, 2007). Numbers of targets continue through all levels.
     """
 
     def __init__(self, settings: Levels, field: Field) -> None:
@@ -387,7 +387,7 @@ class LevelsTask(Task):
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         if self._published < 0:
             self._record_level(tick)
-        # The round's own events are not passed on.
+        # The events of the round's own task are ignored.
         self._reach._step(frame, tips, tick)
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
@@ -402,7 +402,7 @@ class LevelsTask(Task):
         return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
 
     def _judge(self, tick: int) -> None:
-        # Ends a round. Enough rounds in a row within the time lead to the next level.
+        # Ends a round, and the level after enough rounds in a row within the time.
         level, levels = self._level, len(self.settings.level)
         took = tick - (self._begun or 0)
         within = took <= 1000.0 * self.settings.level[level].within_s
@@ -458,7 +458,7 @@ class LevelsTask(Task):
 def _draw(
     settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
 ) -> Point:
-    """Draw a point that is not too near to `before`; in a small box the farthest of 20."""
+    """Return a random point that is not too near to `before`; in a small box the farthest of 20."""
     extent = settings.extent_mm / 1e3
     points = []
     for _ in range(20):
@@ -471,7 +471,7 @@ def _draw(
 
 
 def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
-    """Return the task of a session. tips: where the tips begin, m, frame 0 of their arm."""
+    """Return the task of a session. tips: start positions, m, in frame 0 of each arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms
     begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}

@@ -1,4 +1,4 @@
-"""Measures how punctual the ticks are on this machine, in an empty loop and in a session."""
+"""Measures how late ticks start on this machine, in an empty loop and in a training session."""
 
 import tempfile
 from pathlib import Path
@@ -17,7 +17,7 @@ COLUMNS = (
     "of",
 )
 LONGEST_TICK_US = 100
-"""The longest computation of a tick that is expected for 99.9 % of ticks."""
+"""99.9 % of ticks should be computed within this time, us."""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
@@ -44,7 +44,7 @@ def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopT
 
 
 def timing_row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
-    """Return the numbers of one loop as a table row with the columns `COLUMNS`."""
+    """Return the measured values of one loop as a row of a table with the columns `COLUMNS`."""
     levels = [
         " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
         for what in ("compute", "whole", "lateness")
@@ -55,7 +55,7 @@ def timing_row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
 
 
 def timing_verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
-    """Return (state, sentence) for each requirement."""
+    """Return (state, sentence) for each requirement; state is "ok" if the loop meets it."""
     empty, session = measured[EMPTY], measured[SESSION]
     slow = session.percentile("compute", 0.999)
     expected = empty.late / empty.ticks * session.ticks
@@ -64,7 +64,7 @@ def timing_verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
     return [
         (
             "ok" if slow <= LONGEST_TICK_US else "slow",
-            f"99.9 % of ticks are computed within {slow:.0f} us, expected {LONGEST_TICK_US}",
+            f"99.9 % of ticks are computed within {slow:.0f} us, expected {LONGEST_TICK_US} us",
         ),
         (
             "ok" if session.late <= allowed else "late",

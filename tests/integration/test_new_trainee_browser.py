@@ -104,7 +104,7 @@ class Trainee:
         if seen["phase"] == "over":
             self.over_ms = seen["ms"] - self.began_ms
             return True
-        if "Reached" in seen["line"]:
+        if "Goal reached" in seen["line"]:
             self.reached_ms = min(self.reached_ms, seen["ms"] - self.began_ms)
         if seen["wrong"] or "lift it first" in seen["pedal"]:
             self.page.keyboard.up("Space")

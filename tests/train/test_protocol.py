@@ -25,7 +25,9 @@ def test_points_and_ways_as_scene_and_mapping_have_them(arm):
         )
         in_world = np.array(scene.frame0_in_world(arm)[1]) @ np.array(in_frame0)
         np.testing.assert_allclose(in_world, protocol.VIEW[axis], atol=1e-12)
-        np.testing.assert_allclose(protocol.view_from_world(tuple(in_world)), way, atol=1e-12)
+        np.testing.assert_allclose(
+            protocol.turn_vector(protocol.VIEW, tuple(in_world)), way, atol=1e-12
+        )
 
 
 def test_the_surface_is_where_the_depth_is_zero(arm):

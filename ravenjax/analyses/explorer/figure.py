@@ -1,6 +1,6 @@
-"""Writes the shapes of the robot and its surroundings as JSON, for a page that draws them.
+"""Describes the shapes of the robot and its surroundings as JSON, for the explorer's page.
 
-The page computes the poses of the bodies from joint positions and the model's tree of bodies.
+The page computes the poses of the bodies from joint positions and the tree of bodies.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -18,7 +18,7 @@ from ravenjax.robots.raven2.dynamics import arm_model, body_shapes, scene_views
 from ravenjax.store import files
 
 STEPS = 65535
-"""Steps of a coordinate over the extent of a body's shapes: for 1 m, a step is 15 um."""
+"""Steps of a coordinate over the extent of a mesh: for 1 m, a step is 15 um."""
 KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
 
 
@@ -75,7 +75,7 @@ def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]
 
 
 def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
-    # Corners become whole numbers of STEPS within the mesh's box, which keeps pages small.
+    # Corners are whole numbers of steps within the mesh's box, which makes pages small.
     mesh = body_shapes.merged_mesh(model, geoms)
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     corners = np.asarray(mesh.vertices, float)

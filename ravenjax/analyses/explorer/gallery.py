@@ -27,11 +27,11 @@ class Card:
 
 
 def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
-    """Write the pages of campaign files and their index, and return the index entries.
+    """Write the pages of campaigns and an index page. Return the entries of the index.
 
-    Without any files, all bundled campaigns are written. A campaign that cannot become a page gets
-    an entry with the reason. Raises UserError for a source that is not a campaign, for two
-    campaigns of one name, and if no campaign can become a page.
+    sources: campaign files or names; empty: all bundled campaigns. The entry of a campaign that
+    cannot become a page has the reason. Raises UserError for a source that is not a campaign, for
+    two campaigns of the same name, and if no campaign can become a page.
     """
     configs = [
         loading.load_campaign(source, runs=False)
@@ -41,8 +41,8 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(
-            f"two campaigns are named {', '.join(twice)}: each page of a gallery needs its"
-            " own name; leave one out"
+            f"two campaigns are named {', '.join(twice)}: the pages of a gallery need"
+            " different names; leave one campaign out"
         )
     folder.mkdir(parents=True, exist_ok=True)
     cards = [_card(config, folder) for config in configs]

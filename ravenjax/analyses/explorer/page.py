@@ -16,7 +16,7 @@ from ravenjax.document import html
 from ravenjax.store import files, manifest
 
 PREFIX = "page/"
-"""Prefix of names in the import map, which gives addresses to bare names only."""
+"""Prefix of module names. An import map cannot replace names that begin with a dot."""
 _IMPORT = re.compile(
     r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
 )
@@ -26,11 +26,10 @@ SUFFIX = ".explore.html"
 
 
 def build_page(source: str | Path, out: Path | None = None) -> Path:
-    """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
-    its path.
+    """Write the page of a campaign file, a bundled campaign or a result folder. Return its path.
 
-    `out`: the path; by default the folder's `explore.html`, or `NAME.explore.html` in the current
-    folder for a campaign. Raises UserError and StoreError.
+    out: the path; by default `explore.html` in a result folder, or `NAME.explore.html` in the
+    current folder for a campaign. Raises UserError and StoreError.
     """
     folder = Path(source)
     if folder.is_dir():
@@ -67,7 +66,7 @@ def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> 
 
 
 def fill(template: str, **values: Any) -> str:
-    """Return a template of this folder with these values."""
+    """Return the text of a template of this package with these values."""
     return (
         html.template_environment("ravenjax.analyses.explorer")
         .get_template(template)
@@ -76,11 +75,10 @@ def fill(template: str, **values: Any) -> str:
 
 
 def import_map(folder: Traversable) -> str:
-    """Return JSON of an import map with every JavaScript module of the folder. A page opened from a
-    file cannot import modules by address.
+    """Return JSON of an import map with every JavaScript module of a folder as a data URL.
 
-    The map names each module's text as a data URL. Imports of `./name.js`, and
-    `import.meta.resolve` of it, are replaced by such names.
+    The page needs the map, because a page opened from a file cannot import other files. In the
+    modules, imports and `import.meta.resolve` of `./name.js` are replaced by names of the map.
     """
     modules = {}
     for file in sorted(folder.iterdir(), key=lambda file: file.name):

@@ -1,25 +1,23 @@
-"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a
-page.
+"""Compiles a campaign's tick to WebAssembly, and describes as JSON how a page runs it.
 
 Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
-in base64. `static/engine.js` reads the object of `describe_program`:
+in base64. `static/engine.js` reads the object of `describe_program`, with these keys:
 
 - arms, ticks (ms of a run), cue (haptic set of the verdict), slots (faults of a run), observe_ms
-- parameters: what a reader may change, in the order of a run's inputs
-- channels: where faults act; a fault's code is the channel's place in this list, from 1
+- parameters: those that the page can change, in the order of a run's inputs
+- channels: where faults act; the code of a fault is the channel's index in this list, from 1
 - effects: code; a network effect also has the channel at which it is injected, the effect there and
   its value
 - triggers, fields (types of a fault's numbers), forever (length of an endless window)
 - motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
-- programs: outcomes, replay, and acted (outcomes with one fault slot more, which holds an action).
-  Each is a module with the places of its numbers in memory, in bytes. It imports
+- programs: outcomes, replay, and acted (outcomes with one more fault slot, for an action). Each is
+  a module with the positions of its numbers in memory, in bytes. It imports
   env.__linear_memory only. width: robots side by side in a vector. series: numbers that a golden
   run stores in each tick, and a faulty run reads. outputs, of replay: words written in each tick
   after the series.
-- actions: number of each action that `acted` may take; none for a robot without actions
-- harm_limit_mm: motion after the robot stopped that is harm, too; null if the campaign's own harm
-  replaces the limit
-- verdict: the words of outcomes, and what each check counts as
+- actions: number of each action that `acted` can take; empty for a robot without actions
+- harm_limit_mm: limit of motion after a stop, which is harm, too; null if the campaign defines harm
+- verdict: the names of outcomes, and the response of each check
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """
@@ -53,24 +51,24 @@ from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
 WORDS = resources.read_tables(__file__, "words.toml")
-"""Lists of parameters and series, and names that a reader understands without the manual."""
+"""Lists of parameters and series, and words for readers who do not know the manual."""
 
 MOTION_BYTES = 3_000_000
-"""Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
+"""Largest size of all motions of a page. If they are larger, the page has only the campaign's."""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
+    """Return the campaign's plan with parameters that a page can change. Raises UserError."""
     ready = plan.make_plan(config)
     if config.campaign.noise:
-        raise UserError("a page cannot draw noise for each run: turn campaign.noise off")
+        raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
-            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: give"
-            " one of its groups a [[group.fault]]; a page offers its site and effects"
+            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: add a"
+            " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
-    # A page draws the lengths of packets once, for all its runs.
+    # A page draws the lengths of packets once, not for each run.
     values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
     covered = {
         full for path in values for full in paths.named_numbers(program.params, program.setup, path)
@@ -84,8 +82,7 @@ def question_plan(config: CampaignConfig) -> Plan:
         covered.update(of_path)
         dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
         values[path] = np.full(ready.runs, own, dtype)
-    # The program's own ends would freeze lanes. A page stops them from outside, as generated code
-    # is stopped.
+    # The page ends runs by itself, so the program needs only the triggers that a page offers.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
     setup = dataclasses.replace(
@@ -139,7 +136,7 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode()
 
 
-# --- what may be asked ---
+# --- motions, parameters, channels ---
 
 
 def motion_name(config: CampaignConfig) -> str | None:
@@ -152,7 +149,7 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def list_motions(ready: Plan) -> dict[str, Any]:
-    """Return the campaign's motion, and those that may replace it on a small page."""
+    """Return the campaign's motion, and further motions if the page stays small enough."""
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
@@ -186,7 +183,7 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
-    # What the page needs to offer a parameter: its value, its type and its range.
+    # Returns what the page needs to offer a parameter: its value, its type and its range.
     program, robot = ready.program, ready.config.robot
     own = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
     limits = next(iter(bounds.allowed_values(robot, path)), None)
@@ -202,7 +199,7 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
 
 
 def _channels(ready: Plan) -> list[dict[str, Any]]:
-    # The channels of the campaign's faults, each with the effects that the page may offer.
+    # Returns the channels of the campaign's faults, each with the effects that the page may offer.
     injection = ready.program.setup.injection
     effects = {use.site: use.effects for use in injection.sites}
     rows = []
@@ -218,7 +215,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _effects() -> dict[str, dict[str, Any]]:
-    # Codes of effects. An effect of the network acts as a plain effect on one channel.
+    # Returns the codes of effects. A network effect is another effect on one channel.
     return {
         name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
         for name, effect in EFFECTS.items()
@@ -233,7 +230,7 @@ def _examples(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
-    # Words, checks and rules from which the page derives the verdict of a run.
+    # Returns the names, checks and rules from which the page derives the verdict of a run.
     robot = config.robot
     rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
     words = ("responses", "told", "untold", "hazards", "cues", "halt_ms")
@@ -261,7 +258,7 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    # The numbers of the robot's actions, and the program that takes one of them at any tick.
+    # Returns the numbers of the robot's actions, and a program that takes one of them at a tick.
     part = ready.config.robot.part("campaign")
     if not hasattr(part, "acted"):
         return {}, {}
@@ -274,7 +271,7 @@ def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    # The program that recomputes one run with its time series, for the animation.
+    # Returns the program that computes one run with its time series, for the animation.
     outputs, signals = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + signal] for signal in signals]
@@ -285,12 +282,11 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the time series of `words.toml` with the factor of each number, and the signals behind
-    all these numbers.
+    """Return the time series of `words.toml`, with the signal and the factor of each number.
 
-    They are found by asking the robot for the series of signals that are 1 one at a time: a number
-    that is a multiple of one signal then shows it. Numbers computed from several signals are left
-    out; a page computes them itself.
+    The function computes the robot's series for signals of which one at a time is 1. A number that
+    is a multiple of one signal then differs from zero once. Numbers that depend on several signals
+    are left out; the page computes them itself.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
@@ -320,7 +316,7 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
-    # A program as WebAssembly, and the layout of the memory that it reads and writes.
+    # Returns a program as WebAssembly, and the layout of the memory that it reads and writes.
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),

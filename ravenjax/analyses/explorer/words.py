@@ -1,4 +1,4 @@
-"""Writes as JSON what a page shows: names of sites, effects and checks, ranges, and runs."""
+"""Describes a campaign and the runs of a result folder as JSON, for the explorer's page."""
 
 import contextlib
 import json
@@ -26,11 +26,11 @@ from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
 UNASKED = ("periodic", "random", "lose")
-"""Effects without a control on the page. Random numbers depend on the row."""
+"""Effects that the page does not offer. The random numbers of two depend on the row of a run."""
 
 
 def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
-    """Return JSON of everything that the page's words, controls and commands need."""
+    """Return JSON of a campaign: sites, effects, checks, ranges, limits and the campaign file."""
     robot, arms, cues = config.robot, config.campaign.arms, config.haptics.cues()
     return {
         "name": config.campaign.name,
@@ -82,7 +82,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
-    # What the page shows of a channel: unit, whole numbers or not, limits and normal range.
+    # Returns a channel's unit, whether its numbers are whole, its limits and its normal range.
     usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {
@@ -97,7 +97,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    # The range of values that the campaign gives each site and effect: the page's slider.
+    # Returns the range of values of each site and effect in the campaign, for the page's slider.
     values = defaultdict[str, list[float]](list)
     for group in config.group:
         for run in group.run or [None]:
@@ -117,10 +117,10 @@ def _varied(config: CampaignConfig) -> list[str]:
 
 
 def _toml(config: CampaignConfig) -> str:
-    """Return the campaign's file without cues, groups and varied parameters, which a page adds.
-    Files that it reads lie beside it.
+    """Return the campaign's file without cues, groups and varied parameters, which the page adds.
 
-    If a page may exchange the motion, its name is the first line of [operator].
+    Paths of files are reduced to names. If the page can change the motion, its name is the first
+    line of [operator].
     """
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
@@ -137,7 +137,7 @@ def _toml(config: CampaignConfig) -> str:
 # --- the table of a result folder ---
 
 MOST = 20_000
-"""Largest number of table rows in a page. The first rows are taken."""
+"""Largest number of table rows in a page: the first rows of the table."""
 _FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
 
@@ -147,7 +147,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
 
     Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
     in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
-    cannot compute are left out (see `_asked`).
+    cannot compute are left out (see `_is_computable`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.table_columns(record.shape)]
     columns = {
@@ -162,7 +162,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     columns = {name: column for name, column in columns.items() if column in names}
     further = [name for name in names if re.fullmatch(_FURTHER, name)]
     frame = Results(record.shape, folder).frame([*columns.values(), *further])
-    first = frame.loc[_asked(frame)].head(MOST)
+    first = frame.loc[_is_computable(frame)].head(MOST)
     return {
         "folder": folder.name,
         "cue": cue,
@@ -183,8 +183,8 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
         return tables.headline_counts(runs, record)["evaded"]._asdict()
 
 
-def _asked(frame: pd.DataFrame) -> pd.Series:
-    # True for runs whose fault a page can set: one fault, one window from a time on.
+def _is_computable(frame: pd.DataFrame) -> pd.Series:
+    # Returns whether a page can compute each run: one fault, in one window from a time on.
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

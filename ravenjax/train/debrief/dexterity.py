@@ -1,4 +1,4 @@
-"""Measures how somebody moved: path, economy, smoothness, idle time, use of both hands.
+"""Measures an operator's motion: path, economy, smoothness, idle time, use of both hands.
 
 The measures use the true tips while the pedal is down and the session runs, resampled at `RATE_HZ`
 and low-passed at `CUTOFF_HZ`. A *stretch* is a period of this time without a gap. A *movement* is
@@ -18,13 +18,13 @@ from ravenjax.train.protocol import RUNNING, Json
 from ravenjax.train.recording.reader import Recording, sessions_beside
 
 KEY = "dexterity"
-"""Key in a session's summary."""
+"""Key of the measures in the summary of session.json."""
 RATE_HZ, CUTOFF_HZ = 100.0, 10.0
 IDLE_MM_S = 1.0
 """A tip below this speed counts as still."""
 SHORTEST_S = 0.5
 """Shorter movements have no smoothness."""
-# Balasubramanian et al. 2015: cut-off, amplitude, zero-padding.
+# Balasubramanian et al. 2015: cut-off, least amplitude, doublings of the length by zeros.
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 
 
@@ -61,11 +61,11 @@ def measure_dexterity(course: Recording) -> Json:
 
 
 def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
-    """Return by arm the largest forces, N, and the impulse, N s."""
+    """Return the largest contact forces, N, and the impulse, N s, of each arm."""
     measures = {}
     for arm in course.layout.arms:
         force = np.linalg.norm(course[f"{arm}/contact"].astype(float), axis=1)
-        # A row is a millisecond.
+        # A row lasts one millisecond, so the sum of forces times 1e-3 s is the impulse.
         peaks = {name: course[f"{arm}/{name}"].max() for name in ("vessel_n", "between_n")}
         sizes = {"peak_n": force.max(), "impulse_n_s": force.sum() * 1e-3} | peaks
         measures[arm] = {name: float(size) for name, size in sizes.items()}
@@ -73,10 +73,10 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
 
 
 def read_attempts(folder: Path) -> list[Json]:
-    """Return the sessions of the same person and scenario beside `folder`, up to the session in
-    `folder`.
+    """Return measures of the same person's earlier sessions of the scenario, and of this one.
 
-    The list is empty if the person is not named. Each entry has numbers, or None for those missing.
+    They are read from the folders beside `folder`. The list is empty if the person is not named.
+    A missing number is None.
     """
     sessions = {session.path.name: session for session in sessions_beside(folder.parent)}
     present = sessions.get(folder.name)
@@ -109,7 +109,7 @@ def path_length(points: np.ndarray) -> float:
 
 
 def path_economy(ways: Sequence[np.ndarray]) -> float | None:
-    """Return the distances between the ends of paths [T, 3] over their lengths, or None."""
+    """Return the straight distances of paths [T, 3] divided by their lengths, or None."""
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
     return straight / gone if gone > 0 else None
@@ -153,7 +153,7 @@ def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
 
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
     even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
-    # The filter pads with this number of points.
+    # The filter needs this number of points at each end.
     if len(even) < 16:
         return even
     sections = signal.butter(2, CUTOFF_HZ, fs=RATE_HZ, output="sos")

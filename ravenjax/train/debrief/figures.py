@@ -1,6 +1,7 @@
-"""Makes the charts of a session, the charts of a person's progress, and the data for the replay.
+"""Makes the charts of a debrief, and the data of its replay in three dimensions.
 
-A session's charts show distances and their limits, depth, force and run level.
+Charts of a session and of each hazard show distances and their limits, depth, force and run level.
+A person's learning curves show measures of several sessions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,32 +21,34 @@ from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, run_levels
 _LOOKS = resources.read_tables(__file__, "charts.toml")
 MOMENTS: dict[str, tuple[str, str]] = _LOOKS["moments"]
 """Name and colour of each moment of a hazard."""
+# Range of a hazard's chart: time before its start, time after its last moment, limits of the end.
 BEFORE_MS, AFTER_MS, SHORTEST_MS, LONGEST_MS = 400.0, 800.0, 1500.0, 8000.0
 POINTS = 900
 """The largest number of points of a drawn curve."""
-HEIGHT, SMALL_HEIGHT = 210, 110
+HEIGHT, SMALL_HEIGHT = 210, 110  # px
 
 Moment = tuple[str, float, str]
-"""Kind, time on the chart's axis, text."""
+"""Kind, time on the chart's axis, text above the line."""
 EVERY_MS, EVERY_HAZARD_MS = 40, 10
-"""Time between two pictures. The second value applies around a hazard, where motion is fast."""
+"""Time between two pictures of the replay. The second value applies around a hazard."""
 MOST = 20_000
-"""The largest number of pictures of a session. Longer sessions get fewer per second."""
+"""The largest number of pictures of a replay. Longer sessions get fewer pictures per second."""
 AROUND_MS = (400, 3000)
+"""Times before and after the start of a hazard that `EVERY_HAZARD_MS` covers."""
 PER_M = 10_000
+"""Units of the replay's positions in a metre."""
 
 
 def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard, in ms after its start; none beyond the recording.
+    """Return the charts of one hazard over ms after its start; none if it was not recorded.
 
     limits: mm by name, drawn as lines across the distances.
     """
     if row.struck_ms is None:
         return []
-    # Moments are a few milliseconds apart, so the page names them above the charts by their
-    # colours.
+    # Moments may be a few ms apart, so their lines have no text. The page lists their colours.
     moments = [("strike", 0.0, "")] + [
         (kind, ms, "") for kind, ms in row.after.items() if kind != "cue" or not blinded
     ]
@@ -63,7 +66,7 @@ def hazard_charts(
 def session_charts(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of the whole session, in s, with hazards and responses."""
+    """Return the charts of the whole session over s, with lines at hazards and responses."""
     began_ms = course.ms[0]
     time = (course.ms - began_ms) / 1000
     moments: list[Moment] = []
@@ -82,7 +85,7 @@ def session_charts(
 
 
 def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
-    """Return charts of one person's sessions; none for less than two sessions."""
+    """Return one chart per measure over a person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
         return []
     charts = []
@@ -102,7 +105,7 @@ def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
 
 
 def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to at most `POINTS`: each stretch becomes its greatest value."""
+    """Reduce a curve to at most `POINTS` points: the greatest value of each interval."""
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     stride = -(-len(time) // POINTS)
     starts = range(0, len(time), stride)
@@ -120,8 +123,9 @@ def _charts(
     limits: Mapping[str, float],
     blinded: bool,
 ) -> list[Chart]:
+    # Returns charts of distances, depth, force and run level over `time`, with lines at moments.
     distances = [
-        _curve(time=time, values=course.worst(channel, arms), **look)
+        _curve(time=time, values=course.greatest(channel, arms), **look)
         for channel, look in _LOOKS["distances"].items()
     ]
     ends = np.array([axis.low, axis.high])
@@ -131,7 +135,7 @@ def _charts(
     ]
     charts = [_chart("Distances", "mm", axis, [*distances, *lines], moments, HEIGHT)]
     for channel, (title, unit, colour) in _LOOKS["amounts"].items():
-        values = course.worst(channel, arms)
+        values = course.greatest(channel, arms)
         if channel == "force":
             values = values * ((course["cue_on"] > 0) & (not blinded))
         if np.nanmax(values) > 0:
@@ -155,7 +159,7 @@ def _curve(
     step: bool = False,
     **style: Any,
 ) -> Curve:
-    # A curve with few points: thinned, or only the corners of a step curve.
+    # Returns a curve with few points. Of a step curve it keeps the corners.
     if not step:
         return Curve(name, colour, *thin_curve(time, values), **style)
     corners = np.flatnonzero(np.diff(values, prepend=np.nan))
@@ -185,7 +189,7 @@ def _chart(
 
 
 def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
-    """Return JSON for the player; None if the header lacks the positions of the arms."""
+    """Return the replay's data as JSON; None if the header lacks the positions of the arms."""
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):
         return None

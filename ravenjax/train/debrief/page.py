@@ -12,13 +12,13 @@ from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
 CHANNELS = resources.read_tables(__file__, "charts.toml")["channels"]
-"""Channels of a recording that the debrief reads, so that a long one fits into the memory."""
+"""Channels that the debrief reads. All channels of a long recording would need too much memory."""
 
 
 def write_debrief(folder: Path) -> Path:
     """Write debrief.html into a session's folder and return its path.
 
-    The measures of the motion are also added to session.json, where a learning curve finds them.
+    The function also adds the measures of the motion to session.json, for later learning curves.
     Raises StoreError if the folder has no session.
     """
     # jinja takes a while to import.

@@ -1,10 +1,11 @@
-"""The page of a training session: reads the rings, serves a browser, and forwards its commands.
+"""Serves the page of a training session to browsers, in a separate process.
 
-The page runs in a separate process, and the realtime process never waits for it. The page writes
-commands into a ring, which the realtime process reads once a tick.
+The page reads frames and events from rings in shared memory. It writes the browsers' commands into
+another ring, which the realtime process reads once a tick. The realtime process never waits for the
+page.
 
-This module opens the page's port at once. It answers browsers until the page has started, so it
-imports nothing slow.
+This module opens the page's port at once and answers browsers until the page has started. So it
+imports no slow module.
 """
 
 import contextlib
@@ -26,13 +27,13 @@ from ravenjax.errors import UserError
 
 STATIC = Path(__file__).resolve().parent / "static"
 _PORTS = 100
-"""Ports to try from the requested one on."""
+"""Number of ports to try, from the requested port on."""
 _UNAVAILABLE = (
     "HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/html; charset=utf-8\r\n"
     "Cache-Control: no-store\r\nConnection: close\r\nRefresh: 1\r\n\r\n"
 )
 _PATIENCE_S = 0.2
-"""The longest wait for a request: browsers also open connections in advance, without one."""
+"""The longest wait for a request: browsers also open connections without a request."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,11 +47,11 @@ class PageOptions:
     arms: Any
     # As in session.json: name, hazards, task, blinded; also cue_threshold_mm.
     header: dict[str, Any]
-    folder: str | None = None  # where debrief.html appears once the session is over
+    folder: str | None = None  # of the session, which gets debrief.html after the end
     host: str = "127.0.0.1"
-    # Required in every request; needed if `host` is not a loopback address.
+    # Token of every request; needed if `host` is not a loopback address.
     token: str | None = None
-    # Required of an instructor's window; None: nobody can instruct.
+    # Token of an instructor's window; None: there is no instructor.
     instructor_token: str | None = None
 
 
@@ -63,7 +64,7 @@ def is_loopback(host: str) -> bool:
 
 
 def same_secret(word: str, secret: str | None) -> bool:
-    """Compare in constant time; False if there is no secret."""
+    """Whether `word` is the secret, compared in constant time; False if there is no secret."""
     return secret is not None and hmac.compare_digest(
         word.encode(errors="replace"), secret.encode()
     )
@@ -75,9 +76,9 @@ def query_parameters(path: str) -> dict[str, str]:
 
 
 def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple[str | None, str]:
-    """Return the tokens of visitors and instructor, random ones where they are needed but None.
+    """Return the tokens of visitors and instructor. A needed token that is None is generated.
 
-    Raises UserError if the two are the same.
+    Raises UserError if both are the same.
     """
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(24)
@@ -121,8 +122,8 @@ def open_port(
 def run_when_told(session: Connection, listening: socket.socket) -> None:
     """Import the page, then serve it with the `PageOptions` that `session` sends.
 
-    Until then visitors read what the session waits for: the texts that `session` sends. The answer
-    is the port. The page is served until it is terminated or the session's process ends.
+    Until then, browsers show the texts that `session` sends: what the session waits for. The answer
+    is the port. This ends when the process is terminated or the session's process has ended.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
     # nothing, so it needs no OpenGL.

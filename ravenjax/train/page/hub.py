@@ -1,10 +1,11 @@
-"""Manages the open windows: roles (operator, instructor, watcher), commands, and what they receive.
+"""Manages the open browser windows: their roles, their commands, and what each window receives.
 
-The hub checks every message from a browser before it forwards the message: types, ranges, sizes,
-roles. Operators do not see hazards, and nobody sees what blinding hides. At a real console, an
-operator learns only of checks that raise an alarm or stop the robot. Here these are events "alarm".
+The roles are operator, instructor and watcher. The hub checks types, ranges and size of every
+message from a browser, and whether the role may send it. Operators receive no data about hazards.
+As at a real console, they learn of a check only if it raises an alarm or stops the robot (event
+"alarm"). No window receives what blinding hides.
 
-Everything here runs in the server's event loop. A slow window skips frames and gets the newest one.
+This code runs in the server's event loop. A slow window skips frames and gets the newest frame.
 """
 
 import asyncio
@@ -40,17 +41,17 @@ from ravenjax.train.robot import ROBOT
 LARGEST = 2048
 """The largest size of a message in bytes."""
 NOTE = 700
-"""The largest size of a note as JSON in bytes: it must fit in an event."""
+"""The largest size of a note as JSON in bytes, so that an event can contain it."""
 _COMMANDS = resources.read_tables(__file__, "commands.toml")
 _SEEN: dict[str, list[str]] = _COMMANDS.pop("seen")
 """What operators see, and what blinding hides."""
 MOST_PER_S = 400
-"""The largest rate of messages of one window. A gamepad at 144 Hz with all keys stays below it."""
+"""The largest rate of messages of one window; more than a gamepad at 144 Hz with all keys."""
 KEPT_EVENTS = 1000
 _SIGNED = ("operator", "seat")
-"""Commands that name the role from which they come, if it is not the operator."""
+"""Types of commands to which the hub adds the role of the window, if it is not the operator."""
 LEFT = {"type": "seat", "do": "left"}
-"""Sent for an operator whose window is gone. Its pedal comes up, which counts as a release."""
+"""Command after the operator's window has closed: the pedal goes up, which is a release."""
 
 
 class RefusedMessage(ValueError):
@@ -78,7 +79,7 @@ _MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
 
 
 class Inbox:
-    """The checks for one session."""
+    """Checks the messages of the browsers of one session."""
 
     def __init__(self, arms: tuple[str, ...], hazards: int, blinded: bool) -> None:
         """hazards: number of hazards in the session's list."""
@@ -109,7 +110,7 @@ class Inbox:
         return content
 
     def _require_sense(self, name: str, content: Json) -> None:
-        # Refuses a message whose numbers or names do not belong to this session.
+        # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
@@ -154,10 +155,10 @@ class Visibility:
         return words | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Return a frame's message, float32: extras [arms, 5] of `Page._extras`, then the row.
+        """Return the bytes of a frame, float32: extras [arms, 5] of `Page._extras`, then the row.
 
-        Both are masked. The force is what the hand feels: zero with the cue off. The instructor
-        sees the force that the cue would have.
+        Values that the role may not see are replaced. With the cue off, operators see no force;
+        the instructor sees the force that the cue would have.
         """
         frame, extras = Frame(self._layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
@@ -186,7 +187,7 @@ class Client:
     def __init__(
         self, connection: ServerConnection, role: str, window: str, instructs: bool
     ) -> None:
-        """instructs: whether it may instruct, even if another window instructs now."""
+        """instructs: whether the window has the instructor's token."""
         self.connection, self.role, self.window = connection, role, window
         self.instructs = instructs
         self._texts: list[str] = []
@@ -200,7 +201,7 @@ class Client:
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """Queue a frame in place of one that still waits, with the greater peaks of both."""
+        """Queue a frame in place of one that was not sent yet, with the greater peaks of both."""
         if self._frame:
             extras = extras.copy()
             extras[:, :2] = np.maximum(extras[:, :2], self._frame[1][:, :2])
@@ -208,7 +209,7 @@ class Client:
         self._wake.set()
 
     def admits(self) -> bool:
-        """Whether one more message is within the window's rate."""
+        """Whether one more message is within the largest rate, `MOST_PER_S`."""
         now = time.monotonic()
         self._room = min(MOST_PER_S, self._room + (now - self._counted) * MOST_PER_S)
         self._counted = now
@@ -241,10 +242,8 @@ class Hub:
         on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
     ) -> None:
-        """place: the geometry that a window needs to draw tips.
-
-        on_page: receives commands for the page's process. on_input: called when the operator's
-        input changes.
+        """place: of `describe_place`. on_page: called with each message of type "page". on_input:
+        called when the operator's input changes.
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
         self._header, self._place, self._commands = header, place, commands
@@ -257,7 +256,7 @@ class Hub:
             role: Visibility(self._layout, role, blinded)
             for role in ("operator", "watcher", "instructor")
         }
-        self._clients: list[Client] = []
+        self.clients: list[Client] = []
         # An event loop holds its tasks weakly, so this set keeps closing connections alive.
         self._closing: set[asyncio.Task[None]] = set()
         self._events: list[Event] = []
@@ -278,47 +277,44 @@ class Hub:
             role = "watcher" if asks or not self._seat_is_free() else "operator"
         client = Client(connection, role, window, instructs)
         self._greet(client)
-        self._clients.append(client)
+        self.clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._visibility[client.role]))
         try:
             async for message in connection:
-                self._take(client, message)
+                self._receive(client, message)
         except ConnectionClosed:
-            # The tab vanished; `_part` releases what it held.
+            # The window has closed. `_remove` releases its pedal.
             pass
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
-            self._part(client)
+            self._remove(client)
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
         """Queue a new frame (float32) and its extras for every window; see `Visibility.frame`."""
-        for client in self._clients:
+        for client in self.clients:
             client.show(row, extras)
 
     def announce(self, events: list[Event]) -> None:
         """Queue new events of the session for the windows that may see them."""
         self._events = [*self._events, *events][-KEPT_EVENTS:]
-        for client in self._clients:
+        for client in self.clients:
             for event in self._visible(client, events):
                 client.send_soon({"type": "event", **event})
 
-    @property
-    def open(self) -> int:
-        return len(self._clients)
-
     def _visible(self, client: Client, events: list[Event]) -> list[Event]:
-        """Return the events that a window may see. Their rows of hazards.csv are for the recording
-        alone: a row says whether the cue is on, which blinding hides.
+        """Return the events that a window may see, without their rows of hazards.csv: these tell
+        whether the cue is on, which blinding hides.
         """
         shown = filter(self._visibility[client.role].shows_event, events)
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
-    def _part(self, client: Client) -> None:
-        if client not in self._clients:
+    def _remove(self, client: Client) -> None:
+        # Removes a window. If it was the operator's, its pedal goes up and its seat is free.
+        if client not in self.clients:
             return
-        self._clients.remove(client)
+        self.clients.remove(client)
         drove = client.role == "operator"
         # Messages that it sent before may still arrive.
         client.role = "watcher"
@@ -330,8 +326,8 @@ class Hub:
         """Drop the earlier connection of a window that connects again. It may have failed
         unnoticed.
         """
-        for client in [known for known in self._clients if window and known.window == window]:
-            self._part(client)
+        for client in [known for known in self.clients if window and known.window == window]:
+            self._remove(client)
             closing = asyncio.create_task(
                 client.connection.close(reason="the window is on another connection")
             )
@@ -339,7 +335,7 @@ class Hub:
             closing.add_done_callback(self._closing.discard)
 
     def _has(self, role: str) -> bool:
-        return any(client.role == role for client in self._clients)
+        return any(client.role == role for client in self.clients)
 
     def _seat_is_free(self) -> bool:
         return not (self._scripted or self._has("operator"))
@@ -370,10 +366,11 @@ class Hub:
         )
 
     def _announce_seat(self) -> None:
-        for client in (client for client in self._clients if client.role == "watcher"):
+        for client in (client for client in self.clients if client.role == "watcher"):
             client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
-    def _take(self, client: Client, message: str | bytes) -> None:
+    def _receive(self, client: Client, message: str | bytes) -> None:
+        # Checks a window's message, and carries it out or forwards it to the session.
         if not client.admits():
             return
         try:
@@ -382,13 +379,14 @@ class Hub:
             client.send_soon({"type": "refused", "why": str(reason)})
             return
         if command["type"] == "page":
-            self._obey(client, command)
+            self._change_role(client, command)
         elif client.role != "operator" and command["type"] in _SIGNED:
             self._forward({**command, "by": client.role})
         else:
             self._forward(command)
 
-    def _obey(self, client: Client, command: Command) -> None:
+    def _change_role(self, client: Client, command: Command) -> None:
+        # Gives a window the role that it requests, or passes other requests to the page.
         do = command["do"]
         if do == "instruct" and client.instructs:
             client.role = "instructor"

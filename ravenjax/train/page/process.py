@@ -1,4 +1,6 @@
-"""Runs the page's process: polls the rings, draws the scene, and informs the windows."""
+"""Runs the process that serves the training page: reads the session's rings, draws the scene, and
+sends frames and events to the browser windows.
+"""
 
 import asyncio
 import contextlib
@@ -32,13 +34,15 @@ from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, Windows, describe_place, window
 from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
-from ravenjax.train.robot import tip_pose
+from ravenjax.train.robot import ARMS, tip_pose
 
+# Reads the model of the operating field, which takes 0.2 s, while the session prepares its robot.
+describe_place(ARMS)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
 class Auth:
-    """The checks of one server."""
+    """Checks the requests of one server: host, origin and token."""
 
     def __init__(self, host: str, token: str | None, port: int) -> None:
         self._names = {*LOOPBACK, host}
@@ -99,7 +103,7 @@ class Auth:
 SESSION = "/session"
 SCENE = "/scene/"
 LARGEST_BYTES = 65536
-"""A longer message closes the connection. The reader of a shorter one judges its length."""
+"""A longer message closes the connection. `Inbox` checks the length of other messages."""
 DEBRIEF, TABLE = "debrief.html", "hazards.csv"
 _TYPES = {
     ".css": "text/css; charset=utf-8",
@@ -127,18 +131,18 @@ _POLICY = (
     " style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self' ws://{host}"
     " wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
 )
-"""Under this policy no request of the page leaves the server, whatever a scene requests."""
+"""With this policy, browsers send requests of the page to this server only."""
 Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class PageServer:
-    """A running viser server behind checks, with the files of one session.
+    """A viser server that also serves the page and the files of one session.
 
-    A request for any other file gets 404. A request that the checks refuse gets 403.
+    `Auth` checks each request. A refused request gets 403, a request for another file 404.
     """
 
     def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
-        """listening: where it serves. session: handles each websocket of /session."""
+        """listening: socket of the server. session: handles each websocket of /session."""
         port = listening.getsockname()[1]
         self._auth = Auth(options.host, options.token, port)
         self._listening, self._session = listening, session
@@ -177,7 +181,7 @@ class PageServer:
         return self.viser.get_event_loop()
 
     def _serving(self, original: Callable[..., Any]) -> Callable[..., Any]:
-        """Return `websockets.serve` with the checks and the session's own socket in front."""
+        """Return `websockets.serve` with `Auth` and the websocket of /session added."""
 
         def serve(handler: Handler, *_: Any, **settings: Any) -> Any:
             # Serves the scene with viser's handler, and the session's messages, at one port.
@@ -233,6 +237,7 @@ class PageServer:
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
+        # Returns the list of earlier sessions, or the debrief of one of them.
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         # These take a while to import.
@@ -309,7 +314,7 @@ def serve_page(options: PageOptions, listening: socket.socket, ready: Connection
 
 
 class Page:
-    """The parts of the page's process."""
+    """The page of one session."""
 
     def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
@@ -333,6 +338,7 @@ class Page:
         self._scene = Scene(self._server.viser, options.arms, header.get("task"), blinded)
 
     def work(self) -> None:
+        # Sends frames and events to the windows, and draws the scene, until the session ends.
         last_frame = time.monotonic()
         while not parent_has_ended():
             now = time.monotonic()
@@ -364,7 +370,7 @@ class Page:
         _, rows = self._frames.read(self._frames_seen)
         if len(rows):
             self._frames_seen = self._frames.written
-            if self._hub.open:
+            if self._hub.clients:
                 frames = rows.view(np.float32)
                 row = with_tips(self._layout, frames[-1])
                 call_soon(self._hub.show, row, self._extras(frames))
@@ -373,8 +379,8 @@ class Page:
         """Return float32 [arms, 5]: greatest error_mm and force of these frames, then the desired
         tip.
 
-        The greatest values let a peak of one millisecond be seen. The tip is the software's, m, in
-        the arm's frame 0.
+        With the greatest values, a peak of one millisecond stays visible. The desired tip is the
+        control software's, m, in the arm's frame 0.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

@@ -1,11 +1,11 @@
-"""Draws the three-dimensional scene from frames: arms, ghosts, forces, depth lines, task.
+"""Draws the three-dimensional scene of the training page: arms, ghosts, forces, depth lines, task.
 
-The scene shows the current target, the next one in a smaller size, and the last ones reached in
-grey. All targets at once would hide the tip. The current target has a colour of its own, and a ring
-around it shrinks as the tip approaches.
+The scene shows the current target, the next target smaller, and the last reached targets in grey.
+All targets at once would hide the tip. The current target is pink, and a ring around it shrinks as
+the tip approaches.
 
-The roots of viser's node tree are /robot, /ghost, /virtual, /force, /task and /plumb. Viser sends
-only changes.
+The library viser sends changes of the scene to browsers. The roots of its node tree are /robot,
+/ghost, /virtual, /force, /task and /plumb.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -49,13 +49,13 @@ DONE = (118, 135, 154)
 OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
 LAST_REACHED = 5
 RING_M = (0.004, 0.03)
-"""Least and greatest radius."""
+"""Least and greatest radius of the ring around the goal."""
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 _NOWHERE = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
-"""A ghost disappears below the first distance and appears above the second."""
+"""A ghost disappears below the first distance from the robot and appears above the second."""
 CONTACT_M = 0.03
 """m of arrow per N of contact force."""
 FORCE_M = 0.9
@@ -63,7 +63,7 @@ FORCE_M = 0.9
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 FIRST = "endoscope"
 FAR = "theatre"
-"""An inset with this view has no letters: they would hide the instruments."""
+"""View of an inset without letters, which would hide the instruments."""
 UP = (0.0, 0.0, 1.0)
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
 """The browser window to which the viser client of this task belongs; see `early.js`."""
@@ -94,7 +94,7 @@ class DepthLine:
 
 
 class TaskShapes:
-    """Scene nodes of one task, made from its geometry: world, m.
+    """Scene nodes of one task, made from its geometry, m, in the world:
 
     {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m",
     "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
@@ -135,7 +135,7 @@ class TaskShapes:
             self._object = self._add_spot("object", carried, None)
 
     def follow(self, event: Event) -> None:
-        """Take an event of kind "object": an arm took the object, or let it go somewhere."""
+        """Process an event of kind "object": an arm took the object or released it."""
         self._holder = event.get("held", "")
         if self._object is not None and "at" in event:
             self._object.position = tuple(event["at"])
@@ -195,9 +195,9 @@ def _rgb(colour: str) -> Rgb:
 
 
 def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Return by body its GLB file, and vertices [n, 3], m, and faces [m, 3] of its plain mesh.
+    """Return of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh.
 
-    The result is cached on disk, because making it takes seconds.
+    The result is cached on disk, because its computation takes seconds.
     """
     objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -219,7 +219,7 @@ def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.
 
 
 class RobotFigure:
-    """All moving links of some arms in one style, which follow joint positions."""
+    """Draws the moving links of some arms in one style, at given joint positions."""
 
     def __init__(
         self,
@@ -247,7 +247,7 @@ class RobotFigure:
         self._place()
 
     def show(self, frame: Frame, channel: str) -> None:
-        """Move the links to the joint positions of this channel."""
+        """Move the links to the joint positions in this channel of a frame."""
         for arm, places in self._qpos.items():
             if f"{arm}/{channel}" in frame.layout.places:
                 self._data.qpos[places] = frame[f"{arm}/{channel}"]
@@ -264,12 +264,12 @@ class RobotFigure:
 
 
 class Scene:
-    """Everything that is drawn, for every window."""
+    """The scene that every window shows."""
 
     def __init__(
         self, server: viser.ViserServer, arms: Arms, task: Json | None, blinded: bool
     ) -> None:
-        """blinded: neither ghost nor force is drawn, because they show what must stay hidden."""
+        """blinded: whether ghost and force are left out, which would show cue and hazard."""
         model = arm_model.operating_scene()
         self._server, self._arms = server, arms
         self._frames = {arm: tuple(map(np.array, frame0_in_world(arm))) for arm in arms}
@@ -303,6 +303,7 @@ class Scene:
             figure.set_visible(False)
 
     def update(self, frame: Frame) -> None:
+        # Draws the robot, the virtual robot, ghosts, forces and the task as in this frame.
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
@@ -328,20 +329,20 @@ class Scene:
         self._server.flush()
 
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
-        """Return the jaw tip, world, that is deeper in the tissue: most of the force acts there."""
+        """Return the jaw tip, world, that is deeper in the tissue, where most of the force acts."""
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
         return min(ends, key=lambda end: end[2] - tissue_height(float(end[0]), float(end[1])))
 
     def follow(self, event: Event) -> None:
-        """Take an event of the session that changes the scene."""
+        """Process an event of the session. Only events of kind "object" change the scene."""
         if event.get("kind") == "object":
             self._task.follow(event)
 
 
 def describe_place(arms: Arms) -> Json:
-    """Return JSON of where the arms and the tissue are, m, for a window that draws tips itself."""
+    """Return the positions of arms and tissue as JSON, m, for the 2D view."""
     return {
         "bases": {
             arm: dict(zip(("origin", "turn"), frame0_in_world(arm), strict=True)) for arm in arms
@@ -357,7 +358,7 @@ def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
 
 
 class Windows:
-    """The viser clients, by the name of the window to which each belongs."""
+    """Registers the viser clients by the names of their browser windows."""
 
     def __init__(self) -> None:
         self._clients: dict[str, viser.ClientHandle] = {}
@@ -393,7 +394,7 @@ class Windows:
                     del self._clients[name]
 
     def obey(self, client: Client, message: Command) -> None:
-        """Carry out a window's request: {"do": "camera", "name"}."""
+        """Set a window's camera, as its message {"do": "camera", "name"} requests."""
         handle, name = self._clients.get(client.window), str(message.get("name"))
         if handle is not None and name in VIEWS:
             _look_from(handle, name)

@@ -12,19 +12,19 @@ import numpy as np
 PERIOD_NS = 1_000_000
 """The period of the robot's control cycle."""
 PHASE_NS = PERIOD_NS // 2
-"""When a tick is due within a millisecond: not when Linux's timer interrupts come."""
+"""Time within a millisecond at which a tick starts. Linux's timer interrupts come at another."""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
-"""How long before a tick the process is awake, so that the after-effects of a sleep are over.
+"""How long before a tick the process wakes up, because a CPU is slow just after a sleep.
 
-With four CPUs, the loop's CPU never sleeps. With a single CPU, other processes need it more.
+With four CPUs or more, the loop never sleeps. With one CPU, the other processes need it.
 """
 WARM_UP_NS = 110_000
-"""How long before a tick the cache-warming work begins: the duration of a tick and a margin."""
+"""How long before a tick the cache-warming work begins: the time of that work and a margin."""
 MOST_BEHIND = 100
-"""Ticks that are caught up at most. After a longer delay the schedule moves on instead."""
+"""The largest number of late ticks to catch up. After a longer delay the schedule moves on."""
 LATE_US = 1000
-"""A tick that begins at least one whole period late counts as an overrun."""
+"""A tick that begins at least this late counts as a late tick."""
 BINS = 20_000
 """Bins of a histogram, one microsecond each. The last bin also counts everything longer."""
 
@@ -32,8 +32,8 @@ BINS = 20_000
 class LoopTiming:
     """Histograms of a loop, in microseconds.
 
-    compute: duration of ticks until frame and force are sent. whole: their duration with all that
-    follows. lateness: how late they began.
+    compute: time from a tick's start until frame and force are sent. whole: time until all work of
+    the tick is done. lateness: delay of the tick's start.
     """
 
     def __init__(self) -> None:
@@ -106,7 +106,7 @@ class Clock:
         self.compute_us = float(took)
 
     def rest(self) -> None:
-        """Record that the work after the tick is done, too."""
+        """Record that all work of the tick is done."""
         self.timing.whole[min((time.monotonic_ns() - self._began) // 1000, BINS - 1)] += 1
 
 
@@ -115,7 +115,7 @@ def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[s
     """Give this process one CPU and, where the system allows it, a realtime priority.
 
     Yields a description of what was granted, and undoes the changes at the end. choose: selects one
-    of the CPUs. A robot in a process of its own uses another CPU than the session that drives it.
+    of the CPUs. `ravenjax robot` selects another CPU than the session that drives the robot.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
@@ -143,7 +143,7 @@ def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[s
 
 
 def other_cpus() -> set[int]:
-    """Return the CPUs that `use_realtime_priority` leaves to others; empty with a single CPU."""
+    """Return the CPUs that the realtime process does not use; empty with a single CPU."""
     cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
     return cpus - {max(cpus)} if len(cpus) > 1 else set()
 

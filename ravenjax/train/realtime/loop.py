@@ -20,20 +20,20 @@ from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 MOST_COMMANDS = 16
 """The largest number of commands taken in a tick. Further commands wait for the next tick."""
 OF_CONSOLES = ("input", "increments", "seat")
-"""Commands that name the console from which they come."""
+"""Types of commands to which the loop adds the console that sent them."""
 AFTER_END_MS = 200
-"""Number of ticks that continue after the end, so that every process sees it."""
+"""Number of ticks after the end of a session, so that every process reads the end."""
 
 
 class Console(Protocol):
-    """A console of the loop: `poll` returns its commands, `tell` takes the robot's frame."""
+    """A console: `poll` returns its new commands, `send_frame` sends the robot's frame to it."""
 
     def poll(self) -> list[Command]: ...
-    def tell(self, frame: Frame) -> None: ...
+    def send_frame(self, frame: Frame) -> None: ...
 
 
 class TickedSession(Protocol):
-    """A session of the loop: `move` fills `frame` before it is sent, `conclude` does the rest."""
+    """A session: `move` computes a tick's `frame`; `conclude` computes its events afterwards."""
 
     scenario: Scenario
     arms: Arms
@@ -51,7 +51,7 @@ class PageCommands:
     """Reads the commands that the page writes to its ring, and marks them as the page's."""
 
     def __init__(self, ring: Ring, drives: bool = True) -> None:
-        """drives: False if a script drives, which the page's hands must not disturb."""
+        """drives: False if a script drives, so that the page's hands and pedal are ignored."""
         self._ring, self._next = ring, 0
         self._drives = drives
 
@@ -68,8 +68,8 @@ class PageCommands:
                 commands.append({**command, "console": "page"})
         return commands
 
-    def tell(self, frame: Frame) -> None:
-        """Do nothing: the page reads the ring."""
+    def send_frame(self, frame: Frame) -> None:
+        """Do nothing, because the page reads frames from a ring."""
 
 
 def run_loop(
@@ -81,8 +81,8 @@ def run_loop(
 ) -> LoopTiming:
     """Run `session` in real time until it is over, or `stopped` returns True.
 
-    rings: take frames and events; None: nobody reads them. trouble: called once a second to find
-    failures of other processes. Its first message becomes an event.
+    rings: receive frames and events; None: nobody reads them. trouble: called once a second; it
+    returns a message if another process has failed. The first message becomes an event.
     """
     rehearsal = _Rehearsal(session) if isinstance(session, Session) else None
     frame, places = session.frame, session.frame.layout.places
@@ -102,11 +102,11 @@ def run_loop(
             if rings:
                 rings[0].put(row)
             for console in consoles:
-                console.tell(frame)
+                console.send_frame(frame)
             paced.done()
             notes = session.conclude()
             if rehearsal:
-                rehearsal.hear(commands)
+                rehearsal.set_commands(commands)
             if paced.timing.late > reported and session.ticks % 100 == 0:
                 reported = paced.timing.late
                 notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
@@ -114,7 +114,7 @@ def run_loop(
             if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
                 notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
             if rings:
-                for event in notes:  # log and page read them every few ms
+                for event in notes:
                     put_json(rings[1], event)
             left += session.over
             paced.rest()
@@ -122,10 +122,10 @@ def run_loop(
 
 
 class _Rehearsal:
-    """A second session that is ticked before each tick is due, to keep the caches warm.
+    """A second session that computes a tick just before each real tick, to keep CPU caches warm.
 
-    Without it, a tick takes two to three times as long after most of a millisecond of sleep. The
-    second session gets the latest commands of the first. Nothing else reads it.
+    Without it, a tick takes two to three times as long, because the process sleeps between ticks.
+    The second session gets the latest commands of the first. Nothing reads its results.
     """
 
     def __init__(self, session: Session) -> None:
@@ -133,15 +133,15 @@ class _Rehearsal:
         self._session = Session(session.scenario, session.seed, ready=session.blueprint)
         self._commands: list[Command] = []
 
-    def hear(self, commands: list[Command]) -> None:
-        """Take the commands of this tick. The last motion of the hands is repeated."""
+    def set_commands(self, commands: list[Command]) -> None:
+        """Store the hands' motion of this tick, which the next ticks repeat."""
         if commands:
             hands = [each for each in commands if each.get("type") in ("input", "increments")]
             driving = [each for each in hands if console_of(each) == self._first.arbiter.owner]
             self._commands = [{**each, "console": "script"} for each in driving or hands[:1]]
 
     def tick(self) -> None:
-        """Advance the second session unless the first is paused, so that both last equally long."""
+        """Advance the second session, unless the first is paused: both must end together."""
         if not self._session.over and self._first.phase != PAUSED:
             self._session.tick(self._commands)
             self._session.command_lines.clear()

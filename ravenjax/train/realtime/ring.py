@@ -1,7 +1,7 @@
-"""Defines rings in shared memory. One process of a session writes, others read, and none waits.
+"""Defines ring buffers in shared memory. One process writes, others read, and no process waits.
 
-Reading a ring costs less than a system call, which matters a thousand times a second. The writer
-never checks the readers. Rows are numbered, so a slow reader notices that rows were overwritten.
+Reading a ring costs less time than a system call, which matters a thousand times a second. Rows
+are numbered, so a slow reader notices that the writer has overwritten rows.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import numpy as np
 
 from ravenjax.train.protocol import Json, encode
 
-# Bytes: rows written so far, capacity, bytes of a row.
+# Bytes of the header: three integers (rows written so far, capacity, bytes of a row) and space.
 _HEADER = 64
 EVENT_BYTES = 2048
-"""The largest size of an event as JSON."""
+"""The largest size of an event as JSON, bytes."""
 COMMAND_BYTES = 4096
-"""The largest size of a command to a session."""
+"""The largest size of a command as JSON, bytes."""
 
 
 class Ring:
-    """Rows of bytes in shared memory, the last `capacity` of them."""
+    """The last `capacity` rows of bytes that a process has written."""
 
     def __init__(self, memory: shared_memory.SharedMemory, owner: bool) -> None:
         self._memory, self._owner = memory, owner
@@ -64,10 +64,8 @@ class Ring:
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
-        """Return rows from number `first` on: (number of the first row returned, copies, uint8 [n,
-        row_bytes]).
-
-        The first returned row is later than requested if rows were overwritten already.
+        """Return rows from number `first` on, at most `limit`: (number of the first returned row,
+        copies, uint8 [n, row_bytes]). That number exceeds `first` if rows were overwritten.
         """
         end = self.written
         first = max(first, end - self.capacity + 1, 0)

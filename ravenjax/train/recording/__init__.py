@@ -9,6 +9,9 @@ def run_when_told(session: Connection) -> None:
 
     The answer is None, once the recording file exists.
     """
+    # The recorder needs scipy.spatial, which takes 0.3 s to import.
+    import scipy.spatial  # noqa: F401
+
     from ravenjax.train.recording import recorder
 
     with contextlib.suppress(EOFError):  # the session ended before it began

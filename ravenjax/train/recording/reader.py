@@ -1,7 +1,7 @@
-"""Reads the recording of a session from its folder. Reads and summarises the session's hazards.
+"""Reads what a training session wrote into its folder: the recording and the table of hazards.
 
-Hazards come from hazards.csv. If the session was killed before it wrote this table, they come from
-the rows of the recording.
+If the session was killed before it wrote hazards.csv, the hazards are read from the events of the
+recording.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class SessionFolder:
 
     @property
     def order(self) -> tuple[str, str]:
-        """A key by which sessions are in the order of their start."""
+        """A key that sorts sessions by their start."""
         return self.started, self.path.name
 
     @property
@@ -62,7 +62,10 @@ class SessionFolder:
 
 
 def sessions_beside(base: Path) -> list[SessionFolder]:
-    """Return the undamaged sessions in the folders of `base`, the first begun first."""
+    """Return the sessions in the subfolders of `base`, in the order of their start.
+
+    Folders without a readable session.json are left out.
+    """
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):
         try:
@@ -74,15 +77,15 @@ def sessions_beside(base: Path) -> list[SessionFolder]:
 
 TABLE = "hazards.csv"
 LEFT_ROOM = ("avoided", "harm", "missed")
-"""Outcomes of hazards that left room for a response; they alone have rates and mean scores."""
+"""Outcomes of hazards that left room for a response. Rates and mean scores count only these."""
 _ROWS = TypeAdapter(list[HazardRow])
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a cell that a spreadsheet computes."""
+"""First characters of a cell that a spreadsheet computes as a formula."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Recording(session_log.SessionLog):
-    """The recording of a session."""
+    """The recording of a session, with access to channels by name."""
 
     layout: FrameLayout
 
@@ -98,7 +101,7 @@ class Recording(session_log.SessionLog):
 
     @cached_property
     def began_ms(self) -> float:
-        """When the session's time began, ms; 0 if it never did."""
+        """When the session's time began, in ms since the first row; 0 if it never began."""
         starts = (event["tick"] for event in self.events if event["kind"] == "started")
         return float(next(starts, 0.0))
 
@@ -106,19 +109,19 @@ class Recording(session_log.SessionLog):
         """Return the rows in which the session's time ran, from its beginning on."""
         advances = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
         runs = np.flatnonzero(advances & (self.ms >= self.began_ms))
-        # Without a pause this is no copy.
+        # A slice avoids a copy of the rows if there was no pause.
         whole = slice(runs[0], runs[-1] + 1) if runs[-1] - runs[0] == len(runs) - 1 else runs
         return dataclasses.replace(self, rows=self.rows[whole], numbers=self.numbers[whole])
 
-    def worst(self, name: str, arms: Sequence[str]) -> np.ndarray:
-        """Return the greatest of the arms' values [T]. The value of a vector is its length."""
+    def greatest(self, name: str, arms: Sequence[str]) -> np.ndarray:
+        """Return the greatest of the arms' values [T]. A vector counts by its length."""
         channels = [self[f"{arm}/{name}"] for arm in arms]
         sizes = [np.linalg.norm(x, axis=1) if x.ndim > 1 else x for x in channels]
         return np.max(sizes, axis=0)
 
 
 def find_recording(folder: Path) -> Path | None:
-    """Return the recording of a session's folder, preferably the recovered one, or None."""
+    """Return the path of a folder's recording, or None. A recovered recording is preferred."""
     file = Path(folder) / session_log.FILE
     return next((path for path in (mcap_records.recovered_path(file), file) if path.exists()), None)
 
@@ -126,8 +129,8 @@ def find_recording(folder: Path) -> Path | None:
 def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
     """Read a recording, complete or cut short, from a file or a session's folder.
 
-    channels: those to read, without their arms, such as "tip"; none: all. Raises StoreError if the
-    folder has no recording, or its channels are those of another version.
+    channels: names of channels to read, without the arm, such as "tip"; empty: all. Raises
+    StoreError if the folder has no recording, or another version of ravenjax wrote it.
     """
     path = Path(path)
     if path.is_dir():
@@ -144,8 +147,8 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
     layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
     if layout.names() != log.names:
         raise StoreError(
-            f"{path} was recorded with other channels; read it with the version of ravenjax that"
-            " session.json names"
+            f"{path} was recorded by another version of ravenjax, with other channels; read it with"
+            " the version that session.json names"
         )
     return Recording(**vars(log), layout=layout.of_channels(keeps))
 
@@ -184,7 +187,7 @@ def read_table(folder: Path) -> list[HazardRow]:
 
 
 def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
-    """Return a row for each hazard that was armed; the last has no outcome if it was cut short."""
+    """Return a row for each armed hazard. Without its end in the recording it has no outcome."""
     rows: list[Json] = []
     for event in recording.events:
         if event["kind"] == "hazard_armed":
@@ -199,13 +202,13 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
 
 def session_columns(header: Json) -> Json:
     """Return the columns that all hazards of a session share, from its session.json."""
-    same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
+    shared = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
     scenario = header.get("scenario") or {}
-    return same | {"session": header.get("name"), "scenario": scenario.get("name")}
+    return shared | {"session": header.get("name"), "scenario": scenario.get("name")}
 
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
-    """Return numbers of a whole session; None where nothing was measured."""
+    """Return counts, medians and extremes of a session's hazards; None if unknown."""
     struck = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in struck if row.outcome in LEFT_ROOM]
     right = [row for row in answerable if row.response_ok]
@@ -213,7 +216,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     def count(name: str) -> dict[str, int]:
         return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
-    def over(function: Any, name: str, among: Sequence[HazardRow]) -> Any:
+    def reduce(function: Any, name: str, among: Sequence[HazardRow]) -> Any:
         known = [value for row in among if (value := getattr(row, name)) is not None]
         return round(function(known), 1) if known else None
 
@@ -225,15 +228,15 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         "motion_hazards": count("motion_hazard"),
         "left_room": len(answerable),
         "right_responses": len(right),
-        "median_reaction_ms": over(statistics.median, "reaction_ms", right),
-        "score": over(statistics.fmean, "score", answerable),
-        "farthest_mm": over(max, "farthest_mm", struck),
-        "deepest_mm": over(max, "deepest_mm", struck),
+        "median_reaction_ms": reduce(statistics.median, "reaction_ms", right),
+        "score": reduce(statistics.fmean, "score", answerable),
+        "farthest_mm": reduce(max, "farthest_mm", struck),
+        "deepest_mm": reduce(max, "deepest_mm", struck),
     }
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the columns of the rows as CSV, with formulas made harmless by an apostrophe."""
+    """Return the columns of the rows as CSV. An apostrophe makes formulas harmless."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

@@ -1,8 +1,9 @@
-"""Runs the recorder: a process that reads the rings of a session and writes files.
+"""Runs the recorder: a process that reads frames and events from the rings of a session, and writes
+them into the session's folder.
 
-No process waits for the recorder. It counts the rows that it could not read in time. It ends at the
-event "end", at SIGTERM, or when its parent has ended, and then closes the file. If it is killed,
-the last `POLL_S` and one block are lost (`store.recover`).
+No process waits for the recorder. It counts the rows that the writer of the ring overwrote before
+it could read them. It ends at the event "end", at SIGTERM, or when its parent has ended, and then
+closes the file. If it is killed, the last `POLL_S` and one block are lost.
 """
 
 import contextlib
@@ -24,7 +25,7 @@ from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 POLL_S = 0.015
 """s between readings of the rings. A kill loses at most this time and one block."""
 BLOCK = 128
-"""The largest number of rows of a block, so that a recorder that is behind loses little more."""
+"""The largest number of rows of a block. A kill loses at most one block."""
 WAITING_MS = 1000
 """ms between two rows before the first pedal-down."""
 LINGER_S = 0.5
@@ -32,13 +33,15 @@ LINGER_S = 0.5
 
 
 class RowWriter:
-    """Writes rows and events to a log. Before the first pedal-down it writes one row a
-    second, so that an open page does not fill the disk.
+    """Writes rows and events to session.mcap.
+
+    Before the first pedal-down it writes one row a second, so that a waiting session needs little
+    disk space.
     """
 
     def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
         """Raises StoreError if the file cannot be created."""
-        self.summary: Json = {}  # for session.json
+        self.summary: Json = {}  # added to session.json at the end
         self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)
         self._columns = [names.index("left_ms"), names.index("pedal")]
         self._whole_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
@@ -58,7 +61,7 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield the writer of a session's recording. session.json has when it began and ended.
+    """Yield the writer of a session's recording, and write session.json before and after.
 
     The arguments are those of `record_session`.
     """
@@ -80,9 +83,9 @@ def record_session(
 ) -> None:
     """Record until the session ends.
 
-    names: of a row's numbers, `FrameLayout.names`. header: session.json without "version",
-    "started", "ended". listening: called once session.mcap exists. Raises StoreError if the folder
-    cannot be written.
+    names: of the numbers of a row, `FrameLayout.names`. header: content of session.json without
+    "version", "started" and "ended". listening: called once session.mcap exists. Raises StoreError
+    if the folder cannot be written.
     """
     leaving = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: leaving.set())

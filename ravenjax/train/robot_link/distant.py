@@ -1,10 +1,9 @@
-"""Drives a remote robot over ITP, and compares its reports with a nominal model in this process.
+"""Drives a robot in another process over ITP, and compares its reports with a nominal model.
 
-This process runs the console's half of the tick, compiled like the whole tick. That half makes
-packets from the operator's motion, advances the nominal model, and computes the cue from the
-robot's reports. If the robot's reports stop, the session treats the robot as stopped. The true tip
-and the golden run are unknown. The measured tip and the nominal model replace them, and
-`false_report_mm` is NaN.
+The session's process computes the console's half of the tick: packets from the operator's motion,
+the nominal model, and the cue from the robot's reports. If the reports stop, the session treats the
+robot as stopped. The true tip and the golden run are unknown. The measured tip and the nominal
+model replace them, and `false_report_mm` is NaN.
 """
 
 from collections.abc import Sequence
@@ -33,7 +32,7 @@ _CHECKS = frozenset(ROBOT.checks)
 _MOST_TRIPS = 2**23
 """Limit of a check's count, so that the sum stays a whole number in single precision."""
 _SOURCE = Path(__file__).read_bytes()
-"""Part of the key for compiled code in the cache."""
+"""Part of the key of compiled code in the cache."""
 
 
 class _Reported(NamedTuple):
@@ -46,7 +45,7 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """A remote robot with the methods of `simulation.SimulatedRobot`. remote: the way to it."""
+    """A robot in another process, with the methods of `simulation.SimulatedRobot`."""
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
@@ -62,14 +61,14 @@ class DistantRobot:
         self._sequence = 0
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
-        # Places in the row of the numbers that the half tick fills. The packet's numbers follow
-        # them.
+        # Positions in the row of the numbers that the half tick computes. In its output, the
+        # packet's numbers follow.
         self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: Json = {}
         self._at_rest()
 
     def step(self) -> None:
-        """Advance by one tick: move the model, send the packet, take the newest report."""
+        """Compute one tick: move the model, send the packet, read the newest report."""
         self._stepper.step(self.now, self._out.ctypes.data)
         count = len(self._shown)
         self.row[self._shown] = self._out[:count]
@@ -83,11 +82,11 @@ class DistantRobot:
         self.now += 1
 
     def outcomes(self) -> Json:
-        """Return the few outcome columns that are known here."""
+        """Return the outcome columns that the robot's reports contain."""
         return dict(self._outcomes)
 
     def golden_outcomes(self) -> None:
-        """Return None: there is no golden run."""
+        """Return None, because a distant robot has no golden run."""
 
     def reset(self) -> None:
         """Order the robot to restart, and restart the model."""
@@ -98,7 +97,7 @@ class DistantRobot:
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
-        """Continue the motion at the beginning of its table, without effect on robot and model."""
+        """Move the motion to the beginning of its table. Robot and model do not move."""
         # The next packet's increments count from this row.
         self.motion[:, 0] = self.motion[:, self.now - 1]
         past, self.now = self.now - 1, 1
@@ -111,7 +110,7 @@ class DistantRobot:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Order the robot's process to arm the hazard of this row."""
+        """Order the robot's process to arm the hazard of this row of the fault table."""
         self._stepper.change(
             lambda state: replace(state, monitor=monitor.restart_monitor(state.monitor))
         )
@@ -125,8 +124,7 @@ class DistantRobot:
 
     def _at_rest(self) -> None:
         self._enter(self._rest)
-        # By check, whether the robot was stopped in the last report. Each new stop counts as a
-        # trip.
+        # Whether the last report had a stop by this check. Each new stop counts as a trip.
         self._stopped = {"soft_estop": True, "estop": True}
 
     def _enter(self, numbers: Sequence[Any]) -> None:
@@ -149,7 +147,7 @@ class DistantRobot:
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
 
     def _take(self, report: JointReport) -> None:
-        # Takes the robot's report as the state of this tick.
+        # Uses the robot's report as the state of this tick.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
@@ -192,7 +190,7 @@ def _resting(blueprint: Blueprint) -> _Reported:
 
 
 def _half(blueprint: Blueprint) -> StepCode:
-    """Compile the console's half of the tick. The robot's last report is its input."""
+    """Return the compiled code of the console's half of the tick, with the last report as input."""
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
@@ -205,7 +203,7 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        # Computes the nominal model, the cue and the monitor beside a robot that is elsewhere.
+        # Computes the packet, the nominal model, the cue and the monitor.
         timing = operator.row_by_row(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
         robot = observers.RobotView(*entering, unwritten)

@@ -44,42 +44,36 @@ from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 SIZE = FIELDS.size
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 """Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
-_LAST = 2**32 - 1
-
+_LAST = 2**32 - 1  # largest packet number
 TAKEN = "accepted"
 CAUSES = tuple(WORDS["causes"])
-"""Possible results for a datagram. Each is counted under exactly one of them."""
-
-
+"""Possible results of the checks of a datagram. Each datagram has exactly one result."""
 Increments = dict[str, Any]
-"""A command "increments" of `protocol`.
-
-It has the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y, z, w) and
-`grasp_mrad` (positive closes).
+"""A command "increments": the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y,
+z, w) and `grasp_mrad` (positive closes).
 """
-
 STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
 GOES_ON = (TAKEN, "restart", "skip")
-"""Results of the number after which the stream goes on."""
+"""Results of the check of a packet's number that do not interrupt the stream."""
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
-"""After this number of packets that break the profile's rules, the gate names a profile that fits
-them. If none fits, it says so, provided that these packets are at least this share of all. It also
-reports this number of dropped packets, if they are at least this share.
+"""Number of packets that do not fit the profile after which the gate names a profile that fits. If
+none fits, the gate reports this, provided that such packets are at least this share of all. The
+same limits apply to the report of dropped packets.
 """
 
 
 class Gate:
-    """Checks each datagram of a console before anything moves, without a socket or a clock.
+    """Checks each datagram of a console before its content moves the robot.
 
-    The order is: size, sender, content by the console's profile, sequence. Each refusal is counted
-    under its cause. The robot checks no content. Its rules for the sequence are those of
-    `raven2.stages.network`. Two rules are stricter, because the robot would follow a replayed
-    stream: going back counts as a restart only at number 1 and only from a console that has been
-    quiet for `QUIET_MS`, and a packet more than `RESET_GAP` ahead is dropped. After `RELEASE_MS` of
-    silence any stream may begin. Where others share the network, bind loopback or give the
-    console's address (`only_host`): without a secret, a recorded stream looks like a console.
+    The checks are, in this order: size, sender, content by the console's profile, sequence number.
+    Each refusal is counted under its cause. raven2 itself checks no content; its rules for the
+    number are those of `raven2.stages.network`. Two rules here are stricter, so that nobody can
+    replay a stream: a lower number counts as a restart only if it is 1 and the console was quiet
+    for `QUIET_MS`, and a packet more than `RESET_GAP` ahead is dropped. After `RELEASE_MS` of
+    silence any stream may begin. ITP has no secret, so a recorded stream looks like a console: in
+    a shared network, listen on loopback or set the console's address (`only_host`).
     """
 
     def __init__(
@@ -91,9 +85,8 @@ class Gate:
     ) -> None:
         """arms: the arms whose fields are read; fields of other arms may have any value.
 
-        profiles: that of the console, or several of which one applies; none: the robot's own
-        protocol. only_host: the only address that may send; None: any. say: prints for the user
-        which profile was found, or which one would fit.
+        profiles: of the console, or several of which one fits; empty: raven2's own. only_host: the
+        only address that may send; None: any. say: prints which profile was found or would fit.
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
@@ -104,16 +97,16 @@ class Gate:
         self._misfit_count, self._advised = 0, False
         self._warned = False  # whether dropped packets were reported
         self._peer: tuple | None = None
-        # Number of the stream's last packet; 0: none yet.
+        # Number of the last packet; 0: none yet.
         self._last = 0
-        self._heard_ms = -math.inf  # when the stream last went on
+        self._heard_ms = -math.inf  # when the last packet was accepted or skipped to
 
     @property
     def received(self) -> int:
         return sum(self.counts.values())
 
     def peer(self, now_ms: float) -> tuple | None:
-        """Return the source address of the console that is followed, or None."""
+        """Return the address of the console whose packets are accepted, or None."""
         if self._peer is not None and now_ms - self._heard_ms > RELEASE_MS:
             self._peer, self._last = None, 0
             self._choice.begin()
@@ -126,7 +119,7 @@ class Gate:
 
     def admit(self, datagram: bytes, source: tuple, now_ms: float) -> Increments | None:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
-        increments, cause = self._judged(datagram, source, now_ms)
+        increments, cause = self._check(datagram, source, now_ms)
         self.counts[cause] += 1
         drops = WORDS["drops"]
         dropped = sum(self.counts[drop] for drop in drops) if cause in drops else 0
@@ -135,14 +128,14 @@ class Gate:
             self._warned = True
             self._say(
                 f"console: {dropped} of {self.received} packets were dropped, the last as {cause}."
-                " Either two consoles send, or packets are lost on the way"
+                " Either two consoles send, or the network loses packets"
             )
         return increments
 
-    def _judged(
+    def _check(
         self, datagram: bytes, source: tuple, now_ms: float
     ) -> tuple[Increments | None, str]:
-        # Returns the increments of a datagram, and why it is dropped, if it is.
+        # Returns the increments of a datagram (None if it is dropped) and the result of the checks.
         if len(datagram) < SIZE:
             return None, "short"
         peer = self.peer(now_ms)
@@ -150,7 +143,7 @@ class Gate:
             return None, "stranger"
         fields = FIELDS.unpack_from(datagram)
         number = fields[0]
-        cause = self._numbered(number, now_ms)
+        cause = self._check_number(number, now_ms)
         goes_on = cause in GOES_ON
         reading = self._choice.read(fields, joined=cause == TAKEN)
         if isinstance(reading, Misfit):
@@ -172,7 +165,7 @@ class Gate:
         return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
 
     def _note(self, fields: Sequence, misfit: Misfit) -> None:
-        """Report once that the profile does not fit the console, and which one does, if known."""
+        """Report once that the profile does not fit the console, and which profile fits, if any."""
         self._misfits.append(fields)
         self._misfit_count += 1
         if self._advised or self._misfit_count % KEPT_MISFITS:
@@ -190,12 +183,12 @@ class Gate:
         )
         advice = f"They fit {fits}: start again with --console {fits}"
         if not fits:
-            advice = "No bundled profile fits them: write one, and start again with --console"
+            advice = "No bundled profile fits them: write a profile, and start again with --console"
             advice += " FILE.toml"
         self._say(f"{words}. {advice}")
 
-    def _numbered(self, number: int, now_ms: float) -> str:
-        """Return the result for a packet's number."""
+    def _check_number(self, number: int, now_ms: float) -> str:
+        """Return the result of the check of a packet's number."""
         last = self._last
         if number == 0:
             return "zero"
@@ -241,7 +234,7 @@ def merge_commands(commands: Sequence[Increments]) -> Increments | None:
 
 
 def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
-    """Return the packet that the network hands to the robot, under another number."""
+    """Return the packet of a command, with the number `sequence`."""
     tables = [command["arms"][arm] for arm in arms]
     return Packet(
         received=1,
@@ -256,7 +249,7 @@ def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams read in one tick, at least. The others wait in the kernel."""
+"""The least number of datagrams that one tick reads. Further datagrams wait in the kernel."""
 USUAL_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
@@ -264,15 +257,14 @@ BUFFER_BYTES = 1 << 16
 SOME_PACKETS = 10
 """The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
 FORCE_SCALE = 1000.0
+"""Units of a force packet in a device unit."""
 _FORCE_LIMIT = 2**31 - 1
-
-
 _AXES = np.array([ITP_AXES[arm] for arm in ARMS], int)
-"""For each arm: its ITP axes, as columns, in frame 0."""
+"""ITP axes of each arm, as columns, in frame 0."""
 
 
 class ItpServer:
-    """A UDP port for consoles, which one console at a time may drive."""
+    """A UDP port for consoles. One console at a time may drive."""
 
     def __init__(
         self,
@@ -383,7 +375,7 @@ def _whole(value: float) -> int:
 
 
 class ItpConsole:
-    """A console over the network: receives increments and sends forces."""
+    """An ITP console of the realtime loop: receives increments and sends forces."""
 
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
@@ -391,7 +383,7 @@ class ItpConsole:
         self._polls, self._why = 0, ""
 
     def poll(self) -> list[Command]:
-        """Return the increments, and "unheard" if the filter starts or stops refusing all."""
+        """Return the increments, and "unheard" if the gate starts or stops refusing all packets."""
         commands, self._polls = self._server.poll(), self._polls + 1
         why = self._why if self._polls % STALE_MS else self._refusal()
         if why != self._why:
@@ -411,7 +403,8 @@ class ItpConsole:
         [(cause, count)] = more.most_common(1) or [("", 0)]
         return packets_message(cause) if count >= SOME_PACKETS else self._why
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
+        # Sends the force of this frame to the console: zero unless the console drives.
         drives = self._session.arbiter.owner == "itp"
         forces = {}
         if drives and frame.number("console_alive"):
@@ -433,8 +426,8 @@ def force_at_hand(
 ) -> tuple[float, float, float]:
     """Return the force at the operator's hand in device units, frame 0.
 
-    It is at most `cap`, or as large as the cue alone where the cue exceeds `cap`. cue: whether the
-    operator feels the cue. Contact is always felt: it is the tissue's resistance.
+    The sum of cue and contact force is limited to `cap`, or to the cue alone if the cue is larger.
+    cue: whether the operator feels the cue. The operator always feels the contact.
     """
     places, numbers = frame.layout.places, frame.numbers
     pull = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3

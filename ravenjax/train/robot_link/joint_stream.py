@@ -1,9 +1,9 @@
 """Sends the robot's joint state over TCP to several listeners, and receives their orders.
 
-`JointServer` runs beside the robot. `RemoteRobot` connects a session to `ravenjax robot`, or to a
-program that sends these reports from a real Raven. Neither waits for the other. Every line is a
-JSON object (docs/how-to/training-messages.md). The server disconnects a client that sends anything
-else: it may be a web page that probes local ports.
+`JointServer` runs in the robot's process. `RemoteRobot` connects a session to `ravenjax robot`, or
+to a program that sends these reports from a real Raven. No process waits for another. Every line is
+a JSON object (docs/how-to/training-messages.md). The server disconnects a client that sends
+anything else, such as a web page that probes local ports.
 """
 
 import collections
@@ -24,16 +24,16 @@ from ravenjax.train.robot import UDP_PORT, ArmName
 from ravenjax.train.robot_link import WORDS, refuse_errors
 
 JOINT_PORT = 36002
-"""The console uses UDP port 36000, and raven2's packet generator uses 36001."""
+"""Default port. The console uses UDP port 36000, raven2's packet generator 36001."""
 BUFFER_BYTES = 1 << 17
-"""Size of a listener's buffer here, and again in the kernel: a tenth of a second."""
+"""Size of a listener's buffer here and in the kernel, bytes: a tenth of a second each."""
 READ_BYTES = 1 << 16
-LONGEST_ORDER = 1024
+LONGEST_ORDER = 1024  # bytes
 _NOT_ALLOWED = "not from the robot's machine: start robot and session with the same --token"
 _OF_ROBOT, OF_ARM = WORDS["report"], WORDS["report_arm"]
 _SIZES = _OF_ROBOT | OF_ARM
 PATIENCE_S = 10.0
-"""The longest time that a robot, perhaps a busy one, may take to accept a session."""
+"""The longest time that a busy robot may take to accept a session."""
 
 
 class JointReport(BaseModel):
@@ -60,9 +60,9 @@ class JointReport(BaseModel):
         return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
-        """Write the report into `frame`, without arms that the frame lacks.
+        """Write the report into `frame`. Arms that the frame lacks are ignored.
 
-        The true links and tip are not reported: their channels get the measured values.
+        A report lacks the true links and tip, so their channels get the measured values.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
         truth = {"jpos": "link_jpos", "position": "tip"}
@@ -77,7 +77,7 @@ class JointReport(BaseModel):
 def encode_report(
     frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
 ) -> bytes:
-    """Return a frame as a line. The other arguments are as in the module's description."""
+    """Return a report as a line. The arguments are those of `JointReport`."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_OF_ROBOT, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
     channels = {name: numbers[places[name]] for name in names}
@@ -90,7 +90,7 @@ def encode_line(content: Json) -> bytes:
 
 
 class LineConnection:
-    """A TCP connection that carries lines. Its methods never wait."""
+    """Sends and receives lines over a TCP connection. Its methods never wait."""
 
     def __init__(self, connection: socket.socket, local: bool = True) -> None:
         """local: whether the other end is on this machine."""
@@ -102,7 +102,10 @@ class LineConnection:
         self._waiting, self._heard = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Append a line if there is room, send what the kernel takes, and return the former."""
+        """Append a line to the buffer, and send as much as the kernel accepts.
+
+        Returns False if the buffer has no room for the line.
+        """
         fits = len(self._waiting) + len(line) <= BUFFER_BYTES
         if fits:
             self._waiting += line
@@ -142,12 +145,12 @@ ListenerOrder = tuple[LineConnection, Json]
 
 
 class JointServer:
-    """A TCP port for listeners. `poll` and `publish` are called once a tick and never wait."""
+    """A TCP port for listeners. Call `poll` and `publish` once a tick; they never wait."""
 
     def __init__(
         self, greeting: Json, host: str, port: int = JOINT_PORT, token: str | None = None
     ) -> None:
-        """greeting: the first line to each listener. Raises UserError if the port is taken."""
+        """greeting: first line to each listener. Raises UserError if the port cannot be opened."""
         self._greeting, self._token = encode_line(greeting), token
         with refuse_errors(
             f"TCP {host}:{port} cannot be opened for the joint stream",
@@ -181,7 +184,7 @@ class JointServer:
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
-        """Send the listener the result of its order: carried out, or the error."""
+        """Send the result of an order to its listener: success, or the error."""
         listener, content = order
         kind = content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
@@ -193,7 +196,7 @@ class JointServer:
         self._socket.close()
 
     def _read_orders(self, listener: LineConnection) -> Iterator[ListenerOrder]:
-        """Yield the orders of a listener that may give them; refuse the others."""
+        """Yield the orders of a listener, and refuse those without the token."""
         try:
             contents = [json.loads(line) for line in listener.read(LONGEST_ORDER)]
             if not all(isinstance(content, dict) for content in contents):
@@ -220,7 +223,7 @@ class RobotLink:
     def __init__(self, host: str, itp_port: int) -> None:
         """Raises UserError if the host has no address."""
         self.report: JointReport | None = None  # the newest report
-        self.lost = False  # whether the robot can no longer be heard
+        self.lost = False  # whether the connection to the robot has ended
         self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with refuse_errors(
@@ -233,7 +236,7 @@ class RobotLink:
 
     def exchange(self, datagram: bytes) -> JointReport | None:
         """Send this tick's ITP packet. Return the newest report, which may be `stale`."""
-        # If the packet cannot be sent, the robot misses it, like any packet that is lost.
+        # A packet that cannot be sent is treated as a packet that the network loses.
         with contextlib.suppress(OSError):
             self._console.send(datagram)
         if not self.lost:
@@ -241,14 +244,14 @@ class RobotLink:
         return self.report
 
     def _read(self) -> None:
-        """Take the reports that have arrived."""
+        """Read the reports that have arrived."""
 
     def order(self, content: Json) -> None:
         """Send an order of `joint_stream` to the robot."""
 
     @property
     def stale(self) -> bool:
-        """Whether no report has arrived for `STALE_MS`, so that the robot's shown state is old."""
+        """Whether no report has arrived for `STALE_MS`."""
         return self.lost or self.clock() * 1e-6 - self._arrived_ms > STALE_MS
 
     def close(self) -> None:
@@ -259,7 +262,7 @@ class RobotLink:
 
 
 class RemoteRobot(RobotLink):
-    """A robot with a joint stream."""
+    """A robot in another process that sends a joint stream."""
 
     def __init__(
         self,
@@ -269,13 +272,13 @@ class RemoteRobot(RobotLink):
         arms: Sequence[ArmName] = (),
         token: str | None = None,
     ) -> None:
-        """arms: those that the session needs. token: for orders to a robot on another machine.
+        """arms: the arms that the session needs. token: for orders to a robot on another machine.
 
-        Raises UserError if no robot answers, or the robot lacks an arm.
+        Raises UserError if no robot answers, or if the robot lacks an arm.
         """
         super().__init__(host, itp_port)
         self._token = token
-        self._resets = 0  # resets that were not answered yet
+        self._resets = 0  # number of orders "reset" without an answer so far
         # The robot's greeting: its arms, scenario, seed and hazards.
         self.greeting: Json = {}
         with refuse_errors(
@@ -306,7 +309,7 @@ class RemoteRobot(RobotLink):
         )
 
     def order(self, content: Json) -> None:
-        """Send an order. After a reset there is no report until the robot has restarted."""
+        """Send an order. After "reset", reports are ignored until the robot has restarted."""
         if content.get("order") == "reset":
             self._resets += 1
             self.report = None
@@ -327,7 +330,7 @@ class RemoteRobot(RobotLink):
         self.lost = self.lost or self._stream.is_closed
 
     def _take(self, line: bytes) -> None:
-        """Take a complete line. Raises ValueError if a robot would not send it."""
+        """Read a report, an answer or a greeting. Raises ValueError if a line is none of these."""
         if line.startswith(b'{"tick"'):
             if not self._resets:
                 self._arrived(JointReport.model_validate_json(line))

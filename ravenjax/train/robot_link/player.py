@@ -1,10 +1,9 @@
-"""Runs `ravenjax play`: replays a recorded stream of a console's packets, byte for byte.
+"""Runs `ravenjax play`: sends a recorded stream of a console's packets to a robot, byte for byte.
 
-A robot accepts a pedal only after the pedal was up. The player therefore sends the first packet
-with the pedal up, again and again, for `LEAD_S`. The robot may still follow another console, until
-two seconds after that console's last packet. So the player continues until a force packet shows
-that the robot follows the player. A real Raven sends no force packets; then the recording starts
-after `KNOCK_S`.
+The robot accepts packets of another console until two seconds after the last packet of the present
+one. So the player first repeats one packet until a force packet shows that the robot accepts it. A
+real Raven sends no force packets, so this phase ends after `KNOCK_S`. A robot accepts a pedal only
+after the pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
 """
 
 import contextlib
@@ -23,40 +22,38 @@ from ravenjax.train.robot_link import refuse_errors
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
+# Duration of a phase before the recording, and interval of its packets.
 LEAD_S, LEAD_STEP_S = 0.4, 0.002
 KNOCK_S, KNOCK_STEP_S = RELEASE_MS * 1e-3 + 0.5, 0.02
-_LARGEST = 2**32 - 1
+_LARGEST = 2**32 - 1  # packet number
 
 
 class Played(NamedTuple):
-    """Summary of the packets sent and the force packets received."""
+    """Counts of the packets that were sent and of the force packets that were received."""
 
     packets: int  # packets of the recording that were sent
-    of: int
+    of: int  # packets of the recording
     seconds: float
-    # The largest delay of a packet after its time.
-    latest_s: float
+    latest_s: float  # the largest delay of a packet
     forces: int  # force packets received
-    # Force packets that say that this console's pedal counts.
-    driving: int
+    driving: int  # force packets received while the pedal counted
 
     def __str__(self) -> str:
-        late_ms = self.latest_s * 1e3
         sent = (
             f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
-            f" {late_ms:.1f} ms late"
+            f" {self.latest_s * 1e3:.1f} ms late"
         )
         if not self.forces:
-            return f"{sent}; no force packet came back: check that a robot listens there"
+            return f"{sent}; no force packet arrived: check that a robot listens at this address"
         words = (
-            f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal"
+            f"{sent}; {self.forces} force packets arrived, {self.driving} of them with the pedal"
             " down"
         )
         return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
 def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
-    """Return the packets to send ahead of the recording's first one."""
+    """Return packets with the pedal up, numbered so that the packet `first` follows them."""
     packets = np.repeat(np.frombuffer(first, U_STRUCT), count)
     before = int(packets["sequence"][0]) - 1
     # 0 is not a valid packet number.
@@ -71,9 +68,10 @@ def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list
 def play_packets(
     datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
 ) -> Played:
-    """Send the packets to a robot until the end, or Ctrl-C. arrival_s: counted from the first.
+    """Send recorded packets to a robot until the end, or Ctrl-C.
 
-    Raises UserError if the address is not valid or reachable.
+    arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
+    cannot be reached.
     """
     ahead = lead_packets(datagrams[0])
     whole = [*ahead, *datagrams]

@@ -1,13 +1,12 @@
-"""Runs `ravenjax robot`: control software and virtual robot in a process that any ITP console can
-drive.
+"""Runs `ravenjax robot`: control software and simulated robot in a process that ITP consoles drive.
 
-Faults act in this process, so no console can see them. If a console stops sending, the robot's
-time-out of 5 s raises the pedal, as on the real robot.
+Faults act in this process, so a console cannot detect them in its own packets. If a console stops
+sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot.
 
 The sum of all increments that arrive within one millisecond is one packet for the robot; raven2's
 network thread sums them in the same way. This packet has a new number, because `itp` has already
-applied the robot's rules for packet numbers. Unlike in a session, only the pedals decide which
-console drives.
+checked the numbers of the console's packets. Unlike in a training session, only the pedals decide
+which console drives.
 """
 
 import contextlib
@@ -50,43 +49,45 @@ from ravenjax.vocabulary import checks
 CHECKS_EVERY = 100
 """The smallest number of ticks between two readings of the robot's checks."""
 ORDERS: dict[str, Command] = WORDS["orders"]
-"""Command for each order of `joint_stream`."""
+"""Command of a session for each order of a listener."""
 
 
 class PacketSession:
-    """A session without task and judge, whose robot takes the packets of consoles until "end"."""
+    """A session without task and judge: consoles drive a simulated robot until "end"."""
 
     def __init__(self, chosen: Scenario, robot: PacketRobot, say: Say = lambda _: None) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
-        self.arbiter, self.pedals = (ConsoleArbiter(by_pedals=True), PedalReasons(say))
+        self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), PedalReasons(say)
         self.ticks, self.over = 0, False
         self.taken = ""
-        """The console whose packet the robot took in this tick."""
+        """The console whose packet the robot accepted in this tick; "" if none."""
         self.checks: dict[str, tuple[int, int]] = {}
-        """As in the joint reports."""
+        """(Count, tick of the first) of the trips of each check, as in `JointReport.checks`."""
         self._number = 0  # number of the robot's newest packet
         # The checks' trips at the last reading, and its tick.
         self._trips, self._looked = 0.0, 0
 
     def move(self, commands: list[Command]) -> None:
-        """Run the first half of the tick: orders, consoles and the robot. Fills `frame`."""
+        """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""
         hands: list[Command] = []
         owner = self.arbiter.owner
         if self.arbiter.step(self.ticks) and owner == "crtk":
-            # The CRTK process is gone, so its pedal counts as up.
+            # The CRTK process has ended, so its pedal counts as up.
             still = dict.fromkeys(self.arms, STILL)
             hands.append({"console": owner, "pedal": False, "arms": still})
         for command in commands:
             console = console_of(command)
             match command["type"]:
                 case "increments":
-                    # `append` returns None: every message is taken.
-                    self.arbiter.hear(command, lambda hand: hands.append(hand) is None, self.ticks)
+                    # `append` returns None, so this returns True: no message is refused.
+                    self.arbiter.receive(
+                        command, lambda hand: hands.append(hand) is None, self.ticks
+                    )
                 case "unheard" if command.get("once"):
-                    self.pedals.once(console, command["why"])
+                    self.pedals.report(console, command["why"])
                 case "unheard":
-                    self.arbiter.unheard(console, command["why"])
+                    self.arbiter.set_refusal(console, command["why"])
                 case _:
                     self._obey(command)
         driver = self.arbiter.owner
@@ -103,8 +104,8 @@ class PacketSession:
         frame["console_alive"] = self.arbiter.owner != NOBODY
 
     def conclude(self) -> list[Event]:
-        """Run the second half of the tick: what the checks did, and why pedals do not count."""
-        self.pedals.look({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
+        """Compute the second half: trips of the checks, and why pedals do not count."""
+        self.pedals.update({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
         frame, trips = self.frame, self.frame.number("trips")
         if trips != self._trips and self.ticks - self._looked >= CHECKS_EVERY:
             self._trips, self._looked = trips, self.ticks
@@ -118,7 +119,7 @@ class PacketSession:
         return []
 
     def _obey(self, command: Command) -> None:
-        # Carries out one order of a session.
+        # Carries out the order of a listener, or the end.
         match command["do"]:
             case "arm":
                 self.robot.arm(command["hazard"])
@@ -136,12 +137,12 @@ class PacketSession:
 
 
 class JointConsole:
-    """The listeners of the joint stream as a console: they give orders and get reports."""
+    """A console of the loop for the listeners of the joint stream: their orders and reports."""
 
     def __init__(self, server: JointServer, itp: ItpServer, session: PacketSession, hazards: int):
-        """hazards: number of rows that may be armed."""
+        """hazards: the number of hazards that can be armed."""
         self._server, self._itp, self._session, self._hazards = server, itp, session, hazards
-        self._last_seq = NO_PACKET_SEQUENCE  # of the ITP console's packet taken last
+        self._last_seq = NO_PACKET_SEQUENCE  # number of the last accepted packet over ITP
 
     def poll(self) -> list[Command]:
         # Returns the valid orders that arrived, and answers the others with an error.
@@ -159,7 +160,7 @@ class JointConsole:
             self._server.answer((listener, content), error)
         return commands
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         session = self._session
         if session.taken == "itp":
             self._last_seq = self._itp.last_sequence
@@ -168,7 +169,7 @@ class JointConsole:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConsoleOptions:
-    """The options for consoles that are not the page."""
+    """The options for network consoles."""
 
     host: str = LOOPBACK
     token: str | None = None
@@ -176,7 +177,7 @@ class ConsoleOptions:
     # The console's profile: a name or file of `store.consoles`, or "auto".
     console: str = "raven"
     console_host: str | None = None  # the only host that may drive over ITP; None: any
-    crtk: Ros | None = None  # also speak CRTK over this ROS
+    crtk: Ros | None = None  # the ROS over which consoles use CRTK; None: no CRTK
 
 
 def run_robot(
@@ -188,8 +189,8 @@ def run_robot(
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
-    options: orders from other machines need their token; None: such orders are refused. seed: draws
-    the scenario's hazards; None: the scenario's seed. Raises UserError if a port cannot be opened.
+    options: orders from other machines need `options.token`; if it is None, they are refused. seed:
+    for the draw of hazards; None: the scenario's. Raises UserError if a port cannot be opened.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, number))
@@ -224,7 +225,7 @@ def run_robot(
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """Return the counts for the terminal, without zeros."""
+    """Return the counts as text for the terminal, without zeros."""
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing"
 
 
@@ -236,7 +237,7 @@ def open_consoles(
     say: Say,
     elsewhere: bool = False,
 ) -> tuple[list[loop.Console], ItpServer | None]:
-    """Open the ports of consoles until `stack` ends, and say who can reach them.
+    """Open the ports of network consoles until `stack` ends, and print who can reach them.
 
     elsewhere: see `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
     """
@@ -267,5 +268,5 @@ def open_consoles(
 
 
 def hash_hazards(hazards: Sequence[Armable]) -> str:
-    """Return a hash of a list of hazards. Lists with the same hash number their hazards equally."""
+    """Return a hash of a list of hazards. Equal hashes mean the same hazards in the same order."""
     return hashlib.sha256(" ".join(hazard.run_id for hazard in hazards).encode()).hexdigest()[:16]

@@ -1,11 +1,11 @@
-"""Turns a scenario into a campaign: each hazard that can be armed becomes a row of its fault table.
+"""Converts a training scenario to a campaign, whose fault table lists the session's hazards.
 
-The last row is the operator's E-stop button.
+The last row of the table is the operator's E-stop button.
 
 A hazard of the library has many rows: one for each case, published value, start and duration. A
-session takes one row of each case (`times = N`: N different ones). The draw depends on the
-session's seed and the case's name only. Every hazard starts at time 0. Trigger "pedal" becomes
-"time", because a session arms a row only while the pedal is down.
+session uses one row of each case (`times = N`: N different rows). The draw depends only on the
+session's seed and the case's name. Every hazard starts at time 0. The trigger "pedal" becomes
+"time", because a session arms a hazard only while the pedal is down.
 """
 
 import dataclasses
@@ -32,53 +32,49 @@ from ravenjax.vocabulary.effects import FIELDS
 _RESPONSES = resources.read_tables(__file__, "responses.toml")
 
 ENDLESS_MS = 5000
-"""How long a fault without an end stays active, unless the scenario sets a time."""
-
+"""How long a fault without an end stays active, ms, unless the scenario sets a time."""
 SETTLE_MS = 500
-"""A hazard is watched for this much longer than the time allowed for the response."""
+"""A hazard stays armed this much longer than the time allowed for the response, ms."""
 FAULT = "fault"
-"""Used in place of a library id where the scenario declares the fault itself."""
+"""Stands for the library id if the scenario declares the fault itself."""
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""
 Key = tuple[str | int, ...]
 _Row = dict[Any, Any]
 """A row of a fault table, by column."""
 _CLUTCHED = {"nominal.resync": 1.0}
-"""The model follows the robot while the pedal is up. Without this setting, each clutching would
-leave the model some tenths of a millimetre away from the robot.
+"""The nominal model follows the robot while the pedal is up. Otherwise each clutching would leave
+the model some tenths of a millimetre away from the robot.
 """
 _OWN_KEYS = {
     "monitor.limit": "[harm] excursion_mm",
     "haptics.cues": "[cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap",
 }
-"""Campaign parameters that a scenario sets through its own keys."""
+"""Campaign parameters that a scenario sets by other keys: those on the right."""
 _UNBOUNDED_S = 3600.0
-"""Length in s of the campaign from which rows are drawn. All starts in the library lie within it.
-"""
+"""Length of the campaign from which rows are drawn, s: longer than every start in the library."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Armable:
-    """One hazard of a session's list."""
+    """One hazard of a session that can be armed."""
 
-    # Its index in the session's list, and its row in the fault table.
+    # Index in the session's list of hazards, and row in the fault table.
     number: int
-    # Id in the library; "fault" where the scenario declares the fault itself.
+    # Id in the library; "fault" if the scenario declares the fault itself.
     hazard: str
     title: str
     # Name of the fault table's group.
     group: str
-    # 16 hex digits.
-    run_id: str
-    # The arm on which the first fault acts; "" where the fault is not on an arm.
+    run_id: str  # 16 hex digits
+    # The arm on which the first fault acts; "" if it acts on no arm.
     arm: str
     right_response: tuple[str, ...]
     within_s: float
-    # How long the fault stays active.
-    lasts_ms: int
+    lasts_ms: int  # how long the hazard stays armed at most
     # Earliest and latest time; None: the instructor arms the hazard.
     when_ms: tuple[float, float] | None
-    # Layer of the loop, in words; "" where the scenario declares the fault itself.
+    # Layer of the loop, as text; "" if the scenario declares the fault itself.
     layer: str
 
     def header(self) -> dict[str, Any]:
@@ -88,7 +84,7 @@ class Armable:
 
 
 def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
-    """Return the scenario's right responses; without any, those of the library's row."""
+    """Return the right responses of a scenario's entry, by default those of the library."""
     if entry.right_response is not None:
         return entry.right_response
     if hazard is None:
@@ -103,7 +99,7 @@ def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return a session's campaign. Raises ValueError for what `find_scenario_errors` reports."""
+    """Return a session's campaign. Raises ValueError for errors of `find_scenario_errors`."""
     groups, numbers = _groups(scenario, seed)
     drawn = _config(scenario, seed, groups, _UNBOUNDED_S)
     rows = design.table_columns(drawn).to_dict("records") if groups else []
@@ -121,7 +117,7 @@ def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
 
 
 def armable_hazards(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
-    """Return the hazards of a session: the rows of its fault table without the E-stop button's."""
+    """Return the hazards of a session: all rows of its fault table but the E-stop button."""
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
         _armable(entries, number, row)
@@ -135,7 +131,7 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
     names = [scenario.entry_name(h) for h in range(len(scenario.hazard))]
     for h, name in enumerate(names):
         if names.index(name) != h:
-            message = f"got {name!r} twice, expected a name of its own for each hazard"
+            message = f"got {name!r} twice, expected a different name for each hazard"
             yield ("hazard", h, "name"), message
     task, arms = scenario.task, list(scenario.arms)
     tasks: dict[Key, Arms] = {("task", "arms"): task.arms}
@@ -178,11 +174,11 @@ def _of_scenario(key: Key, message: str) -> str:
 
 
 def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
-    """Return the scenario's key for a key of the campaign."""
+    """Return the key in the scenario file for a key of the campaign."""
     match key:
         case ("group", int(number), *rest) if number < len(written):
             entry = written[number]
-            # A fault of the library is not written in the scenario file.
+            # The scenario file has no keys of faults from the library.
             if rest[:1] == ["fault"] and not scenario.hazard[entry].fault:
                 rest = rest[2:]
             return ("hazard", entry, *rest)
@@ -195,7 +191,7 @@ def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
 
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return a campaign's group for each case of a hazard, and the number of its entry."""
+    """Return a campaign's group for each case of each hazard, and the number of its entry."""
     groups: list[dict[str, Any]] = []
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
@@ -225,7 +221,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
 def _config(
     scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
 ) -> CampaignConfig:
-    # A session's hazards as a campaign in which nobody moves; the person's motion replaces that.
+    # Returns a campaign without motion; the session replaces it by the operator's motion.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
     parameters = {
@@ -261,13 +257,13 @@ def _slots(row: _Row) -> list[_Row]:
 
 
 def _faults(row: _Row) -> list[dict[str, Any]]:
-    """Return the faults of a row as a campaign file has them; the earliest starts at 0."""
+    """Return the faults of a row with the keys of a campaign file; the earliest starts at 0."""
     slots = _slots(row)
     first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
     for slot in slots:
         fault = {name: int(x) if name.endswith("_ms") else x for name, x in slot.items()}
-        # The values were checked when the fault table was made.
+        # Values beyond a channel's type may wrap: they were checked for the fault table.
         fault |= {"start_ms": fault["start_ms"] - first, "wraps": True}
         if fault["duration_ms"] < 0:
             fault["duration_ms"] = "end"

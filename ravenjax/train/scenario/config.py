@@ -184,13 +184,7 @@ class Free(_Task):
 
 
 Task = Annotated[Reach | PegTransfer | Path | Levels | Free, Field(discriminator="kind")]
-TASKS: dict[str, type[Section]] = {
-    "reach": Reach,
-    "peg_transfer": PegTransfer,
-    "path": Path,
-    "levels": Levels,
-    "free": Free,
-}
+TASKS = {"reach": Reach, "peg_transfer": PegTransfer, "path": Path, "levels": Levels, "free": Free}
 
 
 def _when(raw: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Reads a scenario file and checks it: TOML, overrides, the model `Scenario`, then its hazards.
+"""Reads a scenario file and checks its tables, its overrides and its hazards.
 
 All errors are reported at once, each with file, line, key, the value found and the value expected.
 """
@@ -37,13 +37,13 @@ def bundled_scenarios() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
-    """Return the scenario in TOML's tables. Raises UserError with places in `source` and `text`."""
+    """Return the scenario that TOML tables declare. Raises UserError with file, line and key."""
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     try:
         scenario = Scenario.model_validate(raw)
     except ValidationError as error:
-        # Pydantic also reports a list as too short when its only entries are invalid.
+        # If all entries of a list are invalid, pydantic also reports that the list is too short.
         faults = [it for it in error.errors() if it["type"] != "too_short" or not it["input"]]
         raise where.error((_key(it["loc"], raw), _message(it)) for it in faults) from None
     except RecursionError:
@@ -64,7 +64,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """Return the part of pydantic's `loc` that is in the file, without names of union members."""
+    """Return the key in the file for pydantic's `loc`, which also names members of unions."""
     key: location.Key = ()
     for i, part in enumerate(loc):
         last = i == len(loc) - 1

@@ -1,4 +1,4 @@
-"""Advances a training session by one millisecond, from the hands to the events.
+"""Computes one millisecond of a training session, from the operator's hands to the events.
 
 A session depends only on its scenario, its seed and a list of (tick, command): no clock, file,
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
@@ -52,16 +52,15 @@ from ravenjax.train.session.console_arbiter import (
 from ravenjax.train.session.simulation import Blueprint, EstopHold, SimulatedRobot, make_blueprint
 
 SETTLED_MS = 500
-"""After this time in pedal-down the hands move. It is the library's earliest start."""
+"""Time in pedal-down after which a hazard may start, ms; the library's earliest start."""
 GAP_MS = 3000
-"""Time between two hazards in which the tip comes to rest and the operator resumes the task."""
-
+"""Least time between hazards, ms: the tip comes to rest, and the operator resumes the task."""
 CLEARED_MS = 500
-"""After this time with the pedal up the robot rests, and the hazard's effect is measured."""
+"""Time with the pedal up, ms, after which a hazard ends: the robot is at rest by then."""
 
 
 class Director:
-    """Schedules the hazards of one session."""
+    """Decides when the hazards of one session are armed and disarmed."""
 
     def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
@@ -73,9 +72,9 @@ class Director:
             for hazard in self.hazards
             if hazard.when_ms is not None
         )
-        """(ms, number) of planned hazards still to come, in order."""
+        """(ms, number) of the planned hazards that are still to come, in order."""
         self._pending = -1  # the instructor's next hazard
-        self._ordered = False  # whether at_work has been armed
+        self._ordered = False  # whether the hazard `at_work` has been armed
         self._since = 0  # tick at which it was armed
         self._free_from = 0
         self._down = 0  # ms of pedal-down so far
@@ -83,7 +82,7 @@ class Director:
         self._stop = False  # the instructor disarms the hazard
 
     def command(self, message: Command) -> None:
-        """Take the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
+        """Store the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
         number = message.get("hazard")
         if message["do"] == "disarm":
             self._pending, self._stop = -1, True
@@ -91,9 +90,9 @@ class Director:
             self._pending = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
-        """Return the orders before this tick: "arm" or "disarm", and the number of the hazard.
+        """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or [].
 
-        frame: of the last tick. clock: session's time.
+        frame: of the last tick. clock: the session's time, ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -127,28 +126,28 @@ class Director:
         return [("arm", choice)]
 
     def reset(self, tick: int) -> None:
-        """Forget the active hazard of a robot that was homed. Planned hazards stay."""
+        """Forget the armed hazard, because the robot was homed. Planned hazards stay planned."""
         self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
         self._down, self._free_from = 0, tick + GAP_MS
 
 
 _TOLD = {"console": "alive", "pedal": "down"}
-"""Key of the new value in an event of this kind. Other kinds of state are also their own key."""
+"""Key of the new value in an event of this kind. For other kinds, the key is the kind itself."""
 _OF_TWO_PRESSES = {REAL: "rehearse", VIRTUAL: "reengage", REPLAY: "discard"}
-"""Operator's command of two short presses of a network console's pedal, by view."""
+"""Command that two short presses of a network console's pedal give, by view."""
 MOST_COMMANDS = 1_000_000
-"""Hours of a page's commands, or a quarter of an hour of a console that sends one a millisecond."""
+"""The largest number of stored commands: hours of the page, or a quarter of an hour of ITP."""
 OUTCOMES_EVERY = 10
 """The smallest number of ticks between two readings of the robot's checks."""
 STAND_BY_MS = 30_000
-"""How long a robot waits for the session's time to begin before its motion table restarts.
+"""How long a robot waits for the first pedal-down, ms, before its motion table restarts.
 
-See `Session._stand_by`. The motion table is as long as the session and `simulation.SPARE_MS`.
+See `Session._stand_by`. The motion table is as long as the session plus `simulation.SPARE_MS`.
 """
 
 
 class Session:
-    """One session. Call `tick` until `over`."""
+    """One training session. Call `tick` until `over`."""
 
     def __init__(
         self,
@@ -160,8 +159,8 @@ class Session:
         robot: Callable[[Blueprint], Any] = SimulatedRobot,
     ) -> None:
         """cue: whether the operator feels the force; None: as the scenario sets it. ready: a
-        blueprint compiled before for the same scenario and seed. robot: makes the robot that is
-        driven, which has the methods of `SimulatedRobot`.
+        blueprint that was compiled for the same scenario and seed. robot: returns the driven robot,
+        which has the methods of `SimulatedRobot`.
         """
         self.scenario, self.seed = chosen, seed
         self.blueprint = ready or make_blueprint(
@@ -190,7 +189,7 @@ class Session:
         """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
         self._resume_to = READY
-        # Row of the resting robot while the operator drives the virtual robot.
+        # Motion of the resting robot while the operator drives the virtual robot.
         self._rest: np.ndarray | None = None
         # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
         self._tried = (0, 0)
@@ -198,8 +197,8 @@ class Session:
         self._pedal, self._alive = 0.0, False
         self._told: Json = {}
         places = self.layout.places
-        # Of each arm: hand, hand_quat and grasp, as in a row of motion. Then the channels of the
-        # virtual robot, and those that are copied to them.
+        # Positions in a frame: hand, hand_quat and grasp of each arm, ordered as a motion table;
+        # channels of the virtual robot, and the channels of a robot that are copied to them.
         self._hand_places = np.r_[
             *(slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms)
         ]
@@ -229,12 +228,12 @@ class Session:
         return self.phase == OVER
 
     def tick(self, commands: list[Command]) -> list[Event]:
-        """Advance by one millisecond: fill `frame` and return the events."""
+        """Compute one millisecond: fill `frame` and return the events."""
         self.move(commands)
         return self.conclude()
 
     def move(self, commands: list[Command]) -> None:
-        """Run the first half of the tick: hands, hazards and robots. Fills `frame`, to be sent."""
+        """Compute the first half of the tick: hands, hazards and robots. Fill `frame`."""
         self._events, self._moved, self._new = [], False, []
         for command in commands:
             if not self.over:
@@ -244,7 +243,7 @@ class Session:
             self._publish()
             return
         if self.arbiter.step(self.ticks):
-            self._let_go("silent")
+            self._release_pedal("silent")
         hand = self._hands.advance(self.ticks)
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
         self._drive(hand)
@@ -253,24 +252,24 @@ class Session:
                 self.robot.arm(number)
                 self.judge.armed(number, self.ticks)
             else:
-                self._look()
+                self._read_checks()
                 self.robot.disarm()
                 self.judge.disarmed(self.ticks)
         if goes_on:
             self.robot.step()
         if self.view == VIRTUAL:
             self.virtual.step()
-            self._tell_trial()
+            self._record_trial()
         self._publish(hand)
         self._moved = True
 
     def conclude(self) -> list[Event]:
-        """Run the second half of the tick: task, judge and phase. Return the events of both."""
+        """Compute the second half: task, judge and phase. Return the events of the whole tick."""
         if len(self.command_lines) < MOST_COMMANDS:
             self.command_lines += [
                 encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
             ]
-        self.frame.settle()
+        self.frame.copy_numbers()
         state: Json = {
             "phase": PHASES[self.phase],
             "view": VIEWS[self.view],
@@ -284,19 +283,19 @@ class Session:
                 self._tell(kind, **{_TOLD.get(kind, kind): value})
         self._told |= state
         if self._moved:
-            self._follow()
-        for event in self.pedals.look({console: self._why_not(console) for console in NETWORK}):
+            self._update()
+        for event in self.pedals.update({console: self._why_not(console) for console in NETWORK}):
             self._tell("refused", **event)
         if self._moved:
             self.ticks += 1
         return self._events
 
     def _why_not(self, console: str) -> str:
-        """Return why a console's pedal that is held down does not count."""
+        """Return why a pedal that a console holds down does not count; "" if it counts or is up."""
         if self.over:
             return ""
         why = self.arbiter.why_not(console, self.ticks)
-        if not self.arbiter.holds(console):
+        if not self.arbiter.is_pedal_down(console):
             return why
         if self.phase in (PAUSED, STOPPED, LOST):
             return REASONS[PHASES[self.phase]]
@@ -305,30 +304,32 @@ class Session:
     # --- commands ---
 
     def _command(self, command: Command) -> None:
+        # Carries out a command: of the hands, of a console's seat, of operator or instructor.
         kind = command.get("type")
         if kind in ("input", "increments"):
-            self.arbiter.hear(
-                command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
+            self.arbiter.receive(
+                command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
             )
             console = console_of(command)
             is_owner = console in NETWORK and console == self.arbiter.owner
-            if is_owner and self._presses.hear(command["pedal"], self.ticks):
+            if is_owner and self._presses.update(command["pedal"], self.ticks):
                 self._operator({"do": _OF_TWO_PRESSES[self.view]})
         elif kind == "unheard":
             console, why = console_of(command), str(command.get("why", ""))[:200]
             if command.get("once"):
-                self._tell("refused", **self.pedals.once(console, why))
+                self._tell("refused", **self.pedals.report(console, why))
             else:
-                self.arbiter.unheard(console, why)
+                self.arbiter.set_refusal(console, why)
         elif kind == "seat":
-            if self.arbiter.obey(command, self.ticks):
-                self._let_go("handover", own=command.get("by") != "instructor")
+            if self.arbiter.change_seat(command, self.ticks):
+                self._release_pedal("handover", own=command.get("by") != "instructor")
         elif kind == "operator":
             self._operator(command)
         elif kind == "instructor":
             self._instructor(command)
 
     def _operator(self, command: Command) -> None:
+        # Carries out a command of type "operator", which is also a response for the judge.
         do, by = command["do"], command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
@@ -347,13 +348,14 @@ class Session:
             first, last = self._tried = self._tried[0], self.virtual.now
             self.view = REPLAY if last > first else REAL
         elif do == "discard" and self.view != REAL:
-            # The hand goes on from the pose of the driven robot, which has not moved.
-            self._hands.place(self.robot.motion[:, self.robot.now - 1])
+            # The hand continues at the pose of the driven robot, which has not moved.
+            self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
             self.view = REAL
         elif do == "note":
             self._tell("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command) -> None:
+        # Carries out a command of type "instructor". Pause and reset interrupt a hazard.
         do = command["do"]
         if do in ("arm", "disarm"):
             if do == "disarm":
@@ -365,8 +367,8 @@ class Session:
             self.judge.interrupted(self.ticks, "instructor")
             self._resume_to, self.phase = self.phase, PAUSED
         elif do == "resume" and self.phase == PAUSED:
-            # A hand or foot may have moved during the pause.
-            self._let_go("resume")
+            # The operator may have moved a hand or the foot during the pause.
+            self._release_pedal("resume")
             self.phase = self._resume_to
         elif do == "reset" and self.phase != OVER:
             self.judge.interrupted(self.ticks, "instructor")
@@ -377,13 +379,13 @@ class Session:
             self.cue_on = bool(command.get("on"))
             self.judge.cue_on = self.cue_on
 
-    def _let_go(self, why: str, own: bool = False) -> None:
-        """Raise the pedal without the operator's foot. It drives again after the foot was up.
+    def _release_pedal(self, why: str, own: bool = False) -> None:
+        """Treat the pedal as up until the operator has lifted it.
 
-        own: the operator caused this by giving the seat away or by leaving.
+        own: the operator caused this by handing the console over or by leaving.
         """
         self.arbiter.rearm(why, self.ticks)
-        self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
+        self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if own:
             self.judge.walked_away()
         else:
@@ -397,7 +399,7 @@ class Session:
     # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
-        # Writes this tick's motion: tried on the virtual robot, repeated, or direct.
+        # Writes this tick's motion into the motion table of the virtual or the driven robot.
         now, motion = self.robot.now, self.robot.motion
         row = motion[:, now]
         if self.view == VIRTUAL:
@@ -408,16 +410,16 @@ class Session:
             row[:] = self.virtual.motion[:, first]
             self._tried = first + 1, last
             if first + 1 >= last:
-                self._hands.place(row)
+                self._hands.move_to(row)
                 self.view = REAL
-        elif self.view == REPLAY:  # the pedal is up: the robot waits
+        elif self.view == REPLAY:  # the robot waits, because the pedal is up
             row[:] = motion[:, max(now - 1, 0)]
             row[-1] = 0
         else:
             row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Let the virtual robot follow the hand from the driven robot's state; that one rests."""
+        """Begin a trial: the virtual robot follows the hand, and the driven robot rests."""
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
             return
@@ -426,36 +428,37 @@ class Session:
         self._rest[-1] = 0
         self._tried = (now, now)
         self._trial_checks = Trips()
-        # Trips before the trial are no news.
-        self._trial_checks.look(self.ticks, now, self.virtual.outcomes())
+        # Do not report trips before the trial.
+        self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes())
         self._trial_trips = float(self.virtual.row[self._trips])
-        self.judge.excuse_rest(self.ticks)
+        self.judge.begin_trial(self.ticks)
         self.view = VIRTUAL
 
-    def _tell_trial(self) -> None:
-        """Report the alarms and stops of the virtual robot."""
+    def _record_trial(self) -> None:
+        """Record the alarms and stops of the virtual robot as events."""
         trips = float(self.virtual.row[self._trips])
         if trips == self._trial_trips or self.ticks % OUTCOMES_EVERY:
             return
         self._trial_trips, now = trips, self.virtual.now
-        for trip in self._trial_checks.look(self.ticks, now, self.virtual.outcomes()):
+        for trip in self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes()):
             if trip.check.response in verdict.TOLD and trip.announced:
                 self._tell("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
-        """Restart the motion table of a robot that nobody has driven yet. Return whether it moves.
+        """Restart the motion table of a robot that nobody has driven yet.
 
-        A stopped simulated robot holds its brakes until somebody restarts it or the time begins.
+        Return whether the robot still computes ticks: a stopped simulated robot does not.
         """
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
                 return False
-            self.judge.stood_by()
+            self.judge.forget_trips()
         self.robot.stand_by()
         return True
 
     def _restart(self, why: str) -> None:
-        self._look()
+        # Homes the robot. Its hazard ends, and every pedal must be lifted.
+        self._read_checks()
         self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
@@ -467,7 +470,7 @@ class Session:
     # --- frames and events ---
 
     def _publish(self, hand: hands.Hands | None = None) -> None:
-        """Fill the frame. Without a hand, its channels and the robot's keep their values."""
+        """Fill the frame. Without `hand`, the channels of hands and robots keep their values."""
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
@@ -483,20 +486,20 @@ class Session:
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
-    def _follow(self) -> None:
-        # Follows the robot's state after a tick: phase, task, and judge.
+    def _update(self) -> None:
+        # Updates task, judge and phase after the robot's tick.
         frame = self.frame
-        # The robot's state is unknown while its reports do not arrive.
+        # A distant robot may stop reporting; its state is then unknown.
         if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
-            self._let_go("link")
+            self._release_pedal("link")
             self.phase = LOST
         elif self.robot.heard and self.phase == LOST:
             self.arbiter.rearm("link", self.ticks)
             self.phase = READY
         self._events += self.task.step(frame, self.ticks)
-        # Reading the checks takes as long as a tick.
-        due = self.ticks - self._looked >= OUTCOMES_EVERY
-        checked = self._checked() if due else ()
+        # Reading the checks takes as long as a tick, so it is not done in each tick.
+        is_due = self.ticks - self._looked >= OUTCOMES_EVERY
+        checked = self._checked() if is_due else ()
         self.judge.step(self.ticks, frame, *checked)
         runlevel = frame.number("runlevel")
         if self.phase == READY and runlevel == PEDAL_DOWN:
@@ -512,21 +515,21 @@ class Session:
             self._end("task")
 
     def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
-        """Return the outcomes of robot and golden run if a check tripped since the last reading."""
+        """Return the outcomes of robot and golden run; () if no check has tripped since then."""
         trips = float(self.robot.row[self._trips])
         if trips == self._seen_trips:
             return ()
         self._seen_trips, self._looked = trips, self.ticks
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
-    def _look(self) -> None:
-        """Show the judge the trips so far, before the robot or the golden run restarts."""
+    def _read_checks(self) -> None:
+        """Let the judge read the trips before the robot or the golden run restarts."""
         if checked := self._checked():
-            self.judge.look(*checked)
+            self.judge.read_checks(*checked)
 
     def _end(self, reason: str) -> None:
         if self.phase != OVER:
-            self._look()
+            self._read_checks()
             self.judge.close(self.ticks, reason)
             self.phase, self.ended = OVER, reason
             self._tell("end", reason=reason)

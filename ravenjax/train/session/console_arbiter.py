@@ -1,15 +1,15 @@
-"""Decides which console drives the robot, and whether its pedal counts. Only one console can drive;
-it has the *seat*.
+"""Decides which console drives the robot, and whether its pedal counts. Only one console drives at
+a time: it has the *seat*.
 
-The first console whose pedal goes down gets the seat and keeps it until it leaves or is silent for
-`GONE_MS`. While its pedal is up, the operator at another console may take the seat. The console may
-give the seat away, and the instructor may give the seat to any console. In `ravenjax robot` only
-the pedals decide: a console with its pedal up loses the seat when another console presses its
-pedal.
+The first console whose pedal goes down gets the seat. It loses the seat when it leaves or sends
+nothing for `GONE_MS`. While its pedal is up, the operator at another console may take the seat. The
+console may give the seat away, and the instructor may give the seat to any console. In `ravenjax
+robot` only the pedals decide: a console whose pedal is up loses the seat when another pedal is
+pressed.
 
 An operator may not notice that the session began or was interrupted. After such an event a pedal
-that is down does not count until it was lifted. A network console only receives forces, so the page
-and the terminal show why its pedal does not count.
+that is down does not count until it was lifted. A network console receives forces but no texts, so
+the page and the terminal show why its pedal does not count.
 """
 
 from collections import deque
@@ -19,40 +19,40 @@ from ravenjax.bundled import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
 NETWORK = ("itp", "crtk")
-"""The consoles of `CONSOLES` whose users get the reasons."""
+"""The consoles whose reasons the page and the terminal show."""
 HOLDS_MS = 50
-"""Only a reason that lasts longer than this is reported: a person cannot react to a shorter one."""
+"""A reason is reported if it lasts this long, ms: a person cannot react to a shorter one."""
 _WORDS = resources.read_tables(__file__, "pedal.toml")
 REASONS: dict[str, str] = _WORDS["reasons"]
 RELEASED: dict[str, str] = _WORDS["released"]
-"""Why a pedal that CRTK holds down was raised automatically, by `OperatingState.why`."""
+"""Texts: why a pedal that a CRTK console holds down does not count, by `OperatingState.why`."""
 DOUBLE_PRESS_MS = 800
-"""The longest time of two presses that count as a pattern; an assumption."""
+"""The longest time of two presses that count as a double press, ms; an assumption."""
 GONE_MS = 2000
-"""After this silence a console counts as gone, as in `robot_link.itp`."""
+"""A console that sends nothing for this time, ms, counts as gone, as in `robot_link.itp`."""
 NOBODY, SCRIPT = "nobody", "script"
 
 
 def packets_message(cause: str) -> str:
-    """Return that the console's packets are refused. cause: one of `itp.CAUSES`."""
+    """Return the message that a console's packets are refused. cause: one of `itp.CAUSES`."""
     why = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
     return f"its packets are refused: {why}"
 
 
 class PedalReasons:
-    """Stores the reason that was last reported for each console."""
+    """Reports why the pedal of each network console does not count, once for each change."""
 
     def __init__(self, say: Say = lambda _: None) -> None:
         """say: prints a reason for the user."""
         self.say = say
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
-        # The new reason that must persist before it is reported, and for how many ms it has.
+        # The latest reason of each console, and for how many ms it has lasted.
         self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
 
-    def look(self, why: Mapping[str, str]) -> list[Event]:
-        """Take each console's reason ("" for none) and return the events for changes.
+    def update(self, why: Mapping[str, str]) -> list[Event]:
+        """Return an event for each console whose reason changed.
 
-        Call it once a millisecond, also in a pause.
+        why: the present reasons, "" for none. Call it once a millisecond, also in a pause.
         """
         events = []
         for console, reason in why.items():
@@ -62,12 +62,12 @@ class PedalReasons:
                 held = 0
             elif held == HOLDS_MS:
                 self._published[console] = reason
-                events.append(self.once(console, reason))
+                events.append(self.report(console, reason))
             self._coming[console] = reason, held
         return events
 
-    def once(self, console: str, why: str) -> Event:
-        """Return the content of an event for a reason that does not last."""
+    def report(self, console: str, why: str) -> Event:
+        """Print a reason, and return the content of its event."""
         line = f"{console}: {why}" if why else ""
         if line:
             self.say(line)
@@ -75,14 +75,14 @@ class PedalReasons:
 
 
 class DoublePress:
-    """Two short presses of a pedal, by which a console without buttons begins and ends a trial."""
+    """Detects two short presses of a pedal, which begin and end a trial at a network console."""
 
     def __init__(self) -> None:
         self._down = False
         self._changes: deque[int] = deque(maxlen=4)
 
-    def hear(self, down: bool, tick: int) -> bool:
-        """Take the pedal in a message. Return whether it ends the second of two short presses."""
+    def update(self, down: bool, tick: int) -> bool:
+        """Return whether the pedal of this message ends the second of two short presses."""
         if down == self._down:
             return False
         self._down = down
@@ -95,30 +95,30 @@ class DoublePress:
 
 
 class ConsoleArbiter:
-    """The arbiter of one session."""
+    """Decides who drives in one session."""
 
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
     ) -> None:
-        """record: receives the tick, the kind and the content of each event. by_pedals: whether
+        """record: called with the tick, the kind and the content of each event. by_pedals: whether
         pedals alone decide who drives.
         """
         self._record, self._by_pedals = record, by_pedals
         self.owner = NOBODY
         """The console that has the seat, one of `CONSOLES`."""
-        self._armed: set[str] = set()  # consoles whose pedal was up as required
+        self._armed: set[str] = set()  # consoles whose pedal counts, because it was lifted
         self._heard: dict[str, int] = {}  # tick of each console's last message
         self.down = False
-        """The owner's pedal, as it counts."""
+        """Whether the owner's pedal is down and counts."""
         self._foot: dict[str, bool] = {}  # each console's pedal in its last message
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused
 
-    def hear(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
+    def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
         """Process a message in which a console reports its hands and its pedal.
 
-        take: is called with the message if its console drives. In this message the pedal is up if
-        it does not count. `take` returns False to refuse the message.
+        take: called with the message if its console drives; the pedal in it is up if it does not
+        count. `take` returns False to refuse the message.
         """
         console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
@@ -141,12 +141,12 @@ class ConsoleArbiter:
         if not pedal:
             self._armed.add(console)
 
-    def unheard(self, console: str, why: str) -> None:
-        """Record why a console's messages are refused; "": they are accepted again."""
+    def set_refusal(self, console: str, why: str) -> None:
+        """Store why a console's messages are refused; "": they are accepted again."""
         self._unheard[console] = why
 
-    def holds(self, console: str) -> bool:
-        """Return whether a console's pedal is down, even if it does not count."""
+    def is_pedal_down(self, console: str) -> bool:
+        """Whether a console's pedal is down, even if it does not count."""
         return self._foot.get(console, False)
 
     def why_not(self, console: str, tick: int) -> str:
@@ -165,8 +165,8 @@ class ConsoleArbiter:
         cause = _WORDS["since"].get(self._since.get(console))
         return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
 
-    def obey(self, command: Command, tick: int) -> bool:
-        """Carry out a command "seat". Return whether the seat has changed hands."""
+    def change_seat(self, command: Command, tick: int) -> bool:
+        """Carry out a command of type "seat". Return whether another console has the seat now."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
         target, refusal = command.get("to") if do == "give" else console if do == "take" else "", ""
         if do == "left":
@@ -191,7 +191,7 @@ class ConsoleArbiter:
         return True
 
     def step(self, tick: int) -> bool:
-        """Advance by one tick. Return whether the owner has lost the seat by its silence."""
+        """Check the owner once a tick. Return whether it lost the seat because it was silent."""
         gone_ms = STALE_MS if self._by_pedals else GONE_MS
         if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= gone_ms:
             return False

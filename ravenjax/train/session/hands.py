@@ -1,12 +1,12 @@
-"""Turns the messages of consoles about the operator's hands into rows of motion, one for each tick.
+"""Converts the messages of consoles into the motion of the operator's hands, one row for each tick.
 
 Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
 critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
 the arm, in micrometres before the console's scale. Orientations are relative to the start.
 
-A message "increments" comes from a console that has already scaled its increments. The tick scales
-positions again in float32 and truncates them to whole micrometres. So every position here is the
-intended whole number plus half a micrometre away from zero, and truncation gives the whole number.
+A message "increments" comes from a console that has already scaled its increments. The robot's tick
+scales positions again in float32 and truncates them to whole micrometres. To make the result exact,
+every position here is half a micrometre farther from zero than the intended whole number.
 """
 
 from __future__ import annotations
@@ -24,22 +24,19 @@ STILL = (0.0,) * 7
 """Speeds of a hand at rest: move 3, turn 3, grasp."""
 LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 """The identity rotation."""
-
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed; an assumption."""
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
-# Share of full speed below which a hand counts as at rest.
+# A hand below this share of full speed counts as at rest.
 _AT_REST = 1e-6
-# Differences from the aim below this are set to zero.
+# Smaller differences from the aim are set to zero.
 _SETTLED = 1e-12
-
 GRASP_MRAD = (-400.0, 1500.0)
-"""How far speeds open and close the jaws from their start, which is about 90 degrees open."""
-
+"""Limits of the jaws: how far they open and close from the start, about 90 degrees open."""
 FARTHEST_UM = 1_000_000.0
-"""Limit of scaled positions, to which single precision resolves half a micrometre."""
+"""Limit of scaled positions. Up to here, single precision resolves half a micrometre."""
 
 
 class Hands:
@@ -53,12 +50,12 @@ class Hands:
         self._pedal = False
         # Tick of the last accepted message; -1: none yet.
         self._heard = -1
-        # The hands in this tick, as a row of `Motion.table`.
+        # The hands in this tick, ordered as a row of `Motion.table`; the pedal is last.
         self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
-        self.alive = False  # whether input arrives that is not stale
+        self.alive = False  # whether the last input is not stale
 
-    def take(self, message: Command, tick: int) -> bool:
-        """Take a valid message "input" or "increments". Return False if it leads out of range."""
+    def apply(self, message: Command, tick: int) -> bool:
+        """Apply a valid message "input" or "increments". Return False if it leads out of range."""
         tables = message["arms"]
         if message["type"] == "increments":
             given = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
@@ -75,7 +72,7 @@ class Hands:
         return True
 
     def advance(self, tick: int) -> Hands:
-        """Advance by one millisecond and return self. Call it once a tick."""
+        """Compute one millisecond of motion and return self. Call it once a tick."""
         alive = self.alive = self._heard >= 0 and tick - self._heard <= STALE_MS
         values: list[float] = []
         for hand in self._hands.values():
@@ -88,16 +85,16 @@ class Hands:
         self.columns[:] = values
         return self
 
-    def place(self, columns: np.ndarray) -> None:
-        """Put the hands, at rest, where a row of motion has them. The next row is then the same."""
+    def move_to(self, columns: np.ndarray) -> None:
+        """Put the hands, at rest, where a row of motion has them. The next row then equals it."""
         width = len(ARM_COLUMNS)
         for i, hand in enumerate(self._hands.values()):
             hand.stop()
-            hand.place(columns[i * width : (i + 1) * width].tolist(), self._scale)
+            hand.move_to(columns[i * width : (i + 1) * width].tolist(), self._scale)
 
 
 class _Hand:
-    """One hand: its scaled position, and its speed as shares of full speed along the ITP axes."""
+    """One hand: its scaled position, and its speed along the ITP axes in shares of full speed."""
 
     def __init__(self, arm: ArmName, speeds: Speeds) -> None:
         self._axes = itp_from_view(arm)
@@ -113,7 +110,7 @@ class _Hand:
         self._moving = False
 
     def aim(self, speeds: tuple[float, ...]) -> None:
-        """Set the speeds to reach: move 3 and turn 3 in axes of the view, grasp; each -1 to 1."""
+        """Set the speeds to reach, each -1 to 1: move 3 and turn 3 in axes of the view, grasp."""
         if any(speeds):
             move, turn = turn_vector(self._axes, speeds[0:3]), turn_vector(self._axes, speeds[3:6])  # type: ignore[arg-type]
             self._aim, self._moving = (*move, *turn, speeds[6]), True
@@ -126,7 +123,7 @@ class _Hand:
             self._v, self._change = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        # Moves the hand smoothly to the velocity that the page asks for.
+        # Changes the speed smoothly to the one that the page requests, and moves the hand.
         if not self._moving:
             return
         v, change = self._v, self._change
@@ -174,15 +171,15 @@ class _Hand:
         values += [_beyond(position) * per_um for position in self._x]
         values += (*self._quat, _beyond(self._grasped))
 
-    def place(self, values: list[float], scale: float) -> None:
-        """Take the position from the arm's columns of a row of motion."""
+    def move_to(self, values: list[float], scale: float) -> None:
+        """Set the position from the arm's columns in a row of motion."""
         self._x = [_within(x * scale) for x in values[0:3]]
         self._quat = unit_quaternion(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasped = _within(values[7])
 
 
 def _speeds(given: Json) -> tuple[float, ...]:
-    """Return an arm's speeds ordered as STILL; move and turn cut to length 1, grasp to -1 .. 1."""
+    """Return an arm's speeds ordered as STILL: move and turn at most of length 1, grasp -1 to 1."""
     speeds: list[float] = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])

@@ -1,7 +1,5 @@
-"""Defines two simulated operators. One does the task and reacts to cues, the other repeats recorded
-commands.
-
-Both are deterministic, so a session can be repeated exactly.
+"""Defines two simulated operators: one does the task and reacts to cues, the other repeats commands
+of a file. Both are deterministic, so a session can be repeated exactly.
 """
 
 import collections
@@ -15,13 +13,14 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from ravenjax.errors import UserError
 from ravenjax.train.protocol import (
     STOPPED,
+    VIEW,
     Command,
     Frame,
     Increments,
     Input,
     closing_point,
     to_world,
-    view_from_world,
+    turn_vector,
 )
 from ravenjax.train.robot import PEDAL_DOWN, ArmName
 from ravenjax.train.scenario import Speeds
@@ -29,18 +28,19 @@ from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
 
 INPUT_EVERY_MS = 16
-"""The interval at which a page at 60 Hz sends."""
+"""Interval between inputs, ms, as of a page at 60 Hz."""
 FIRST_PEDAL_MS = 200
-"""The time of the first pedal-down."""
+"""Tick of the first pedal-down."""
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
-"""Delays from a touch, or an unexpected sight, to the action; assumed as in `stages.reaction`."""
+"""Delays from a felt force, or a seen event, to the action; assumed as in `stages.reaction`."""
 REST_MS = 1500
-"""How long the operator keeps the pedal released or moves slowly."""
+"""How long the operator keeps the pedal up, or moves slowly, as a reaction, ms."""
 UNAVAILABLE_MS = 1000
-"""The operator restarts a robot that does not follow for this time although the pedal is down."""
+"""The operator restarts a robot that has not moved for this time, ms, with the pedal down."""
+# Speed of the hand per distance from the goal, and speed of the jaws (share of full) per angle.
 GAIN_PER_S, GRASP_PER_RAD = 4.0, 4.0
 UNATTENDED_MS = 60_000
-"""The tick at which the session's time begins even if a script has not driven."""
+"""Tick at which the session's time begins although the script has not pressed the pedal."""
 REACTIONS = ("none", "release", "slow", "stop")
 _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
     Annotated[Input | Increments, Field(discriminator="type")]
@@ -48,11 +48,11 @@ _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
 
 
 class Follower:
-    """Moves toward the task's goal with a speed proportional to the distance, and reacts to
-    hazards.
+    """A simulated operator who moves toward the task's goal and reacts to hazards.
 
-    It feels the cue if the cue is on, and reacts to its onset. A force that persists after the
-    pedal was up causes no second reaction. It sees that the robot is stopped, and restarts it.
+    The speed is proportional to the distance. If the cue is on, the operator reacts to its onset.
+    A force that persists after the pedal was up causes no second reaction. The operator sees that
+    the robot is stopped, and restarts it.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Follower:
         self._until = -1  # the action lasts until this tick
         self._restart_at = -1
         self._felt = False
-        self._waited = 0  # ms for which the robot has not followed
+        self._waited = 0  # ms for which the robot has not moved with the pedal down
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
-        """Return the commands before this tick; `frame` is that of the previous tick."""
+        """Return the commands before this tick. frame: of the previous tick."""
         down = frame.number("pedal")
         waits = down and frame.number("runlevel") != PEDAL_DOWN
         self._waited = self._waited + 1 if waits else 0
@@ -102,16 +102,16 @@ class Follower:
         }
 
     def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Command:
-        # Moves the hand towards the point that the task asks for, as a person's page would.
+        # Returns speeds of the hand toward the point that the task requests next.
         row = frame[f"{arm}/link_jpos"].tolist()
         tip = to_world(arm, closing_point(arm, frame[f"{arm}/tip"].tolist(), row))
         wish = self._task.wish(arm, tip)
         if wish is None:
             return {}
-        way = view_from_world(np.subtract(wish.point, tip).tolist())
+        way = turn_vector(VIEW, np.subtract(wish.point, tip).tolist())
         gain = slow * self._gain
         opening = row[5] + row[6]
-        # rad, well past the opening at which the pegs' jaws grip or release.
+        # rad, well beyond the openings at which jaws hold and release: see `tasks.CLOSED_RAD`.
         aim = 0.6 if wish.closed else 1.4
         grasp = min(max((opening - aim) * GRASP_PER_RAD, -1.0), 1.0)
         return {
@@ -120,7 +120,7 @@ class Follower:
         }
 
     def _restart(self, tick: int) -> list[Command]:
-        """Stop the hands; restart a robot that does not follow once the operator has noticed."""
+        """Stop the hands, and restart the robot after the time that a person needs to notice."""
         if self._restart_at < 0:
             self._restart_at = tick + REST_MS
         aware = tick - (self._restart_at - REST_MS) >= SIGHT_DELAY_MS
@@ -134,7 +134,7 @@ class Follower:
 
 
 class Scripted:
-    """Presents a scripted or recorded operator to the realtime loop as a console."""
+    """A console of the realtime loop whose commands come from a simulated operator."""
 
     def __init__(self, script: str, session: Session) -> None:
         """script: one of `REACTIONS`, or a file of commands, which are repeated at their ticks."""
@@ -147,7 +147,7 @@ class Scripted:
             self._recorded.extend(sorted(read_commands(script), key=lambda pair: pair[0]))
 
     def poll(self) -> list[Command]:
-        """Return the commands to carry out before this tick."""
+        """Return the commands before this tick."""
         session, commands = self._session, []
         if self._follower is not None:
             commands = self._follower.messages(session.ticks, session.frame)
@@ -157,8 +157,8 @@ class Scripted:
             commands.append({"type": "instructor", "do": "start"})
         return commands
 
-    def tell(self, frame: Frame) -> None:
-        """Do nothing: a script reads the frame in `poll`."""
+    def send_frame(self, frame: Frame) -> None:
+        """Do nothing, because `poll` reads the session's frame."""
 
 
 class _Line(BaseModel):
@@ -167,11 +167,13 @@ class _Line(BaseModel):
 
 
 def read_commands(path: str | Path) -> list[tuple[int, Command]]:
-    """Return the tick and the command of each line. Raises UserError if a line is invalid."""
+    """Return (tick, command) of each line of a file. Raises UserError if a line is invalid."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}. Expected JSON lines") from None
+        raise UserError(
+            f"{path}: cannot be read: {error}. Expected a file of JSON lines, as commands.jsonl"
+        ) from None
     commands = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():

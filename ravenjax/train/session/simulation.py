@@ -34,33 +34,31 @@ from ravenjax.train.robot import E_STOP, Packet
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 SPARE_MS = 60_000
-"""Extra rows of the motion table, for ticks after the session's end and for packets sent again."""
-
+"""Extra rows of the motion table, for ticks after the session's end and for repeated packets."""
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
-"""Sites that change what the console sends, with the channels that need the newest packet only."""
-
+"""Sites on the console's side of the network, and their channels that need no older packets."""
 SOURCE = Path(__file__).read_bytes()
-"""Part of the key for compiled code in the cache, because `make` also affects what is compiled."""
+"""Part of the key of compiled code in the cache: this module affects the compiled code."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Blueprint:
-    """A compiled session, from which robots are made."""
+    """The compiled code and the plan of a session, from which robots are made."""
 
     plan: Plan
     layout: FrameLayout
     code: StepCode
-    # Varied parameters and faults at the start: no fault.
+    # Inputs of the compiled code at the start: varied parameters, and faults without effect.
     inputs: Any
 
     @property
     def setup(self) -> RavenSetup:
-        """The settings that select code."""
+        """The settings that determine the compiled code."""
         return self.plan.program.setup
 
     @property
     def fault_slots(self) -> int:
-        """Slots of a row; the button's slot follows them."""
+        """Number of fault slots of a hazard. The slot of the E-stop button follows them."""
         return self.setup.injection.slots - 1
 
 
@@ -91,7 +89,7 @@ def make_blueprint(
     program = dataclasses.replace(program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
-    # Values of the last row, the button's: they belong to no hazard.
+    # Varied parameters of the last row, the E-stop button, which is no hazard.
     values_of_button = [values[-1] for values in ready.varied.values()]
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
     empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
@@ -139,7 +137,7 @@ def _frame(
     out: tick.TickSignals,
     signal: tick.Input,
 ) -> list[Scalar]:
-    """Return the numbers of [simulated] in `channels.toml`, then [simulated_arm] of each arm."""
+    """Return the channels [simulated] of `channels.toml`, then [simulated_arm] of each arm."""
     active_fault = reduce(operator.or_, out.fault_active, jnp.bool_(False))
     software, observer = out.control, state.monitor
     pulls = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
@@ -149,7 +147,7 @@ def _frame(
     histories = run.check_histories(setup, state).values()
     trips = sum((history.count for history in histories), jnp.int32(0))
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
-    # `simulation` overwrites the last two with those of the golden run.
+    # `SimulatedRobot.step` overwrites the last two with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(pulls)]
     positions = run.measured_tips(setup, software)
     golden = observers.golden_reference(setup, signal, out.tip, positions)
@@ -184,13 +182,13 @@ def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
 HISTORY_MS = 2000
-"""How far back a packet may be sent again. A copied robot takes over this many rows of motion."""
+"""The oldest packet that a fault may repeat, ms; `copy_from` copies the motion of this time."""
 
 
 class SimulatedRobot:
-    """A robot and its golden run. `row` holds its channels after each `step`.
+    """A simulated robot and its golden run. `row` contains the robot's channels after each `step`.
 
-    While no fault is armed the two are identical, and only one is computed.
+    While no fault is armed, robot and golden run are identical, and only one is computed.
     """
 
     def __init__(self, blueprint: Blueprint) -> None:
@@ -223,7 +221,7 @@ class SimulatedRobot:
         )
 
     def step(self) -> None:
-        """Advance by one tick."""
+        """Compute one tick."""
         if self._apart:
             self._beside.step(self.now, self._addresses[1])
             for place, number in zip(self._reference, self._series.tolist(), strict=True):
@@ -234,18 +232,18 @@ class SimulatedRobot:
         self.now += 1
 
     def outcomes(self) -> Json:
-        """Return the robot's outcomes so far: outcome columns of a campaign."""
+        """Return the robot's outcome columns of a campaign, as far as they are known now."""
         return self._own.outcomes()
 
     def golden_outcomes(self) -> Json:
-        """Return the outcomes of the golden run, which lacks the fault that was armed last."""
+        """Return the outcome columns of the golden run, which lacks the last armed fault."""
         return self._beside.outcomes() if self._apart else self._own.outcomes()
 
     heard = True
     """Whether reports of the robot arrive: always for a simulated robot."""
 
     def stand_by(self) -> None:
-        """Restart the waiting robot's motion table; its position is the same."""
+        """Restart the motion table of a waiting robot, which is at its start position."""
         self.reset()
 
     def reset(self) -> None:
@@ -256,7 +254,7 @@ class SimulatedRobot:
         self.now = 0
 
     def copy_from(self, other: SimulatedRobot) -> None:
-        """Take over the state of another robot of the same blueprint, without its faults."""
+        """Copy the state of another robot of the same blueprint, without its faults."""
         self.disarm()
         for mine, theirs in ((self._own, other._own), (self._beside, other._beside)):
             mine.restore(theirs.snapshot())
@@ -267,7 +265,7 @@ class SimulatedRobot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """Start the golden run again at the robot's state: a past hazard has left the two apart."""
+        """Start the golden run at the robot's state: a past hazard may have separated them."""
         self._own.change(
             lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
         )
@@ -320,7 +318,7 @@ class SimulatedRobot:
         )
 
     def _write(self, slot: int, values: Json | None) -> None:
-        """Set a slot's fault, or none, and forget what the slot has done so far."""
+        """Set a slot's fault (values None: no fault), and reset the state of the slot."""
         first = self._fault_inputs + slot * len(_FIELDS)
         for k, name in enumerate(_FIELDS):
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
@@ -328,14 +326,14 @@ class SimulatedRobot:
 
 
 class EstopHold:
-    """Freezes the nominal model of a stopped robot in its rows.
+    """Freezes the nominal model of a stopped robot in the rows of its frames.
 
-    The model in the tick follows the console's clean packets. A foot that stays on the pedal of a
-    stopped robot would move it on: hundreds of millimetres away, with the cue at its cap. So the
-    model is held from the first tick of an E-stop, the robot's or its software's, until the robot
-    restarts. The error is then the measured tip's distance from the held model. The force is zero,
-    because a hand cannot move a robot that holds its brakes. This applies to what is shown, felt
-    and recorded. The tick itself stays the campaigns', bit for bit.
+    The nominal model receives the console's packets. If the operator keeps the pedal down after an
+    E-stop, the model moves hundreds of millimetres away from the stopped robot, and the cue reaches
+    its cap. So the rows show the model's pose at the first tick of an E-stop, the robot's or its
+    software's, until the robot restarts. The error is then the distance of the measured tip from
+    this pose. The force is zero, because a hand cannot move a robot that holds its brakes. The
+    page, the hand and the recording get these rows. The tick itself is the same as in campaigns.
     """
 
     def __init__(self, layout: FrameLayout) -> None:
@@ -367,17 +365,17 @@ class EstopHold:
 
 
 class PacketRobot(SimulatedRobot):
-    """A robot that gets its packets from outside: call `tick(packet)` once a millisecond."""
+    """A simulated robot that gets packets over a network: call `tick` once a millisecond."""
 
     def __init__(self, config: CampaignConfig) -> None:
-        """Raises UserError if a hazard of `config` is on the console's side of the network."""
+        """Raises UserError if a hazard of `config` acts on the console's side of the network."""
         super().__init__(make_blueprint(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
         self._estop_hold = EstopHold(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
-        """Advance by one tick with a packet or None. Returns the same frame each time."""
+        """Compute one tick with a packet or None. Return the same `Frame` object each time."""
         for entering in self.packets:
             # Without a packet, only its flag "received" changes.
             leaves = [0] if packet is None else tree.tree_leaves(packet)

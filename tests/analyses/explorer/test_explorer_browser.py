@@ -103,7 +103,7 @@ def filled(shown):
 def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(window, tmp_path):
     filled(window)
     answer = window.inner_text("#answer")
-    assert "slip past every safety check" in answer
+    assert "evade every safety check" in answer
     assert sum(int(one) for one in window.locator("#legend b").all_inner_texts()) >= 1000
     window.select_option("#channel", "gold/elbow")
     filled(window)
@@ -116,7 +116,7 @@ def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(
     assert verdict.count("/") == 2
     window.locator("#time").fill("705")
     assert window.inner_text("#now").startswith("705 ms")
-    assert "motor command that leaves the computer" in window.inner_text("#chain")
+    assert "motor command after the checks" in window.inner_text("#chain")
     assert "ms=705" in _when(window, "location.hash.includes('ms=705') && location.hash")
     window.click("[data-copy=command]")
     command = _when(window, "window.copied")
@@ -170,7 +170,8 @@ def test_a_page_that_cannot_compute_says_so(browser, place):
     shown.add_init_script("delete globalThis.Worker")
     shown.goto(place.as_uri())
     shown.wait_for_function("document.body.dataset.failed === '1'")
-    assert shown.inner_text("#answer").startswith("This page cannot go on: Worker is not defined")
+    answer = shown.inner_text("#answer")
+    assert answer.startswith("This page cannot continue: Worker is not defined")
     shown.close()
 
 

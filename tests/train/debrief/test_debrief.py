@@ -70,11 +70,11 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "2 of 3 hazards met with the right response" in text
     # Reactions of 395 and 345 ms.
     assert "370 ms reaction, median" in text and "12.0 mm largest unintended motion" in text
-    course = " could be known 35 ms after the start · tip → cue 90 ms after the start →"
+    course = " first sign 35 ms after the start · tip → cue 90 ms after the start →"
     assert f"start at 2.0 s →{course} response 430 ms after the start · lifted the pedal" in text
     assert f"start at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
     assert "none right: release" in text and "armed, never active" in text
-    assert "Motion hazard: unintended motion (limit 8 mm)" in text
+    assert "Motion hazard while the robot was live: unintended motion (limit 8 mm)" in text
 
 
 def test_waiting_costs_a_row_a_second_and_neither_it_nor_a_pause_is_drawn(tmp_path):
@@ -142,7 +142,9 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert main(["log", "debrief", str(tmp_path)]) == 0
     assert main(["log", "debrief", str(tmp_path / "none")]) == 2
     page = text_of((tmp_path / debrief.FILE).read_text())
-    assert "they are read from the recording" in page and "Not counted: 1 × the outcome is" in page
+    assert (
+        "reads the hazards from the recording" in page and "Not counted: 1 × the outcome is" in page
+    )
     assert "1 of 1 hazard that left room for a response met with the right response" in page
     assert "The outcome is not known" in page
 

@@ -93,7 +93,7 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
         assert sorted(words) == sorted(told)
         session.event("alarm", check="joint_limit", count=1)
         until(page, SHOWN.format("#alarm-words"))
-        assert page.inner_text("#alarm-words em") == "Go back the way you came."
+        assert page.inner_text("#alarm-words em") == "Move your hand back."
         assert page.get_attribute("#alarm-words", "role") == "alert"
 
 

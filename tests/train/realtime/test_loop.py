@@ -25,7 +25,7 @@ class Mover:
         pedal = self.session.ticks > 50
         return [{"type": "input", "source": "keyboard", "pedal": pedal, "arms": {"gold": hand}}]
 
-    def tell(self, frame):
+    def send_frame(self, frame):
         pass
 
 

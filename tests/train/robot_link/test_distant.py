@@ -107,7 +107,7 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     outcomes = far.outcomes()
     assert far.row[places["runlevel"]] == 0 and far.row[places["trips"]] == 1
     assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
-    (trip,) = Trips().look(far.now, far.now, outcomes)
+    (trip,) = Trips().new_trips(far.now, far.now, outcomes)
     assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
 
 

@@ -52,7 +52,7 @@ def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypa
     heard = [ear.recv(2048) for _ in range(1 + len(player.lead_packets(packets[0])) + 40)]
     assert heard[-40:] == packets
     assert told[:2] == (40, 40) and told.seconds >= 39 * 5e-3
-    assert "check that a robot listens there" in str(told)
+    assert "check that a robot listens at this address" in str(told)
 
 
 def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):

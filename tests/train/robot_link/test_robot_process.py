@@ -74,7 +74,7 @@ class Rig:
             self.clock.ms += 1.0
             self.session.move([*(c for each in self.consoles for c in each.poll()), *crtk])
             for each in self.consoles:
-                each.tell(self.session.frame)
+                each.send_frame(self.session.frame)
             self.session.conclude()
 
     def report(self):

@@ -17,14 +17,16 @@ class Play:
         self.tick += ms
         before = len(self.reached)
         take = lambda message: (self.reached.append(message), good)[1]  # noqa: E731
-        self.arbiter.hear(
+        self.arbiter.receive(
             {"type": "input", "console": console, "pedal": pedal, "arms": {}}, take, self.tick
         )
         self.arbiter.step(self.tick)
         return self.reached[-1]["pedal"] if len(self.reached) > before else None
 
     def act(self, console, do, **more):
-        return self.arbiter.obey({"type": "seat", "console": console, "do": do, **more}, self.tick)
+        return self.arbiter.change_seat(
+            {"type": "seat", "console": console, "do": do, **more}, self.tick
+        )
 
     def driving(self, console="page"):
         self.say(console, False)

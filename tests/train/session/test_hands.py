@@ -89,7 +89,7 @@ def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
             }
             for i, arm in enumerate(ARMS)
         }
-        assert who.take(incremented(**each), k + 1)
+        assert who.apply(incremented(**each), k + 1)
         rows.append(who.advance(k + 1).columns.copy())
     delta, _, grasp = packets(rows, scale)
     np.testing.assert_array_equal(delta, deltas)
@@ -107,7 +107,7 @@ def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
 def test_moving_in_the_view_moves_the_tip_so_in_the_world_at_the_asked_speed(arm, move, world):
     who = hands(move_mm_s=20.0)
     for k in range(0, 1000, 100):
-        who.take(said(**{arm: {"move": list(move)}}), k)
+        who.apply(said(**{arm: {"move": list(move)}}), k)
         rows = advanced(who, 100, k)
     way = tip_way(arm, rows)  # of the last 99 ms, at full speed; longer input is cut to length 1
     np.testing.assert_allclose(way, np.array(world) * 20.0 * 0.099, atol=0.003)
@@ -118,7 +118,7 @@ def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
     who = hands(turn_rad_s=0.5)
     start = advanced(who, 1)[0]
     for k in range(1, 1001, 100):
-        who.take(said(**{arm: {"turn": [0, 1, 0]}}), k)
+        who.apply(said(**{arm: {"turn": [0, 1, 0]}}), k)
         end = advanced(who, 100, k)[-1]
     at = ARMS.index(arm) * 8
     assert start[at + 3 : at + 7].tolist() == [0, 0, 0, 1]
@@ -133,14 +133,14 @@ def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
 
 def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
     who = hands(move_mm_s=30.0)
-    who.take(said(gold={"move": [1, 0, 0]}), 0)
+    who.apply(said(gold={"move": [1, 0, 0]}), 0)
     rows = advanced(who, 200)
     speed = np.diff(rows[:, 1]) * 0.1  # mm/s of the tip: itp y is the world's x
     assert np.all(np.diff(speed) > -0.05) and speed.max() < 30.1  # no overshoot
     assert speed[int(SMOOTHING_MS) - 2] == pytest.approx(27.0, abs=0.4)  # 90 %
     # No jump: the steepest of a critically damped step.
     assert np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e
-    who.take(said(), 200)
+    who.apply(said(), 200)
     rest = advanced(who, 200, 200)
     # um before scaling in 49 ms
     assert rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
@@ -193,5 +193,5 @@ def test_nothing_that_a_script_says_raises_or_makes_numbers_that_are_none(messag
             with contextlib.suppress(UserError):
                 good += read_commands(file.name)
     for tick, (_, message) in enumerate(good):
-        who.take(message, tick)
+        who.apply(message, tick)
         assert np.isfinite(who.advance(tick).columns).all()

@@ -135,7 +135,7 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
             judge.armed(0, now)
         robot.step()
         frame.row[: robot.row.size] = robot.row
-        frame.settle()
+        frame.copy_numbers()
         judge.step(now, frame, robot.outcomes(), robot.golden_outcomes())
     (told,) = judge.rows()
     assert (told["check_response"], told["motion_hazard"]) == (again["response"], again["hazard"])

@@ -1,4 +1,4 @@
-// The state of the page as its address, as a campaign file, and as a command.
+// Writes the state of the page as an address, as a campaign file, and as shell commands.
 
 const FIELDS = { site: "at", arm: "arm", channel: "on", effect: "does", value: "size", start_ms: "from", duration_ms: "for" };
 
@@ -33,7 +33,7 @@ const listed = (value) => (Array.isArray(value) ? `[${value.map(word).join(", ")
 /** Names and factors of a cue's numbers in a campaign file, by those of parameters. */
 const CUES = { threshold_m: ["threshold_mm", 1e3], kp: ["kp_per_mm", 1e-3], kd: ["kd_per_mm_s", 1e-3], cap: ["cap", 1] };
 
-/** The lists of [haptics] with what was changed, and the other changes. */
+/** The lists of [haptics] with the changes of the page, and the changes of other parameters. */
 function parted(campaign, changes) {
   const cues = structuredClone(campaign.cues);
   const others = {};
@@ -48,12 +48,12 @@ function parted(campaign, changes) {
   return { cues, others };
 }
 
-/** The beginning of a campaign file, with another motion where one was chosen. */
+/** The beginning of a campaign file, with the chosen motion. */
 const led = (campaign, motion) => (motion ? campaign.toml.replace(/^(\[operator\]\nmotion = ).*$/m, `$1${word(motion)}`) : campaign.toml);
 
 /**
- * A campaign file with this fault; a list stands for each of its values. takes: whether its effect takes a value;
- * question: all parameters, of which those are written that the campaign varies.
+ * A campaign file with this fault. A list gives one run for each of its values. takes: whether the effect has a value;
+ * question: all parameters; the file contains those that the campaign varies.
  */
 export function toml(campaign, { fault, motion, changes }, takes, question) {
   const { cues, others } = parted(campaign, changes);
@@ -74,6 +74,6 @@ export function toml(campaign, { fault, motion, changes }, takes, question) {
   return `${lines.join("\n")}\n`;
 }
 
-/** What a shell runs to compute the same on this machine. */
+/** Shell commands that compute the same run on this machine. */
 export const command = (file) =>
   `cat > explored.toml <<'TOML'\n${file}TOML\nravenjax run explored.toml --out explored\nravenjax trace explored 0\n`;

@@ -1,13 +1,13 @@
-// Which properties of a fault may be varied, in which range and in which steps.
+// The axes of a map: which properties of a fault vary, in which range and in which steps.
 
 import { text } from "./verdicts.js";
 
 const STEPS = globalThis.innerWidth <= 640 ? 8 : 40; // a finger needs squares of 24 px
 const EARLIEST_MS = 500;
 const LONGEST_MS = 1024;
-const WIDER = 5; // times what a channel does without a fault, where the campaign says nothing of its own
+const WIDER = 5; // range of a slider in multiples of the normal range, if the campaign gives no values
 
-export const AXES = { value: "size", duration_ms: "duration", start_ms: "start", channel: "where exactly" };
+export const AXES = { value: "size", duration_ms: "duration", start_ms: "start", channel: "channel" };
 
 export const siteOf = (campaign, fault) => campaign.sites.find((one) => one.site === fault.site);
 export const channelOf = (campaign, fault) =>
@@ -22,7 +22,7 @@ export function unitOf(campaign, fault) {
   return channelOf(campaign, fault).unit;
 }
 
-/** Least and greatest value that controls offer, and whether it is whole; null where the effect takes none. */
+/** Least and greatest value of a control, and whether values are whole numbers; null if the effect has no value. */
 export function spanOf(campaign, fault) {
   const kind = campaign.effects[fault.effect].value;
   const channel = channelOf(campaign, fault);
@@ -61,13 +61,13 @@ export function axisOf(campaign, fault, name, channels) {
     const first = Math.min(EARLIEST_MS, Math.floor(campaign.duration_ms / 6));
     return { name, title: "begins, ms into the operation", values: even(first, campaign.duration_ms - first, true) };
   }
-  return { name, title: "where exactly", values: channels };
+  return { name, title: "channel", values: channels };
 }
 
-/** Words of a value of an axis. */
+/** The text of a value on an axis. */
 export const label = (axis, value) => (typeof value === "number" ? text(value) : String(value).replaceAll("_", " "));
 
-/** Index of the value that is nearest. */
+/** Index of the nearest value on an axis. */
 export function nearest(axis, value) {
   if (value === "end" || value === Infinity) return axis.values.length - 1;
   if (typeof value !== "number") return Math.max(0, axis.values.indexOf(value));

@@ -1,6 +1,6 @@
-// Bytes of base64, without a call for each of them.
+// Decodes base64 to bytes.
 
-/** An ArrayBuffer of what the text says. */
+/** The bytes of a base64 text, as an ArrayBuffer. */
 export function bytes(text) {
   if (Uint8Array["fromBase64"]) return Uint8Array["fromBase64"](text).buffer;
   const letters = atob(text);

@@ -1,4 +1,4 @@
-// Controls of a question, with units, ranges and normal ranges.
+// The controls of a fault and of the robot, with units, ranges and normal ranges.
 
 import { AXES, channelOf, siteOf, spanOf, unitOf } from "./axes.js";
 import { text } from "./verdicts.js";
@@ -7,12 +7,12 @@ import { text } from "./verdicts.js";
 const $ = (id) => document.getElementById(id);
 const option = (value, words, chosen) => `<option value="${value}"${value === chosen ? " selected" : ""}>${words}</option>`;
 
-/** Parameters that a page offers at once: path -> words, factor from the parameter's unit, range, steps. */
+/** Parameters with a slider: path, words, factor from the parameter's unit to the shown unit, range, steps. */
 const plainly = (cue) => [
   { path: "operator.scale", words: "Motion scaling, tip per hand", low: 0.02, high: 0.4, step: 0.01 },
   { path: `haptics.cues.${cue}.threshold_m`, words: "The cue begins at", unit: "mm", factor: 1000, low: 0.5, high: 8, step: 0.1 },
   { path: `haptics.cues.${cue}.kp`, words: "Strength of the cue", low: 0, high: 20, step: 0.1 },
-  { path: "control.overdrive.policy", words: "Check of motor commands", choices: ["off", "clips what is too large", "clips, then stops the robot"] },
+  { path: "control.overdrive.policy", words: "Check of motor commands", choices: ["off", "limits commands that are too large", "limits commands, then stops the robot"] },
   { path: "control.overdrive.max_inst_dac", words: "A command stops the robot above", unit: "counts", low: 0, high: 32768, step: 100 },
   { path: "plc.watchdog_ticks", words: "The watchdog waits", unit: "ms", low: 10, high: 500, step: 1 },
   { path: "plant.friction_scale", words: "Friction of motors and joints", unit: "×", low: 0.2, high: 4, step: 0.05 },
@@ -22,7 +22,7 @@ const plainly = (cue) => [
 ];
 const trimmed = (value) => Number(value.toPrecision(6));
 
-/** A range and a number that follow each other. */
+/** A slider and a number field that show the same value. */
 function slider({ id, words, unit = "", low, high, step, hint = "" }) {
   const box = document.createElement("div");
   box.className = "slider";
@@ -62,7 +62,7 @@ export class Controls {
     this.hands();
     for (const one of offered) $("changes").append(this.parameter(one));
     const rest = $("numbers").parentElement;
-    rest.addEventListener("toggle", () => this.numbers(), { once: true }); // hundreds of them, which few look at
+    rest.addEventListener("toggle", () => this.numbers(), { once: true }); // there are hundreds, which few users need
   }
 
   /** Every parameter that has no separate control. */
@@ -81,7 +81,7 @@ export class Controls {
     this.changed(this.state);
   }
 
-  /** Which motion the hands make, where the page has several. */
+  /** The choice of the hands' motion, if the page has several. */
   hands() {
     const { motion: own, motions } = this.description;
     const names = Object.keys(motions);

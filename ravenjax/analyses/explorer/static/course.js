@@ -1,31 +1,31 @@
-// One run beside its golden run: its events in time, its signals, and what differed first.
+// Compares one run with its golden run: events in time, signals, and the signals that differed first.
 
 import { length, millis, text } from "./verdicts.js";
 
-/** Signals in the order of the robot's tick: series, words, whether of an arm. */
+/** Signals in the order in which the robot's tick computes them: [series, words]. */
 export const CHAIN = [
   ["packet_received", "a packet arrives"],
-  ["surgeon_mode", "the pedal as the robot knows it"],
+  ["surgeon_mode", "pedal state in the control software"],
   ["runlevel", "run level"],
-  ["mvel", "motor velocity that the software estimates"],
-  ["jpos", "joint position that the software estimates"],
-  ["position", "tip position that the software estimates"],
-  ["position_d", "tip position that is asked for"],
-  ["jpos_d", "joint position that is asked for"],
-  ["tau_d", "torque that is asked for"],
+  ["mvel", "estimated motor velocity"],
+  ["jpos", "estimated joint position"],
+  ["position", "estimated tip position"],
+  ["position_d", "desired tip position"],
+  ["jpos_d", "desired joint position"],
+  ["tau_d", "desired torque"],
   ["current_cmd_cnt", "motor command before the checks"],
   ["soft_estopped", "software emergency stop"],
-  ["dac_cnt", "motor command that leaves the computer"],
+  ["dac_cnt", "motor command after the checks"],
   ["brakes", "brakes"],
   ["cable_tension", "cable tension"],
   ["link_jpos", "true joint position"],
-  ["tip", "true tip of the instrument"],
+  ["tip", "true tip position"],
   ["cue_force", "force of the haptic cue"],
 ];
 
 const names = (series, arms, name) => [name, ...arms.map((arm) => `${arm}/${name}`)].filter((one) => one in series);
 
-/** [{words, ms}] of signals that differ between the two runs, the soonest first; of one tick in the robot's order. */
+/** [{words, ms}] of the signals that differ between the two runs, by time; within a tick in the order of CHAIN. */
 export function chain({ golden, faulty }, arms, ticks) {
   const out = [];
   for (const [place, [name, words]] of CHAIN.entries())
@@ -46,7 +46,7 @@ const LEFT = 8;
 const svg = (name, attributes, inner = "") =>
   `<${name} ${Object.entries(attributes).map(([key, value]) => `${key}="${value}"`).join(" ")}>${inner}</${name}>`;
 
-/** Path of a series over the width, thinned to its extremes in each of WIDE places. */
+/** SVG path of a series over the width WIDE: the least and the greatest value of each interval. */
 function path(values, low, high, height) {
   const n = values.length;
   const bins = Math.min(n, WIDE / 2);
@@ -81,13 +81,13 @@ export function signal({ title, unit, curves, limit, acts, height = 84 }) {
   )}<i class="now"></i></figure>`;
 }
 
-/** Until when a fault acts, ms. */
+/** When a fault ends, ms. */
 export const ends = ({ start_ms: start, duration_ms: lasts }, duration) => (lasts === "end" ? duration : Math.min(duration, start + lasts));
 
 export const LANES = ["Fault", "Checks", "Cue", "Harm", "Act by"];
 
 const HARM = {
-  unintended_first_ms: "unintended motion: the tip is too far from where it should be",
+  unintended_first_ms: "unintended motion exceeds the limit",
   loss_first_ms: "loss of motion: the instrument does not follow",
   false_report_first_ms: "false report: the robot reports a wrong position of the tip",
 };
@@ -111,13 +111,13 @@ const ACTIONS = {
   hold: "holding the last good command",
 };
 
-/** Marks of the last time at which each action prevents the harm, as `events`; and a sentence on those that never do. */
+/** Events for the last time at which each action prevents the harm; and a sentence about actions that never do. */
 export function deadlines(found) {
   const words = (action) => ACTIONS[action] ?? action;
   const actions = Object.keys(found);
   const never = actions.filter((action) => found[action] < 0).map(words);
   const marks = actions.filter((action) => found[action] >= 0).map((action) => ({ lane: "Act by", look: "deadline", from: found[action], to: found[action], words: `last time at which ${words(action)} prevents the harm` }));
-  return { marks, never: never.length ? `These come too late, however early after the fault's first effect: ${never.join(", ")}.` : "" };
+  return { marks, never: never.length ? `These actions come too late even right after the fault's first effect: ${never.join(", ")}.` : "" };
 }
 
 /** The lanes as HTML: a bar or a mark each, placed in percent of the run. */

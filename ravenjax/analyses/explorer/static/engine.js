@@ -1,5 +1,5 @@
-// Computes the outcomes of faults with a campaign's WebAssembly: packs inputs, uses workers, judges outcomes.
-// The description is that of ravenjax/analyses/explorer/program.py; with it comes the text of worker.js.
+// Computes the outcomes of faults with a campaign's WebAssembly: packs inputs, uses workers, derives verdicts.
+// `description` is the object of `describe_program` in ravenjax/analyses/explorer/program.py.
 //
 //   const engine = await openEngine(description, { threads: 4 });
 //   const question = engine.question();                       path -> value, observe_ms, and motion (its name)
@@ -9,13 +9,13 @@
 // An outcome has the columns of a campaign's result table by their names (response, response_cause, response_ms,
 // told_ms, hazard, verdict, unintended_first_ms, peak_golden_deviation_mm, check_NAME_first_ms, cue0_first_ms, jump_tip,
 // failed, ..), and `evades`, `cue` and `tripped`: [{ name, first_ms, count, response }] of checks that tripped more
-// often than in the golden run, or sooner, the soonest first. Not among them: built_in_response and built_in_told_ms,
-// which a table has where checks of one's own count. With observe_ms, a fault that counts packets or time in pedal-down
-// is observed to the end of the run.
+// often than in the golden run, or sooner, by time. The columns built_in_response and built_in_told_ms of campaigns with
+// checks of their own are missing. With observe_ms, a fault that counts packets or time in pedal-down is observed to the
+// end of the run.
 
 import { bytes } from "./bytes.js";
 
-const LANES = 16; // runs of a batch: a tenth of a second, after which a newer question may come first
+const LANES = 16; // runs of a batch, about a tenth of a second; then a newer request may come first
 
 /** Converts numbers of these types to 32-bit words. */
 function words(types, values) {
@@ -39,7 +39,7 @@ function numbers(names, types, from) {
   return out;
 }
 
-/** Ticks in which a fault's window is open, as ravenjax/faults/clocks.py; first: `ticks` if never, last: -1. */
+/** First and last tick of a fault's window, as in ravenjax/faults/clocks.py; `ticks` and -1 if it never opens. */
 function opening(fault, ticks) {
   const { start, duration, every } = fault;
   const period = every > 0 ? every : Infinity;
@@ -51,7 +51,7 @@ function opening(fault, ticks) {
   return { first: Math.min(first, ticks), last: last >= Math.max(0, start) ? last : -1 };
 }
 
-/** Converts a fault of a page to the numbers of a slot. Throws for what the program cannot do. */
+/** Converts a fault of the page to the numbers of a fault slot. Throws RangeError if the program lacks the fault. */
 export function slot(description, fault) {
   const { channels, effects, triggers } = description;
   const effect = effects[fault.effect];
@@ -80,7 +80,7 @@ export function slot(description, fault) {
   };
 }
 
-/** The words of runs, and when their faults begin and end. Each of `faults` is one fault or a list of several. */
+/** Packs the faults of runs as 32-bit words, with the ticks at which they begin and end. Each of `faults` is a fault or a list. */
 export function pack(description, question, faults) {
   const { fields, slots, ticks } = description;
   const names = Object.keys(fields);
@@ -106,7 +106,7 @@ export function pack(description, question, faults) {
   return { packed, acts, ends, faulty: runs.map((some) => some.length > 0) };
 }
 
-const UNNUMBERED = new Set(["observe_ms", "motion"]); // what a question says beside parameters
+const UNNUMBERED = new Set(["observe_ms", "motion"]); // keys of a question that are no parameters
 const motionOf = (description, question) => question.motion ?? description.motion;
 
 /** Converts a question's parameters to words. Throws for a path that the program does not know. */
@@ -122,10 +122,10 @@ export function packQuestion(description, question) {
   );
 }
 
-/** Time of an event that came first; -1 if it never came or the golden run had it by then. */
+/** Time of an event, ms; -1 if it never occurred or the golden run had it before. */
 const beyondGolden = (own, golden) => (own >= 0 && !(golden >= 0 && golden <= own) ? own : -1);
 
-/** What the checks did beyond what they did in the golden run, as ravenjax/outcomes/verdict.py has it. */
+/** The trips and the response of checks beyond the golden run's, as in ravenjax/outcomes/verdict.py. */
 function response(rules, own, golden) {
   const onset = own.first_active_ms;
   let strongest = rules.responses.indexOf("silent");
@@ -140,7 +140,7 @@ function response(rules, own, golden) {
     const [trip, usually] = [own, golden].map((columns) => columns[`check_${check.name}_first_ms`]);
     const sooner = beyondGolden(trip, usually) >= 0;
     if (count <= usual && !sooner) continue;
-    const ms = sooner ? trip : Math.max(trip, onset); // where the golden run has tripped by then, not before the fault
+    const ms = sooner ? trip : Math.max(trip, onset); // if the golden run has tripped before: not before the fault
     tripped.push({ name: check.name, first_ms: ms, count: count - usual, response: check.response });
     if (strongest > rank || (strongest === rank && ms < first)) {
       strongest = rank;
@@ -153,7 +153,7 @@ function response(rules, own, golden) {
   return { response: rules.responses[strongest], response_cause: cause, response_ms: first, told_ms: told, tripped };
 }
 
-/** Why a run has no valid outcome: the word and when, as ravenjax/campaign/outcomes.py finds it. */
+/** Why a run has no valid outcome, and when it failed, as in ravenjax/campaign/outcomes.py. */
 function failure(description, measures) {
   const { failures, failure_of_tip, failure_of_outcome, may_be_infinite } = description.verdict;
   let first = measures.failed_ms;
@@ -171,7 +171,7 @@ function failure(description, measures) {
   return { failed: failures[signal + 1], failed_first_ms: first };
 }
 
-/** A run's columns of the result table, from the measures of the run and of its golden run: name -> number. */
+/** A run's columns of the result table, from the results of the run and of its golden run. */
 export function judge(description, measures, golden, faulty) {
   const rules = description.verdict;
   const { diverged_ms: diverged, failed_ms: _ms, failed_signal: _signal, ...own } = measures;
@@ -265,9 +265,9 @@ class Pool {
   }
 }
 
-const GRID = 8; // ticks that are tried for each action before the bisection, from the effect to the harm
+const GRID = 8; // number of ticks per action, from effect to harm, that are computed before the bisection
 
-/** Whether harm comes though each action is taken, by action and tick: {action: [..]}; in batches of what a worker holds. */
+/** Whether harm occurs although an action is taken, for each action and tick: {action: [..]}. */
 async function harmsOf(actions, ticks, harms) {
   const all = actions.flatMap((action) => ticks.map((at) => ({ action, at })));
   const found = [];
@@ -285,7 +285,7 @@ class Engine {
     this.types = results.types;
   }
 
-  /** The campaign's own question: values of all parameters that may be changed by path, observe_ms and motion. */
+  /** The question of the campaign: the value of each parameter by path, observe_ms and motion. */
   question() {
     const { parameters, observe_ms, motion } = this.description;
     return { ...Object.fromEntries(parameters.map(({ path, value }) => [path, value])), observe_ms, motion };
@@ -300,7 +300,7 @@ class Engine {
     const parameters = packQuestion(this.description, question);
     const { packed, acts, ends, faulty } = pack(this.description, question, faults);
     const fields = faults.length ? packed.length / faults.length : 0;
-    // Runs that leave their golden run at about the same time share a batch: none is run from earlier than it must.
+    // Runs whose faults begin at about the same time share a batch, which starts at the first of these times.
     const order = faults.map((_, run) => run).sort((a, b) => acts[a] - acts[b] || a - b);
     const judged = Array.from({ length: faults.length });
     const lanes = Math.max(4, Math.min(LANES, 4 * Math.ceil(faults.length / (4 * this.threads))));

@@ -1,9 +1,9 @@
-// A map of outcomes over two axes: in which order its points are computed, and how it is drawn.
+// The map of outcomes over two axes: the order of its points, and its drawing.
 
 import { label } from "./axes.js";
 import { CLASSES, LIGHT, classOf } from "./verdicts.js";
 
-const COARSE = 8; // points of an axis are first asked so many steps apart
+const COARSE = 8; // distance of the first computed points on an axis, in steps
 
 /** Points of a grid from coarse to fine: lists of [i, j, stride]; each point once. */
 export function levels(columns, rows) {
@@ -26,12 +26,12 @@ export function levels(columns, rows) {
 const PAD = { left: 5.2, right: 0.9, top: 0.7, bottom: 3.9 }; // around the map, in heights of a letter
 
 export class Field {
-  /** choose(i, j): what to do when a point is touched. */
+  /** choose(i, j): called when the user clicks or taps a cell. */
   constructor(canvas, choose) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
     this.cells = new Map();
-    this.fresh = []; // cells that came since the last drawing, where nothing else changed
+    this.fresh = []; // cells that were computed since the last drawing
     this.whole = true;
     this.dots = [];
     this.at = null;
@@ -40,7 +40,7 @@ export class Field {
     /** @type {any} */
     this.up = null;
     this.wanted = false;
-    let finger = false; // a finger that comes down may only want to scroll
+    let finger = false; // a touch may also begin a scroll
     canvas.addEventListener("pointerdown", (event) => {
       finger = event.pointerType === "touch";
       if (!finger) this.touched(event, choose);
@@ -50,7 +50,7 @@ export class Field {
     new ResizeObserver(() => this.ask()).observe(canvas);
   }
 
-  /** An empty map of these axes; dots: runs of a result folder on it. */
+  /** Empties the map. dots: runs of a result folder to draw on the map. */
   reset(across, up, dots) {
     this.cells.clear();
     this.dot(across, up, dots);
@@ -70,7 +70,7 @@ export class Field {
     this.ask(false);
   }
 
-  /** Called when a level is complete: each known point now covers as much as one of that level. */
+  /** Called when a level is complete: each known point now has the size of a cell of that level. */
   settle(spread) {
     for (const cell of this.cells.values()) cell.spread = spread;
     this.ask();
@@ -138,7 +138,7 @@ export class Field {
       pen.clearRect(0, 0, width, height);
       this.paint(brush);
     } else {
-      // A cell that comes is of the finest level so far: it lies on top of all others.
+      // A new cell has the finest level so far, so it is drawn over all others.
       this.paintCells(brush, this.fresh);
       this.paintAbove(brush);
     }
@@ -146,7 +146,7 @@ export class Field {
     this.whole = false;
   }
 
-  /** The map through a brush: a canvas or an SVG text. */
+  /** Draws the map with a brush, which paints on a canvas or writes SVG text. */
   paint(brush) {
     const { x, y, width, height, wide, high } = this.grid;
     brush.box(x, y, width, height, brush.colour("code"));
@@ -156,7 +156,7 @@ export class Field {
     this.paintAbove(brush);
   }
 
-  /** The box with the size of a cell and how many there are. */
+  /** The rectangle of the map, the size of a cell, and the number of cells. */
   get grid() {
     const [columns, rows] = [this.across.values.length, this.up.values.length];
     const { box } = this;
@@ -177,7 +177,7 @@ export class Field {
     }
   }
 
-  /** Runs of a result folder, and the frame of the chosen cell. */
+  /** Draws the runs of a result folder, and the frame of the chosen cell. */
   paintAbove(brush) {
     const { x, y, height, wide, high } = this.grid;
     for (const dot of this.dots) brush.dot(x + (dot.i + 0.5) * wide, y + height - (dot.j + 0.5) * high, brush.colour(classOf(dot)));
@@ -194,7 +194,7 @@ export class Field {
     };
     const em = this.letter;
     const letters = Math.max(...this.across.values.map((value) => label(this.across, value).length));
-    const last = x + width + (PAD.right - 0.31 * letters) * em; // farther right a label would be cut
+    const last = x + width + (PAD.right - 0.31 * letters) * em; // a label farther right would be cut
     for (const k of ends(this.across, Math.max(2, Math.floor(width / (em * (0.62 * letters + 1.5))))))
       brush.text(label(this.across, this.across.values[k]), Math.min(x + (k + 0.5) * wide, last), y + height + 1.35 * em, "center");
     for (const k of ends(this.up, Math.max(3, Math.floor(height / (3.7 * em)))))
@@ -210,7 +210,7 @@ export class Field {
   }
 }
 
-const GRAVE = new Set(["unseen", "felt", "lost"]); // their marks stand out
+const GRAVE = new Set(["unseen", "felt", "lost"]); // their marks are drawn strong
 
 /** Colours of the page and shapes on a canvas. */
 class Brush {
@@ -290,7 +290,7 @@ class Brush {
   }
 }
 
-/** Steps of a path for a mark, as a canvas calls them. */
+/** Drawing steps of a mark, as calls of a canvas. */
 export function outline(shape, x, y, r) {
   if (shape === "cross") return [["moveTo", x - r, y - r], ["lineTo", x + r, y + r], ["moveTo", x - r, y + r], ["lineTo", x + r, y - r]];
   if (shape === "dash") return [["moveTo", x - r, y], ["lineTo", x + r, y]];
@@ -301,7 +301,7 @@ export function outline(shape, x, y, r) {
 
 export const escaped = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 
-/** The same as the text of an SVG file. */
+/** A brush that writes the text of an SVG file. */
 class SvgBrush extends Brush {
   constructor(place) {
     super(null, place);

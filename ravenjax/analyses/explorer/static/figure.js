@@ -1,6 +1,6 @@
-// The robot in three dimensions, in WebGL 2: bodies of ravenjax/analyses/explorer/figure.py, placed by joint positions.
-// It runs in a worker of its own where a browser draws there, so that making a picture keeps no hand waiting; `view.js`
-// starts it. It imports nothing: a worker knows no import map.
+// Draws the robot in three dimensions with WebGL 2: the bodies of `describe_figure` at given joint positions.
+// `view.js` starts it, in a worker if the browser can draw there, so that the page stays responsive. It imports nothing,
+// because a worker has no import map.
 
 /** An ArrayBuffer of base64. */
 function bytes(text) {
@@ -34,7 +34,7 @@ void main() {
   pixel = vec4(colour.rgb * light * colour.a, colour.a);
 }`;
 
-// Matrices are 4 x 4, column after column, as WebGL takes them.
+// Matrices are 4 x 4 in column-major order, as WebGL requires.
 const multiplied = (a, b) => {
   const out = new Float64Array(16);
   for (let c = 0; c < 4; c += 1)
@@ -57,7 +57,7 @@ const minus = (a, b) => a.map((one, k) => one - b[k]);
 const crossed = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
 const unit = (a) => a.map((one) => one / Math.hypot(...a));
 
-/** Places of all bodies for joint positions: arm -> 7 numbers; an arm without any stays as it is at home. */
+/** Poses of all bodies at joint positions {arm: 7 numbers}. Arms without positions stay at home. */
 export function places(bodies, positions) {
   const out = [];
   for (const { parent, position, quaternion, joint } of bodies) {
@@ -90,7 +90,7 @@ function looking(eye, focus, fov, aspect) {
 }
 
 export class Figure {
-  /** canvas: of the page or off it; answer(message): {ready}, and {picture} as a Blob. */
+  /** canvas: of the page or offscreen; answer(message): called with {ready}, or {picture} as a Blob. */
   constructor(canvas, description, answer) {
     this.canvas = canvas;
     this.answer = answer;
@@ -121,7 +121,7 @@ export class Figure {
     else this.ask();
   }
 
-  /** Takes up the shapes one body at a time, so that the page can answer between two of them. */
+  /** Loads the shapes one body at a time, so that the page stays responsive. */
   async load() {
     for (const [k, { meshes }] of this.bodies.entries()) {
       if (!meshes.length) continue;
@@ -232,13 +232,13 @@ export class Figure {
     }
   }
 
-  /** Which view is at a place of the picture, both shares of it. */
+  /** The view at a position in the picture, {x, y} from 0 to 1. */
   under({ x, y }) {
     const { width, height } = this.extent;
     return this.cameras[(width < height * 1.25 ? y : x) > 0.5 ? "closeup" : "theatre"];
   }
 
-  /** Turns the view under a place by px of a hand. */
+  /** Rotates the view at a position by a drag of dx, dy px. */
   turn({ at, dx, dy }) {
     if (!this.extent) return;
     const camera = this.under(at);
@@ -249,7 +249,7 @@ export class Figure {
     camera.place = camera.focus.map((one, k) => one + r * [Math.cos(high) * Math.cos(round), Math.cos(high) * Math.sin(round), Math.sin(high)][k]);
   }
 
-  /** Brings the view under a place nearer, by a factor of its distance. */
+  /** Multiplies the distance of the view at a position by a factor. */
   nearer({ at, by }) {
     if (!this.extent) return;
     const camera = this.under(at);
@@ -258,9 +258,9 @@ export class Figure {
     camera.place = camera.focus.map((one, k) => one + factor * (camera.place[k] - one));
   }
 
-  /** The picture as it is now, as PNG. */
+  /** The present picture as PNG. */
   async picture() {
-    this.draw(); // a picture is gone as soon as it was shown
+    this.draw(); // the browser discards a picture after it was shown
     const { canvas } = this;
     this.answer({ picture: canvas.convertToBlob ? await canvas.convertToBlob() : await new Promise((resolve) => canvas.toBlob(resolve)) });
   }

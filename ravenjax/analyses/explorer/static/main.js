@@ -1,4 +1,4 @@
-// The page: a question in words, controls, a map that fills itself, and one run in detail.
+// The main module of the page: controls of a fault, the answer in words, a map of outcomes, and one run in detail.
 
 import { command, read, toml, written } from "./address.js";
 import { AXES, axisOf, channelOf, nearest, siteOf, spanOf, unitOf, words } from "./axes.js";
@@ -14,7 +14,7 @@ import { icon } from "./legend.js";
 
 /** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
-/** Text of what the page carries, which it then carries no more. */
+/** Returns the text of a data element, and removes the element to free its memory. */
 const taken = (name) => {
   const place = $(`data-${name}`);
   const text = place.textContent;
@@ -28,11 +28,11 @@ const campaign = data("campaign");
 await pause();
 const description = data("program");
 await pause();
-const MAP = 1; // priorities of questions: a run that is looked at goes first
+const MAP = 1; // priorities of computations: the run that is shown comes before the map
 const RUN = 5;
 const LATER = 0;
-const FIRST_POINTS = 400; // of a map that tells; when they were there stands on the page for its tests
-const WAIT_MS = 60; // a control that moves asks only when it rests so long
+const FIRST_POINTS = 400; // points of a map whose time of completion the page stores for its tests
+const WAIT_MS = 60; // the map is computed once its controls have not moved for this time
 
 /** Faults that a page can compute: site -> channel -> effects. */
 const able = {};
@@ -41,7 +41,7 @@ for (const { site, channel, effects } of description.channels) {
   if (own.length) (able[site] ??= {})[channel] = [...new Set([...(able[site][channel] ?? []), ...own])];
 }
 
-/** The campaign's own fault that shows most: after the last check, if it has one. */
+/** The first state of the page: a fault of the campaign, preferably after the last check. */
 /** @returns {any} */
 function firstState() {
   const own = description.examples.find(({ site }) => site === "usb_out") ?? description.examples.find(({ site }) => site in able);
@@ -58,15 +58,15 @@ function firstState() {
 const state = firstState();
 let engine = null;
 let remembering = 0;
-let address = location.hash; // as this page wrote or read it last
+let address = location.hash; // the address that this page wrote or read last
 let token = null;
 /** @type {any} */
 let axes = {};
 
 const paths = new Set(description.parameters.map(({ path }) => path));
 
-/** Makes the state one that the program can compute. */
-function mend() {
+/** Corrects the state, so that the program can compute it. Returns the possible axes of the map. */
+function correct() {
   const { fault } = state;
   for (const path of Object.keys(state.changes)) if (!paths.has(path) || !Number.isFinite(state.changes[path])) delete state.changes[path];
   if (!(state.motion in description.motions)) state.motion = null;
@@ -90,7 +90,7 @@ function mend() {
 /** Reports that the page cannot continue, and why. */
 function giveUp(error) {
   if (error.name === "AbortError") return;
-  $("answer").textContent = `This page cannot go on: ${error.message || error}`;
+  $("answer").textContent = `This page cannot continue: ${error.message || error}`;
   $("progress").textContent = "";
   document.body.dataset.failed = "1";
 }
@@ -155,11 +155,11 @@ function axis(which, name) {
 }
 
 function refresh(redrawn) {
-  const possible = mend();
+  const possible = correct();
   const channels = Object.keys(able[state.fault.site]).filter((name) => able[state.fault.site][name].includes(state.fault.effect));
   axes = { across: axisOf(campaign, state.fault, state.across, channels), up: axisOf(campaign, state.fault, state.up, channels) };
   controls.show(state, possible);
-  if (!engine) field.reset(axes.across, axes.up, []); // its axes stand while the robot starts
+  if (!engine) field.reset(axes.across, axes.up, []); // shows the axes while the robot starts
   const spans = { [state.across]: axes.across.values, [state.up]: axes.up.values };
   $("fault-words").textContent = words(campaign, state.fault, spans);
   field.mark(nearest(axes.across, state.fault[state.across]), nearest(axes.up, state.fault[state.up]));
@@ -173,7 +173,7 @@ function refresh(redrawn) {
 function remember() {
   clearTimeout(remembering);
   remembering = setTimeout(() => {
-    if (location.hash !== address) return; // somebody else changed it, and `hashchange` is on its way
+    if (location.hash !== address) return; // the user changed the address; `hashchange` follows
     history.replaceState(null, "", written(state));
     address = location.hash;
   }, 200);
@@ -223,7 +223,7 @@ function say() {
     const strong = document.createElement("strong");
     strong.textContent = many;
     $("answer").replaceChildren(before, strong, after);
-    $("brief").textContent = counted.all ? `${whole(counted.evading)} of ${whole(counted.all)} ${counted.evading === 1 ? "slips past and does" : "slip past and do"} harm` : "";
+    $("brief").textContent = counted.all ? `${whole(counted.evading)} of ${whole(counted.all)} ${counted.evading === 1 ? "evades the checks and does" : "evade the checks and do"} harm` : "";
     const all = axes.across.values.length * axes.up.values.length;
     $("progress").textContent = counted.all < all ? `${whole(counted.all)} of ${whole(all)} operations` : `${whole(all)} operations`;
     for (const item of $("legend").children) {

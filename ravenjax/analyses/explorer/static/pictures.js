@@ -1,4 +1,4 @@
-// Drawings of a run's signals as files: SVG text, and SVG text as PNG.
+// Exports the signals of a run: as SVG, PNG and CSV.
 
 import { escaped } from "./field.js";
 
@@ -8,7 +8,7 @@ const HIGH = 84;
 const ROW = HIGH + 40;
 const WIDE = 1000;
 
-/** All drawn signals of a page below each other: each as wide as the time; duration: of a run, ms. */
+/** SVG text with all signals of the page below each other. duration: of a run, ms. */
 export function sheet(title, figures, duration) {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -31,7 +31,7 @@ export function sheet(title, figures, duration) {
   );
 }
 
-/** SVG text with its size as a PNG, `by` pixels for one. */
+/** Converts SVG text to a PNG, with `by` pixels for each CSS pixel. */
 export async function png(svg, by = 2) {
   const url = URL.createObjectURL(new Blob([svg], { type: "image/svg+xml" }));
   try {
@@ -47,7 +47,7 @@ export async function png(svg, by = 2) {
   }
 }
 
-/** Rows of a run's series, a millisecond each: {ms, NAME: of the run, golden/NAME: of its golden run}. */
+/** CSV of a run's series, one row per millisecond: columns ms, NAME of the run, golden/NAME of its golden run. */
 export function course({ golden, faulty }, ticks) {
   const columns = [];
   for (const [prefix, series] of [["", faulty], ["golden/", golden]])

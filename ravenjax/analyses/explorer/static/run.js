@@ -1,4 +1,4 @@
-// One run in detail: the robot in three dimensions, its time line, its signals, and a run that is kept beside it.
+// Shows one run in detail: the robot in three dimensions, its time line, its signals, and a second run to compare.
 
 import { chain, column, deadlines, ends, events, lanes, signal } from "./course.js";
 import { length, millis, told } from "./verdicts.js";
@@ -17,7 +17,7 @@ function line(ms, words) {
 }
 
 export class Run {
-  /** figure(): JSON text of the description of what is drawn, or of null; heard: {moved(ms), dragged(start_ms)}. */
+  /** figure(): JSON text of `describe_figure`, or "null"; heard: {moved(ms), dragged(start_ms)}. */
   constructor(campaign, figure, heard) {
     this.campaign = campaign;
     this.heard = heard;
@@ -48,14 +48,14 @@ export class Run {
     }
   }
 
-  /** Shows until when each action prevents the harm of the run that is shown; found: as `Engine.deadlines`. */
+  /** Shows until when each action prevents the harm of a run; found: of `Engine.deadlines`. */
   actBy(replay, found) {
     if (this.replay !== replay) return;
     this.acting = deadlines(found);
     this.lanes();
   }
 
-  /** The robot, when a run is looked at for the first time. */
+  /** Draws the robot once the first run is shown. */
   stand() {
     if (this.figure !== undefined) return;
     const description = this.description();
@@ -65,7 +65,7 @@ export class Run {
     else shown(false);
   }
 
-  /** What happened when; a bar under the hand stays the same element. */
+  /** Draws the events over time. The bar that the user drags stays the same element. */
   lanes() {
     const { duration_ms: duration, checks } = this.campaign;
     const place = $("lanes");
@@ -82,7 +82,7 @@ export class Run {
     for (const lane of ["Checks", "Cue", "Harm"]) place.querySelector(`[data-lane=${lane}]`).replaceWith(fresh.querySelector(`[data-lane=${lane}]`));
   }
 
-  /** Where the view begins: at the harm, at the cue, or at the fault's end. */
+  /** The first time to show, ms: the first harm, or shortly after the start of the fault. */
   interesting() {
     const { outcome } = this.replay;
     const harm = [outcome.unintended_first_ms, outcome.loss_first_ms, outcome.false_report_first_ms].filter((ms) => ms >= 0);
@@ -130,7 +130,7 @@ export class Run {
     requestAnimationFrame(step);
   }
 
-  /** Series of the faulty joint and arm, with those of the golden run and of the kept one. */
+  /** Draws the signals of the faulty arm and joint, with those of the golden run and of the run to compare. */
   signals() {
     const { campaign, fault, replay, kept } = this;
     const acts = [fault.start_ms, ends(fault, campaign.duration_ms)].map((ms) => ms / campaign.duration_ms);
@@ -160,7 +160,7 @@ export class Run {
   chain() {
     const links = chain(this.replay, this.campaign.arms, this.campaign.duration_ms);
     const none = document.createElement("li");
-    none.textContent = "Nothing differs: the fault changes nothing that the robot does.";
+    none.textContent = "No signal differs: the fault has no effect.";
     $("chain").replaceChildren(...(links.length ? links.slice(0, MOST_LINKS).map(({ ms, words }) => line(ms, words)) : [none]));
   }
 
@@ -169,12 +169,12 @@ export class Run {
     $("numbers-of-run").tBodies[0].innerHTML = rows.map(([name, value]) => `<tr><th scope="row">${name}</th><td>${typeof value === "number" ? Number(value.toPrecision(6)) : value}</td></tr>`).join("");
   }
 
-  /** Keeps this run to compare others with, or lets the kept one go. */
+  /** Stores this run to compare other runs with it, or forgets the stored run. */
   keep() {
     this.kept = this.kept ? null : this.replay;
-    $("pin").textContent = this.kept ? "Let the kept run go" : "Keep to compare";
+    $("pin").textContent = this.kept ? "Stop comparing" : "Compare with this run";
     $("pinned-key").hidden = $("pinned").hidden = !this.kept;
-    if (this.kept) $("pinned").textContent = `Kept: ${told(this.kept.outcome, this.campaign.limit_mm, this.campaign.harm).join(" ")}`;
+    if (this.kept) $("pinned").textContent = `Compared with this run: ${told(this.kept.outcome, this.campaign.limit_mm, this.campaign.harm).join(" ")}`;
     this.signals();
   }
 

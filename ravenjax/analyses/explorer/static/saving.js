@@ -1,4 +1,4 @@
-// Files that a page writes: table, drawing, picture; and the clipboard.
+// Saves files from the page, and copies text to the clipboard.
 
 export function save(content, kind, name) {
   const link = document.createElement("a");
@@ -8,7 +8,7 @@ export function save(content, kind, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-/** Copies text; where a page may not reach the clipboard, through a field that is selected. */
+/** Copies text. If the page may not access the clipboard, it copies from a selected text field. */
 export async function copy(text) {
   try {
     await navigator.clipboard.writeText(text);

@@ -1,11 +1,11 @@
 // Finds the smallest harmful value of a fault, starting from no change: by doubling, then by bisection.
 
-const FIRST = 64; // of a span: the least step that is tried first
-const FINE = 40; // halvings at most: they end at neighbours, of whole numbers or of numbers of four digits
+const FIRST = 64; // the first value is this fraction of the span
+const FINE = 40; // the largest number of bisections, which end at neighbouring whole numbers or numbers of four digits
 
 /**
- * {value, outcome, runs, safe} or null where none in the span is harmful. ask(values): outcomes of those values, in order;
- * from: the value that changes nothing; to: the farthest that is tried; harmful(outcome).
+ * Returns {value, outcome, runs, safe}, or null if no value in the span is harmful. ask(values): returns the outcomes of
+ * values, in order; from: the value without effect; to: the last value to try; harmful(outcome): whether it is harmful.
  */
 export async function smallest(ask, from, to, whole, harmful) {
   const span = to - from;

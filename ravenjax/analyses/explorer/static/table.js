@@ -1,4 +1,4 @@
-// Runs of a result folder: shown on the map where they belong, and as a table.
+// Shows the runs of a result folder: as circles on the map, and as a table.
 
 import { nearest, words } from "./axes.js";
 import { csv, save } from "./saving.js";
@@ -12,11 +12,11 @@ const FAULT = ["site", "arm", "channel", "effect", "value", "start_ms", "duratio
 
 const percent = (share) => `${text(Number((100 * share).toPrecision(2)))} %`;
 
-/** How many of the folder's faults evade, with the interval where they were drawn. */
+/** A sentence: how many of the folder's faults evade the checks, with an interval if the faults were drawn. */
 export function shares({ k, n, value, low, high }) {
   if (!n) return "";
-  const sure = low === null ? "chosen, not drawn, so that there is no interval" : `95 % interval ${percent(low)} to ${percent(high)}`;
-  return `Of ${text(n)} distinct faults, ${text(k)} slip past every safety check and do harm: ${percent(value)} (${sure}). `;
+  const sure = low === null ? "chosen, not drawn, so there is no interval" : `95 % interval ${percent(low)} to ${percent(high)}`;
+  return `Of ${text(n)} distinct faults, ${text(k)} evade every safety check and do harm: ${percent(value)} (${sure}). `;
 }
 
 export class Table {
@@ -49,7 +49,7 @@ export class Table {
     return Object.fromEntries(Object.entries(row).filter(([name, value]) => name.startsWith("param:") && value !== null).map(([name, value]) => [name.slice(6), value]));
   }
 
-  /** Runs that lie on a map: same site, arm, place and effect; size, start and duration may be others than the map's. */
+  /** Runs with the site, arm, channel and effect of a map, with their nearest square. Other properties may differ. */
   dots(fault, { across, up }) {
     const held = ["site", "arm", "effect", "channel"].filter((name) => name !== across.name && name !== up.name);
     return this.rows
@@ -61,8 +61,8 @@ export class Table {
   show() {
     $("table").hidden = false;
     const faulty = this.rows.filter(({ site }) => site);
-    const few = this.listed < this.runs ? `, of which this page has ${text(this.listed)}: the first, with one timed fault at most` : "";
-    $("table-lead").textContent = `${shares(this.evading)}${text(this.runs)} runs in ${this.folder}${few}. Circles on the map are runs whose fault strikes there and does the same, at the nearest square; what the axes do not say may be another.`;
+    const few = this.listed < this.runs ? `. This page lists ${text(this.listed)} of them, with at most one fault in one time window` : "";
+    $("table-lead").textContent = `${shares(this.evading)}${text(this.runs)} runs in ${this.folder}${few}. Circles on the map are runs with the chosen arm, site and effect, at the nearest square. Their other properties may differ from those of the map.`;
     const counts = {};
     for (const row of faulty) counts[classOf(row)] = (counts[classOf(row)] ?? 0) + 1;
     $("table-which").innerHTML = Object.keys(CLASSES).filter((name) => counts[name]).map((name) => `<option value="${name}">${CLASSES[name].says} (${counts[name]})</option>`).join("");

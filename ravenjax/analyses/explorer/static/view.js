@@ -1,9 +1,9 @@
-// The place of the robot's picture on the page: starts the drawing, and handles the user's input on it.
+// The picture of the robot on the page: starts the drawing, and handles the user's input.
 
-const FARTHER = 1.15; // of a key press
+const FARTHER = 1.15; // factor of the distance for one press of + or -
 
 export class View {
-  /** description: JSON text of figure.py's; shown(ready): told once whether there is a picture. */
+  /** description: JSON text of `describe_figure`; shown(ready): called once with whether there is a picture. */
   constructor(canvas, description, shown) {
     this.canvas = canvas;
     this.description = description;
@@ -13,7 +13,7 @@ export class View {
     this.start();
   }
 
-  /** Draws in a worker, which takes no time of the page; on the page itself if a browser cannot do that. */
+  /** Draws in a worker, so that the page stays responsive, or on the page if the browser cannot do that. */
   start() {
     if (!this.canvas.transferControlToOffscreen) {
       this.here();
@@ -31,7 +31,7 @@ export class View {
   async here(worker) {
     worker?.terminate();
     const fresh = this.canvas.cloneNode();
-    this.canvas.replaceWith(fresh); // one that was given away cannot be drawn on
+    this.canvas.replaceWith(fresh); // the worker owns the old canvas
     this.canvas = fresh;
     const { Figure } = await import("./figure.js");
     const figure = new Figure(fresh, JSON.parse(this.description), (message) => this.answered(message, () => this.shown(false)));

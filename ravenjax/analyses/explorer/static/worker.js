@@ -1,8 +1,8 @@
-// One core of an explorer page: runs batches of robots through a campaign's WebAssembly, four side by side.
-// A classic script, so that a page can start it from a Blob wherever the page lies, on disk too.
+// A worker of the explorer's page: computes batches of runs with a campaign's WebAssembly, four robots side by side.
+// It is a classic script, so that a page opened from a file can start it from a Blob.
 "use strict";
 
-const CHUNK = 250; // ticks between two looks at the next vector of lanes: their rows stay in the cache
+const CHUNK = 250; // ticks computed for one vector of lanes before the next, so that their rows stay in the cache
 const EVERY = 25; // ticks from one snapshot of the golden run to the next
 const PAGE = 65_536;
 const LINE = 64;
@@ -18,7 +18,7 @@ class Program {
     this.code = new WebAssembly.Instance(module, { env: { __linear_memory: this.memory } }).exports;
     this.end = LINE;
     this.outputs = layout.series + layout.outputs.reduce((sum, output) => sum + output.types.length, 0);
-    this.step = 4 * layout.width; // bytes from one number that goes out to the next
+    this.step = 4 * layout.width; // bytes between two output numbers
     this.inputs = this.room(vectors * layout.inputs.bytes);
     this.groupInputs = this.room(layout.group_inputs.bytes);
     this.state = this.room(vectors * layout.state_bytes);
@@ -27,7 +27,7 @@ class Program {
     this.rows = this.room(CHUNK * layout.row_bytes);
     this.results = this.room(layout.results.bytes);
     this.places = Int32Array.from(layout.results.offsets, (offset) => (this.results + offset) / 4);
-    this.nowhere = this.room(4 * layout.series); // zeros: what a run is compared with that is compared with nothing
+    this.nowhere = this.room(4 * layout.series); // zeros, for runs without a golden run
     this.sink = this.room(this.outputs * this.step);
     this.tables = this.room(motionBytes);
     this.given = this.room(4 * layout.series * ticks);
@@ -38,7 +38,7 @@ class Program {
     this.led = null;
   }
 
-  /** Makes the hands follow this motion from now on. */
+  /** Sets the motion of the hands. */
   lead(motion) {
     if (this.led === motion) return;
     this.words.set(new Int32Array(motion), this.tables / 4);
@@ -51,7 +51,7 @@ class Program {
     return first;
   }
 
-  /** Lanes before their first tick: `parameters` words of all, `faults` words of each lane in turn, the last repeated. */
+  /** Resets the lanes. parameters: words of all lanes; faults: words of each lane, of which the last are repeated. */
   begin(parameters, faults, lanes) {
     const { inputs, group_inputs: shared, width, state_bytes, held_bytes } = this.layout;
     const fields = inputs.offsets.length - parameters.length;
@@ -79,7 +79,7 @@ class Program {
     code.shared_run(groupInputs, group, tables, ...this.entering(first, compared), rows, first, BigInt(until - first));
   }
 
-  /** Vector `v` through ticks whose rows begin at `row`; keep: what goes out is kept, tick by tick. */
+  /** Computes ticks of vector `v`, whose rows begin at `row`; keep: whether the outputs of each tick are stored. */
   advance(v, row, first, until, compared, keep) {
     const { inputs, state_bytes, held_bytes, row_bytes } = this.layout;
     const size = this.outputs * this.step;
@@ -97,18 +97,18 @@ class Program {
     );
   }
 
-  /** Words of the results that lanes of vector `v` have now, as `lane` gives them. */
+  /** Computes the results of the lanes of vector `v`, for `lane`. */
   finish(v) {
     const { inputs, state_bytes } = this.layout;
     this.code.lane_finish(this.inputs + v * inputs.bytes, this.state + v * state_bytes, this.group, this.results);
   }
 
-  /** Copy the results of a lane of the vector that finished last to `words` from `at` on. */
+  /** Copies the results of a lane of the last vector to `words`, from index `at` on. */
   lane(lane, words, at) {
     for (let k = 0; k < this.places.length; k += 1) words[at + k] = this.words[this.places[k] + lane];
   }
 
-  /** The series of the run that was kept last, for `given`. */
+  /** The stored series of the last run, for `given`. */
   series() {
     const { series } = this.layout;
     const size = (this.outputs * this.step) / 4;
@@ -118,13 +118,13 @@ class Program {
     return values;
   }
 
-  /** Compares runs with these series from now on. */
+  /** Sets the series of the golden run with which runs are compared. */
   compare(series) {
     this.words.set(series, this.given / 4);
   }
 }
 
-/** Batches of runs beside the golden run of their question. */
+/** Computes batches of runs and the golden run of their question. */
 class Core {
   constructor({ description, modules, motions, vectors }) {
     const { programs, ticks } = description;
@@ -156,7 +156,7 @@ class Core {
     one.finish(0);
     one.lane(0, this.last, 0);
     one.compare(one.series());
-    // Once more, compared with itself, as the runs are that go on from it.
+    // Compute it again, compared with itself: runs start from its snapshots.
     one.begin(parameters, none, 1);
     const { state_bytes: lanes, group_state_bytes: group } = one.layout;
     this.snapshots = [];
@@ -193,14 +193,14 @@ class Core {
     return this.ends.get(end);
   }
 
-  /** Put the group, and vector `v`, where the golden run was at a snapshot. */
+  /** Sets the group, and vector `v`, to a snapshot of the golden run. */
   restore(snapshot, v) {
     const { outcomes: one, snapshots } = this;
     one.words.set(snapshots[snapshot].lanes, (one.state + v * one.layout.state_bytes) / 4);
     one.words.set(snapshots[snapshot].group, one.group / 4);
   }
 
-  /** Results of runs: words [runs * outcomes], and the golden run's at their ends. */
+  /** Results of runs, words [runs * outcomes], and of the golden run at the same ticks. */
   run({ parameters, motion, faults, acts, ends }) {
     const { outcomes: one, ticks } = this;
     const { width } = one.layout;
@@ -242,7 +242,7 @@ class Core {
     return { words, usual };
   }
 
-  /** Of the golden run and of one run: time series by name, one number a millisecond, and words of the results at the end. */
+  /** Time series by name, one value per millisecond, and results at the end, of one run and its golden run. */
   replay({ parameters, motion, faults, end }) {
     this.replayed ??= this.open();
     const one = this.replayed;
@@ -251,7 +251,7 @@ class Core {
     const golden = this.course(parameters, none, false, end);
     one.compare(one.series());
     const faulty = this.course(parameters, faults, true, end);
-    golden.series.unintended_mm.fill(0); // it is measured from this run
+    golden.series.unintended_mm.fill(0); // unintended motion is measured from the golden run
     for (const arm of this.description.arms) {
       const tip = `${arm}/tip`;
       for (const { series } of [golden, faulty]) series[`${arm}/deviation_mm`] = apart(series[tip], golden.series[tip]);
@@ -273,7 +273,7 @@ class Core {
     return { series: this.named(results), end: results.slice((end - 1) * size, end * size) };
   }
 
-  /** What the replay left, by the names of its outputs; with check/NAME/margin and check/NAME/count, so far. */
+  /** The stored series of a replay by name, with check/NAME/margin and check/NAME/count. */
   named(results) {
     const { replayed: one, ticks } = this;
     const { outputs, outcomes, series } = one.layout;
@@ -320,12 +320,12 @@ function apart(a, b) {
   return out;
 }
 
-/** The memory of arrays in an answer, which is transferred without a copy. */
+/** The buffers of the arrays in an answer, which are transferred without a copy. */
 const memories = (result) => [...new Set(arrays(result).map(({ buffer }) => buffer))];
 const arrays = (value) => (ArrayBuffer.isView(value) ? [value] : Object.values(value).flatMap(arrays));
 
 let core = null;
-/** Runs with an action; opened when they are first asked for. @type {() => Core} */
+/** The program for runs with an action, opened when it is first needed. @type {() => Core} */
 let acting = null;
 
 const TASKS = {

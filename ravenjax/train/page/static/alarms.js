@@ -4,19 +4,19 @@ import { coarse } from "./coach.js";
 
 const KEPT_MS = 6000;
 const STOPPED = "The robot has stopped and holds its brakes.";
-const TRIAL = "Discard the trial (M), and try another way.";
-const RESTART = "Lift the pedal. Once you know why, restart (Backspace).";
+const TRIAL = "Discard the trial (M), then try another motion.";
+const RESTART = "Lift the pedal. Find the cause, then restart (Backspace).";
 
 /** Words for each check that alerts a person or stops the robot. */
 export const ALARMS = {
   overdrive_instant: ["A motor command was far too large", STOPPED, RESTART],
   overdrive_hard: ["Motor commands were too large for too long", STOPPED, RESTART],
   soft_estop: ["The control software has stopped itself", STOPPED, RESTART],
-  plc_watchdog: ["The control computer fell silent", STOPPED, RESTART],
+  plc_watchdog: ["The control computer sends no watchdog signal", STOPPED, RESTART],
   estop: ["Emergency stop", STOPPED, RESTART],
-  ik_reject: ["The hand leads where the arm cannot go", "The robot does not take this step.", "Go back the way you came."],
-  joint_limit: ["A joint is at its limit", "The robot goes no farther this way.", "Go back the way you came."],
-  master_timeout: ["The robot hears nothing of the console", "It takes the pedal for up.", "Lift the pedal; step on it again once the link is back."],
+  ik_reject: ["The arm cannot reach where your hand points", "The robot ignores this step.", "Move your hand back."],
+  joint_limit: ["A joint is at its limit", "The robot goes no farther in this direction.", "Move your hand back."],
+  master_timeout: ["The robot receives nothing from the console", "It treats the pedal as up.", "Lift the pedal. Press it again once the connection is back."],
 };
 /** Checks that trip because another check or a person has stopped the robot. They do not replace the cause. */
 export const FOLLOW = new Set(["soft_estop", "plc_watchdog", "estop"]);
@@ -38,7 +38,7 @@ export class Alarms {
     if (check === this.check && !this.place.hidden) return;
     this.check = check;
     const words = ALARMS[check] ?? other(check);
-    const [matter, did, act] = virtual ? [words[0], words[1] === STOPPED ? "The virtual robot has stopped." : "So it is on the virtual robot.", TRIAL] : words;
+    const [matter, did, act] = virtual ? [words[0], words[1] === STOPPED ? "The virtual robot has stopped." : "This happened to the virtual robot.", TRIAL] : words;
     this.place.querySelector("b").textContent = matter;
     this.place.querySelector("span").textContent = did;
     this.place.querySelector("em").textContent = coarse() ? act.replace(" (Backspace)", "") : act;

@@ -69,7 +69,7 @@ export class Coach {
       one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
   }
 
-  /** Called once a frame. started: the time runs; blocked: others drive, or the field is covered. `Why` speaks of the pedal. */
+  /** Called once a frame. started: the time runs; blocked: another console drives, or the field is covered. `Why` shows the words about the pedal. */
   frame({ phase, started, down, blocked }, scope, now = performance.now()) {
     const { target } = scope;
     if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;
@@ -100,8 +100,8 @@ export class Coach {
     } else if (said !== this.said)
       this.text.textContent =
         {
-          hold: "There. Keep it in the ring.",
-          reached: "Reached. When the instrument moves by itself, lift the pedal.",
+          hold: "Hold the tip in the ring.",
+          reached: "Goal reached. When the instrument moves on its own, lift the pedal.",
         }[said] ?? "";
     this.said = said;
   }

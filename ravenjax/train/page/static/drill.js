@@ -133,10 +133,10 @@ export class Drill {
     if (lesson.stage === "way") text.replaceChildren(...guide(this.arm, lesson.tip, lesson.goals[lesson.target]));
     else {
       const told = {
-        pedal: `${pedal} It is the foot pedal: the instrument moves only meanwhile.`,
-        quiet: lesson.tries ? `${this.missed()}; ${QUICK_S} s is asked. Once more: keep the pedal down, and watch.` : "Well done. Keep the pedal down, and watch.",
+        pedal: `${pedal} It is the foot pedal: the instrument moves only while you hold it.`,
+        quiet: lesson.tries ? `${this.missed()}; the limit is ${QUICK_S} s. Try again: keep the pedal down, and watch.` : "Well done. Keep the pedal down, and watch.",
         adrift: "It moves by itself! Lift the pedal.",
-        done: `Lifted after ${(lesson.reaction ?? 0).toFixed(1)} s, ${QUICK_S} s was asked. The pedal is your brake.`,
+        done: `You lifted the pedal after ${(lesson.reaction ?? 0).toFixed(1)} s; the limit is ${QUICK_S} s. The pedal is your brake.`,
       }[lesson.stage];
       if (text.textContent !== told) text.textContent = told;
     }

@@ -61,6 +61,6 @@ export class Haptics {
   motors() {
     const pad = [...(navigator.getGamepads?.() ?? [])].some((one) => one?.vibrationActuator);
     if (pad) return "The gamepad vibrates.";
-    return matchMedia("(pointer: coarse)").matches && navigator.vibrate ? "This device vibrates, where its settings allow it." : "Nothing here vibrates: the cue is heard and seen.";
+    return matchMedia("(pointer: coarse)").matches && navigator.vibrate ? "This device vibrates if its settings allow it." : "No device of this machine vibrates: you hear and see the cue.";
   }
 }

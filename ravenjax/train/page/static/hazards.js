@@ -70,12 +70,12 @@ export class HazardPanel {
     list.before(tools);
     this.strip = made("div", { className: "hazard-strip", title: "hazards that became active and planned hazards, by the session's time" });
     this.queue = made("ol", { className: "list hazard-plan" });
-    this.presets = made("select", { id: "hazard-preset", ariaLabel: "plans that were kept" });
-    this.name = made("input", { type: "text", id: "hazard-plan-name", maxLength: 40, placeholder: "name, then Keep", ariaLabel: "name of the plan" });
-    const keep = made("button", { type: "button", className: "small", id: "hazard-keep" }, "Keep");
+    this.presets = made("select", { id: "hazard-preset", ariaLabel: "saved plans" });
+    this.name = made("input", { type: "text", id: "hazard-plan-name", maxLength: 40, placeholder: "name, then Save", ariaLabel: "name of the plan" });
+    const keep = made("button", { type: "button", className: "small", id: "hazard-keep" }, "Save");
     const clear = made("button", { type: "button", className: "small", id: "hazard-clear" }, "Clear");
     const row = made("div", { className: "hazard-presets" }, this.presets, this.name, keep, clear);
-    const note = made("p", { className: "note" }, "The plan runs in this window: keep it open.");
+    const note = made("p", { className: "note" }, "The plan runs in this window: keep the window open.");
     list.after(made("h3", {}, "Plan"), this.strip, this.queue, row, note);
     this.search.addEventListener("input", () => this.fill());
     this.starred.addEventListener("change", () => this.fill());
@@ -234,7 +234,7 @@ export class HazardPanel {
 
   offered() {
     const names = Object.keys(kept(PLANS, {}));
-    this.presets.replaceChildren(made("option", { value: "" }, names.length ? "kept plans" : "no plan was kept"), ...names.map((name) => made("option", { value: name }, name)));
+    this.presets.replaceChildren(made("option", { value: "" }, names.length ? "saved plans" : "no saved plans"), ...names.map((name) => made("option", { value: name }, name)));
   }
 }
 

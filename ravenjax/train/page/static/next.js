@@ -27,7 +27,7 @@ export class NextSession {
     this.list.postMessage(answer);
   }
 
-  /** The list requests a session, which begins as if it had been typed into the form. */
+  /** Starts the session that the list requests, as if its values had been typed into the form. */
   asked({ participant, scenario, seed }) {
     if (this.form.hidden) {
       this.tell({ why: "The present session is not over: end it on the instructor's panel." });
@@ -37,7 +37,7 @@ export class NextSession {
     Object.assign(this.scenario, { value: scenario });
     Object.assign(this.seed, { value: seed });
     if (!this.form.reportValidity()) {
-      this.tell({ why: "A scenario is the name of a bundled one, a seed a whole number." });
+      this.tell({ why: "The scenario must be the name of a bundled scenario, the seed a whole number." });
       return;
     }
     this.form.requestSubmit();

@@ -8,7 +8,7 @@ const $ = (id) => document.getElementById(id);
 export const WORDS = {
   hazard_armed: (e) => `hazard ${e.number} armed`,
   hazard_struck: (e) => `hazard ${e.number} became active`,
-  knowable: (e) => `could be known: ${e.by}`,
+  knowable: (e) => `first sign: ${e.by}`,
   cue: (e) => (e.number < 0 ? "cue without a hazard" : `cue on ${e.arm}`),
   stopped: (e) => `stopped by the check ${e.check}`,
   flagged: (e) => `flagged by the check ${e.check}`,
@@ -27,7 +27,7 @@ export const WORDS = {
   refused: (e) => (e.why ? `refused: ${e.why}` : ""), // empty: the reason no longer holds
   rearm: (e) => `pedal must be lifted first: ${e.why}`,
   started: (e) => `time runs: ${e.by}`,
-  interrupted: (e) => `hazard ${e.number} cut off, not scored: ${e.by}`,
+  interrupted: (e) => `hazard ${e.number} interrupted by ${e.by}, not scored`,
   console: (e) => `console ${e.alive ? `alive${e.source ? ` (${e.source})` : ""}` : "silent"}`,
   runlevel: (e) => `runlevel ${e.runlevel}`,
   note: (e) => `“${e.text}”`,
@@ -51,7 +51,7 @@ const BANNERS = {
   ros: ["wait", "A console over ROS drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   writing: ["wait", "Session over, writing the debrief", ""],
-  over: ["wait", "Session over", "What happened, and when it could be known:", "Debrief"],
+  over: ["wait", "Session over", "The debrief shows what happened and what you did.", "Debrief"],
   virtual: ["virtual", "Virtual robot", "The robot rests; the virtual one follows your hands. N: repeat it. M: discard it."],
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot repeats what you tried. M: discard it."],
 };
@@ -64,9 +64,9 @@ export const lasting = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : ms < 10_000
 /** Why the operator's buttons cannot be pressed now, by their names; "": they can. */
 export function refusals({ view, phase, robot = "virtual" }) {
   const trial = view === "virtual";
-  const begin = { ready: "hold the pedal first", paused: "the session is paused", stopped: "restart the robot first" }[phase] ?? "the session does not run";
+  const begin = { ready: "hold the pedal first", paused: "wait for the end of the pause", stopped: "restart the robot first" }[phase] ?? "start a session first";
   return {
-    rehearse: robot !== "virtual" ? "a robot elsewhere has no virtual robot" : view !== "real" ? "a trial is under way" : phase === "running" ? "" : begin,
+    rehearse: robot !== "virtual" ? "use a robot on this machine; a robot elsewhere has no virtual copy" : view !== "real" ? "end this trial first" : phase === "running" ? "" : begin,
     reengage: trial ? "" : "try a motion first",
     discard: view === "real" ? "nothing was tried" : "",
     restart: phase === "stopped" ? "" : "the robot is not stopped",
@@ -207,7 +207,7 @@ export class Panels {
       button.title = reason ? `Not now: ${reason}.` : this.titles.get(button);
     }
     $("convert").disabled = over;
-    set("virtual-note", not.rehearse && view === "real" ? `Try: ${not.rehearse}.` : "");
+    set("virtual-note", not.rehearse && view === "real" ? `To rehearse: ${not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner };
     this.banner();
@@ -286,7 +286,7 @@ export class Panels {
     button.textContent = act ?? "";
   }
 
-  /** Says how far the debrief is. */
+  /** Shows the progress of the debrief. */
   writing(text) {
     this.progress = text;
     this.banner();

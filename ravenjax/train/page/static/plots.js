@@ -2,8 +2,8 @@
 
 const SPAN_MS = 10000;
 const MOST = 1500; // points: ten seconds at 150 frames a second
-// Colours differ in lightness, too, for people who do not see red or green. A colour is never the only sign: a
-// letter, a shape or a dash says the same.
+// Colours differ in lightness, too, for people who do not see red or green. Besides the colour, each
+// line and mark has a letter, a shape or a dash of its own.
 export const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
 export const LETTERS = { gold: "L", green: "R" };
 

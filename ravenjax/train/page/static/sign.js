@@ -2,8 +2,8 @@
 
 import { LETTERS } from "./plots.js";
 
-const KEPT_MS = 500; // so that a pull of one millisecond can be seen
-const ALONG = 0.38; // least share of a direction that is named in words
+const KEPT_MS = 500; // so that a person sees even a cue of one millisecond
+const ALONG = 0.38; // directions with a smaller share are not named
 const WORDS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
 
 /** Components along the axes of the view (right, up, toward) of a direction in the world. @type {(way: number[]) => number[]} */

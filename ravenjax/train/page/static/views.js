@@ -1,6 +1,6 @@
 // Chooses this window's view of the field: the scene's cameras, a small second picture, or only the 2D view.
 
-const HINT = "Drawn in 2D: this machine has no graphics card that a browser can use. &scene=on at the end of the address tries 3D.";
+const HINT = "2D view, because the browser can use no graphics card. Add &scene=on to the address to try 3D.";
 
 export class Views {
   constructor(root, send) {
@@ -16,12 +16,12 @@ export class Views {
     if (!document.getElementById("root")) this.flat();
   }
 
-  /** Takes a key 1 to 7, in the order of the buttons. */
+  /** Presses the button of a key from 1 to 7. */
   press(number) {
     if (!this.root.classList.contains("flat")) this.buttons[number - 1]?.click();
   }
 
-  /** Takes the next camera. */
+  /** Switches to the next camera. */
   next() {
     const cameras = this.buttons.filter((one) => one.dataset.camera);
     const at = cameras.findIndex((one) => one.getAttribute("aria-pressed") === "true");

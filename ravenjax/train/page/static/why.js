@@ -19,7 +19,7 @@ const SINCE = {
   link: "No reports of the robot arrived",
 };
 
-/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages a second. */
+/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages that this page sends, per second. */
 export function reason({ link, phase, owner, view, level, live, pressed, down, idle, since, silences, rate, check }, touch = coarse()) {
   const pedal = touch ? "PEDAL" : "SPACE";
   if (link === "down") return "No connection: the robot holds still until the session answers.";
@@ -39,9 +39,9 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
     return since in SINCE ? `${SINCE[since]}. ${again}` : again;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
-  if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.";
+  if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only while you do." : "Hold SPACE: the robot moves only while the pedal is down.";
   if (view === "virtual") return "The robot rests: only the virtual one follows your hands.";
-  if (!live) return "The pedal is down, the robot is getting ready: wait.";
+  if (!live) return "The pedal is down; the robot starts to follow in a moment: wait.";
   if (idle && view === "real") return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with A D W S R F; / shows all keys.";
   return "";
 }
@@ -65,7 +65,7 @@ export class Why {
     if (kind === "phase" && phase === "ready") this.check = "";
   }
 
-  /** Called once a frame with the state that `reason` takes, without what is known here. */
+  /** Called once a frame. state: the arguments of `reason` that this object does not know. */
   frame(state, now = performance.now()) {
     const hands = Object.values(this.input.now().arms);
     if (!state.down || hands.some(({ move, turn, grasp }) => [...move, ...turn, grasp].some((x) => x !== 0))) this.moved = now;

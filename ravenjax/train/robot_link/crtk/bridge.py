@@ -1,9 +1,9 @@
-"""Connects a realtime loop to CRTK. `CrtkConsole` is the loop's side; a second process speaks
-CRTK.
+"""Connects a realtime loop to consoles that use CRTK, the ROS interface of surgical robots.
 
-Two rings in shared memory connect the sides, so that neither waits for the other. The process
-writes commands into one ring. The loop writes one row per tick into the other: the tick's `Frame`,
-two clocks at that tick, and the number of the last command that the loop had received.
+`CrtkConsole` belongs to the loop; a second process exchanges the ROS messages. Two rings in shared
+memory connect them, so that neither waits for the other. The process writes commands into one ring.
+The loop writes one row per tick into the other: the tick's `Frame`, two clocks at that tick, and
+the number of the last command that the loop has read.
 """
 
 import contextlib
@@ -25,16 +25,16 @@ from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.session.simulation import Blueprint
 
 PERIOD_S = 0.002
-"""Time between two readings of robot and network."""
+"""Time between two readings of the rings and of the network."""
 READINGS_HZ = 100.0
-"""The default rate of the dVRK's consoles."""
+"""Rate of the published measurements; the default of the dVRK's consoles."""
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
 _LOOK_EVERY = 256
-"""Calls of `poll` between two checks that the process is alive. Each check is a system call."""
+"""Calls of `poll` between two checks that the process runs. Each check is a system call."""
 
 
 def _row_type(layout: FrameLayout) -> np.dtype:
-    # A frame and the clocks at its tick, as in `RobotRow`.
+    # Type of a row of the ring: a frame and the clocks at its tick, as in `RobotRow`.
     clocks = [(name, "<i8") for name in ("stamp_ns", "clock_ns", "last_command")]
     return np.dtype([("frame", "<f4", layout.size), *clocks])
 
@@ -56,10 +56,10 @@ def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> 
 
 
 class CrtkConsole:
-    """A console of the realtime loop (`realtime.loop.Console`), which owns both rings."""
+    """A console of the realtime loop. It creates both rings."""
 
     def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
-        """say: receives a message once the process has ended."""
+        """say: prints why the process has ended."""
         self._row = np.zeros(1, _row_type(layout))
         self.rows = Ring.create(_KEPT_ROWS, self._row.nbytes)
         self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
@@ -75,11 +75,11 @@ class CrtkConsole:
             try:
                 why = self.process_says.recv()
             except (EOFError, OSError):
-                why = "its process is gone"
+                why = "its process was terminated"
             self.process_says = None
             self._say(
                 f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, and the robot"
-                " goes on without it. Restart ravenjax to use CRTK again"
+                " continues without CRTK. Restart ravenjax to use CRTK again"
             )
         if self.commands.written == self.taken:
             return []
@@ -87,7 +87,7 @@ class CrtkConsole:
         self.taken = first + len(rows)
         return list(read_json(rows))
 
-    def tell(self, frame: Frame) -> None:
+    def send_frame(self, frame: Frame) -> None:
         self._row[0] = frame.row, time.time_ns(), time.monotonic_ns(), self.taken
         self.rows.put(self._row.view(np.uint8))
 
@@ -103,9 +103,10 @@ def spawn_bridge(
     say: Say = print,
     elsewhere: bool = False,
 ) -> CrtkConsole:
-    """Start the process for the robot of a blueprint and wait until it speaks CRTK.
+    """Start the process for the robot of a blueprint, and wait until it exchanges messages.
 
-    elsewhere: whether the robot is a remote one with unknown contact. Raises UserError.
+    elsewhere: whether the robot is in another process and its contact unknown. Raises UserError if
+    ROS is not available.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
@@ -113,7 +114,7 @@ def spawn_bridge(
     rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
-    helper.tell((rings, ros, arms, setup.tools, gain, contact))
+    helper.send((rings, ros, arms, setup.tools, gain, contact))
     if trouble := helper.answer():
         raise UserError(trouble)
     console.process_says = helper.answers
@@ -127,7 +128,7 @@ def spawn_bridge(
 
 
 class RobotRings:
-    """The rings' ends in the CRTK process."""
+    """Reads and writes the rings in the CRTK process."""
 
     def __init__(self, rows: str, commands: str, layout: FrameLayout) -> None:
         self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
@@ -139,7 +140,7 @@ class RobotRings:
         if not len(rows):
             return None
         self._frame.row[:], *clocks = rows[-1].view(_row_type(self._frame.layout))[0]
-        self._frame.settle()
+        self._frame.copy_numbers()
         stamp_ns, clock_ns, last_command = map(int, clocks)
         return RobotRow(self._frame, stamp_ns, clock_ns, last_command, first + len(rows) - 1)
 
@@ -154,9 +155,9 @@ class RobotRings:
 
 
 def run_bridge(robot: Connection) -> None:
-    """Speak CRTK until this process is terminated or the robot's process is gone.
+    """Exchange CRTK messages until this process is terminated or the robot's process has ended.
 
-    This is the entry point of a spawned process. robot: delivers the arguments below, and receives
+    This is the entry point of a spawned process. robot: sends the arguments below, and receives
     None once the process is ready, later the reason why it ends.
     """
     # grasp_gain: mrad that the jaws close per mrad of an increment. contact: whether its force is
@@ -188,7 +189,7 @@ def run_bridge(robot: Connection) -> None:
                 connected, was_down = transport.connected(), interpreter.state.pedal
                 interpreter.observe(row, connected, now_ms)
                 for name, message in heard:
-                    interpreter.hear(name, message, now_ms)
+                    interpreter.receive(name, message, now_ms)
                 if connected or heard or was_down or interpreter.state.pedal:
                     for command in interpreter.commands(now_ms):
                         interpreter.note_sent(rings.send(command))

@@ -1,9 +1,9 @@
-"""Speaks ROS 2 without a ROS installation: DDS through the `cyclonedds` wheel.
+"""Exchanges ROS 2 messages without a ROS installation, over DDS with the package cyclonedds.
 
 Names and qualities of service follow ROS 2. For example, the topic `arm1/measured_js` is
 `rt/arm1/measured_js` in DDS, `sensor_msgs/msg/JointState` is `sensor_msgs::msg::dds_::JointState_`,
 and bytes are CDR. Published topics are reliable, so that both reliable and best-effort readers
-match. Servo commands are read with best effort, so that DDS never repeats a lost one too late.
+match. Servo commands are read with best effort, so that DDS repeats no lost command too late.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from ravenjax.train.robot_link.crtk import messages
 
 DOMAIN = "ROS_DOMAIN_ID"
 DEPTH = 10
-"""Messages that wait for a reader: the default of ROS 2."""
+"""The largest number of messages that wait for a reader; the default of ROS 2."""
 MOST_TAKEN = 64
 """The largest number of messages taken from a topic at once."""
 
@@ -52,7 +52,7 @@ class DdsTransport:
         for name in subscribed:
             topic = Topic(self._participant, f"rt/{name}", _data_type(messages.kind_of(name)))
             reliable = not name.endswith(messages.SERVO)
-            # A reader that wants the last message does not match a writer that keeps none.
+            # A latched reader matches only latched writers, so there are two readers.
             for latched in {False, messages.is_latched(name)}:
                 quality = _quality(reliable=reliable, latched=latched)
                 self._readers.append((name, DataReader(self._participant, topic, quality)))
@@ -60,7 +60,7 @@ class DdsTransport:
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to the readers of the topic."""
         data = _data_type(messages.kind_of(name))
-        # Without room within a millisecond, the message is dropped: some reader does not read.
+        # If a slow reader leaves no room within a millisecond, the message is dropped.
         with contextlib.suppress(DDSException):
             self._writers[name].write(data.of(self.types.encode(message)))
 
@@ -70,14 +70,14 @@ class DdsTransport:
         for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
-                # None: a publisher has left. ValueError: not a valid message.
+                # None: a publisher has left. ValueError: the message is invalid.
                 with contextlib.suppress(ValueError):
                     if content is not None:
                         arrivals.append((name, self.types.decode(content, messages.kind_of(name))))
         return arrivals
 
     def connected(self) -> bool:
-        """Whether anybody publishes any of the subscribed topics."""
+        """Whether any of the subscribed topics has a publisher."""
         return any(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:

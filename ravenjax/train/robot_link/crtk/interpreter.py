@@ -1,11 +1,10 @@
-"""Translates CRTK's messages into commands for the robot, and the robot's rows into CRTK's
-messages.
+"""Converts CRTK messages to commands for the robot, and the robot's state to CRTK messages.
 
-`OperatingState` decides the state that CRTK sees, and whether its consoles hold the robot's pedal
+`OperatingState` computes CRTK's operating state, and whether a CRTK console holds the robot's pedal
 down. docs/how-to/crtk.md describes the states and the commands.
 
-This module uses no transport, clock or process. Its caller passes messages and rows with their
-times, and gets messages and commands of `protocol`.
+This module uses no transport, clock or process. Its caller passes messages and rows of the robot
+with their times, and gets messages and commands of `protocol`.
 """
 
 from __future__ import annotations
@@ -39,25 +38,25 @@ from ravenjax.train.robot_link.itp import STILL
 from ravenjax.train.session.console_arbiter import REASONS, RELEASED
 
 SPEED_UM_MS = 200.0
-"""0.2 m/s; recorded teleoperation stays below 232 um per ms."""
+"""The largest speed of the tip, 0.2 m/s; recorded teleoperation stays below 232 um per ms."""
+# The largest speeds of rotation and of the jaws.
 TURN_RAD_MS = 4e-3
 GRASP_MRAD_MS = 4.0
 FARTHEST_UM = 75_000.0
 """A pose farther than this from the arm's setpoint is refused, as in raven2's CRTK."""
 SLIP_UM, SLIP_RAD = 20.0, 2e-3
-"""Differences that rounding cannot explain."""
+"""Differences between setpoints that are larger than rounding errors."""
 SETTLED_TICKS = 30
-"""Ticks of the software after which it has reached its setpoint."""
-
+"""Ticks after which the control software has processed the last increment."""
 _TABLES = resources.read_tables(__file__, "interpreter.toml")
 BASE: dict[ArmName, np.ndarray] = {arm: np.array(rows) for arm, rows in _TABLES["base"].items()}
 FASTEST, STRONGEST = np.array([_TABLES["fastest"], _TABLES["strongest"]])
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
-"""Peaks of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its time."""
+"""Peaks of the derivatives of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5, s from 0 to 1."""
 
 
 def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
-    """Return CRTK's position, m, and quaternion of a pose in frame 0."""
+    """Return position, m, and quaternion in CRTK's base frame of a pose in frame 0."""
     quat = Rotation.from_matrix(BASE[arm] @ rotation).as_quat(canonical=True)
     return (BASE[arm] @ position).tolist(), quat.tolist()
 
@@ -65,7 +64,7 @@ def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[A
 def from_base(
     arm: ArmName, position: np.ndarray, quat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return position, m, and rotation in frame 0 of CRTK's pose."""
+    """Return position, m, and rotation in frame 0 of a pose in CRTK's base frame."""
     return BASE[arm].T @ position, BASE[arm].T @ Rotation.from_quat(quat).as_matrix()
 
 
@@ -85,7 +84,7 @@ class Setpoint(NamedTuple):
 
 
 class SetpointFollower:
-    """Computes the increments of one arm."""
+    """Computes the increments that move one arm to its target."""
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
@@ -93,16 +92,17 @@ class SetpointFollower:
         self._gain = grasp_gain
         self.motors = motor_matrix(arm, tool)  # motors per joint
         self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
-        self.jpos_d = np.zeros(7)  # joints that the software wants
-        # Last goal in joint space, the base of relative goals.
+        self.jpos_d = np.zeros(7)  # joint setpoint of the control software
+        # The last goal in joint space, to which relative goals are added.
         self.goal: np.ndarray | None = None
         self.move: Trajectory | None = None
         self._axes = np.array(ITP_AXES[arm], float)
-        self.sum: Setpoint | None = None  # None: the arm does not drive
+        # The setpoint after all increments so far; None: the arm is not driven.
+        self.sum: Setpoint | None = None
         self.target: Setpoint | None = None
 
     def engage(self, at: Setpoint) -> None:
-        """Start at the software's setpoint, because the pedal is down."""
+        """Start at the control software's setpoint, because the pedal went down."""
         self.sum = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
         self.target = None
 
@@ -115,7 +115,7 @@ class SetpointFollower:
         return True
 
     def has_slipped(self, at: Setpoint) -> bool:
-        """Whether the software's setpoint is not the one sent. The follower then adopts it."""
+        """Whether the control software's setpoint differs from `sum`. If so, continue from it."""
         if self.sum is None:
             return False
         slipped = (
@@ -128,7 +128,7 @@ class SetpointFollower:
         return bool(slipped)
 
     def step(self, elapsed_ms: float) -> Json:
-        """Return the increment to send now, ITP frame, as in a command "increments"."""
+        """Return the next increment, in the ITP frame, as in a command "increments"."""
         if self.sum is None or self.target is None:
             return STILL
         position, rotation, grasp = self.sum
@@ -152,7 +152,7 @@ class SetpointFollower:
 
 
 class Trajectory:
-    """`move_jp`: minimum-jerk motion between joint positions within the limits of each joint."""
+    """A motion of CRTK's `move_jp`: minimum jerk, within each joint's speed and acceleration."""
 
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
         """start, goal: [7], rad, insertion m."""
@@ -169,30 +169,31 @@ class Trajectory:
 
 
 IDLE_MS = 5000
-"""The robot lifts the pedal of a console that is silent for this time (raven2 `local_io.cpp`)."""
+"""The robot treats the pedal as up after this silence, ms (raven2 `local_io.cpp`)."""
 REFUSED_MS = 500
-"""A pedal that the robot does not follow for this time does not count: another console drives."""
+"""If the robot ignores a pedal for this time, ms, another console drives."""
 Message = tuple[str, Any]
+"""Topic and message."""
 ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class OperatingState:
-    """The operating state of one robot. Times are ms of one monotonic clock."""
+    """CRTK's operating state of one robot. Times are ms of one monotonic clock."""
 
     runlevel = PEDAL_UP
     is_busy = False  # whether a move is under way
-    pedal = False  # whether CRTK wants the pedal down
-    why = ""  # why the pedal came up last
-    # Another console holds the pedal: CRTK cannot drive until it lets go.
+    pedal = False  # whether CRTK requests the pedal down
+    why = ""  # why the pedal went up last
+    # Whether another console holds its pedal down, so that CRTK cannot drive.
     other_drives = False
     _stopped = _lost = False
     _disabled = True  # nobody has enabled the robot
-    _disabling = False  # a stop was ordered but has not happened yet
+    _disabling = False  # a stop was ordered, and the robot has not stopped yet
     # A restart was ordered; the pedal goes down once the robot is ready.
     _restarting = False
     _present = _clutch = False  # feet on the two pedals
     _clutched = False  # the pedal was down when the clutch was pressed
-    _streams = False  # servo commands came since pedal-down
+    _streams = False  # servo commands arrived since pedal-down
     _servo_ms = _word_ms = _down_ms = _up_ms = -math.inf
 
     @property
@@ -214,11 +215,11 @@ class OperatingState:
 
     @property
     def drives(self) -> bool:
-        """Whether commands of motion are followed."""
+        """Whether the robot follows commands of motion."""
         return self.pedal and self.state == "ENABLED" and self.runlevel == PEDAL_DOWN
 
     def command(self, word: str, now_ms: float) -> list[str]:
-        """Return the orders for the robot. Raises ValueError if CRTK has no such command."""
+        """Process a state command and return orders for the robot. Raises ValueError if unknown."""
         if word not in _TABLES["state_commands"]:
             raise ValueError(
                 f"state command {word!r}, expected one of {', '.join(_TABLES['state_commands'])}"
@@ -246,10 +247,11 @@ class OperatingState:
                 return ["restart"]
         return []
 
-    def foot(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
-        """Take a foot on a pedal: clutch, or operator present. Return whether it asks to drive.
+    def update_pedal(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
+        """Process the state of a pedal: the clutch, or "operator present".
 
-        A present operator drives, except while the clutch is held.
+        An operator who is present drives, except while the clutch is down. Returns whether the
+        operator has just become present.
         """
         self._word_ms = now_ms
         if is_clutch:
@@ -270,8 +272,8 @@ class OperatingState:
             self._release("operator")
         return steps_on
 
-    def moved(self, streams: bool, now_ms: float) -> None:
-        """Record that a command of motion came. streams: a servo command, not a single one."""
+    def record_motion(self, streams: bool, now_ms: float) -> None:
+        """Record a command of motion. streams: whether it is a servo command, sent repeatedly."""
         self._word_ms, self._streams = now_ms, streams
         if streams:
             self._servo_ms = now_ms
@@ -279,10 +281,10 @@ class OperatingState:
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
-        """Take the run level, and whether the robot is stopped, commanded and lost."""
+        """Process the robot's state. connected: to a command publisher. lost: without reports."""
         was_stopped = self._stopped or self.runlevel == E_STOP
         if lost and not self._lost:
-            # A robot that was enabled need not be enabled again afterwards.
+            # Only the pedal goes up: a robot that was enabled stays enabled.
             self._release("lost")
         self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
         is_stopped = stopped or runlevel == E_STOP
@@ -323,18 +325,18 @@ class OperatingState:
 
 
 class RobotRow(NamedTuple):
-    """One tick of the robot."""
+    """The robot's state at one tick."""
 
     frame: Frame
     stamp_ns: int  # ns since 1970
     clock_ns: int  # monotonic
-    # Number of the last command that the loop took before this tick.
+    # Number of the last command that the loop read before this tick.
     last_command: int
     number: int = 0  # number of the row, from 0
 
 
 class Interpreter:
-    """The interpreter of one robot."""
+    """Converts messages and commands of one robot."""
 
     def __init__(
         self,
@@ -345,27 +347,27 @@ class Interpreter:
         contact: bool = False,
         refused: Say = lambda _: None,
     ) -> None:
-        """tools: one for each arm. refused: receives the reason why a message is not followed."""
+        """tools: one for each arm. refused: called with the reason why a message is ignored."""
         self.state = OperatingState()
         self.reasons: set[str] = set()
-        """Why messages were not followed. Each reason is reported once."""
+        """Reasons why messages were ignored. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
             ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
-        # The state published last; None: a state command came, which publishes it again.
+        # The state published last; None: publish it again, because a state command arrived.
         self._published: tuple[str, bool, bool] | None = None
         self._orders: list[Command] = []
         self._stepped_ms: float | None = None
-        # Whether the robot drove at the last row, and the last commands have an increment.
+        # Whether CRTK drove at the last row, and whether the last commands contain a motion.
         self._drove = self._moves = False
-        self._sent = 0  # number of the last command with an increment
-        self._taken: int | None = None  # row before which the robot took that command
+        self._sent = 0  # number of the last command that contains a motion
+        self._taken: int | None = None  # row before which the robot read this command
 
     # --- messages from ROS ---
 
-    def hear(self, name: str, message: Any, now_ms: float) -> None:
+    def receive(self, name: str, message: Any, now_ms: float) -> None:
         """Process a message on a topic of `messages.command_topics`."""
         place, _, word = name.partition("/")
         if name.endswith("state_command"):
@@ -380,14 +382,14 @@ class Interpreter:
             self._want_pedal(word in ("enable", "resume"))
         elif place == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
-            self._want_pedal(self.state.foot(word == "clutch", pressed, now_ms))
+            self._want_pedal(self.state.update_pedal(word == "clutch", pressed, now_ms))
         else:
-            self.state.moved(word != "move_jp", now_ms)
+            self.state.record_motion(word != "move_jp", now_ms)
             if why := self._why_not(self._arms[place], word, message, now_ms):
                 self._refuse(f"{word}: {why}")
 
     def _want_pedal(self, wanted: bool) -> None:
-        """If somebody wants the pedal down while another console drives, report the reason."""
+        """If an operator wants the pedal down while another console drives, report the reason."""
         if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(REASONS["rival"])
 
@@ -434,7 +436,7 @@ class Interpreter:
     # --- rows from the robot, commands to it ---
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
-        # Follows the robot's state. A robot that went elsewhere, or stopped, ends its motions.
+        # Processes the robot's state. If the robot stopped or moved elsewhere, motions end.
         frame = row.frame
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
@@ -462,7 +464,7 @@ class Interpreter:
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[Command]:
-        """Return the orders, and the increments since the last call together with the pedal."""
+        """Return the orders, then one command with the pedal and the increments since last time."""
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
         increments: Json = {}
@@ -486,7 +488,7 @@ class Interpreter:
     # --- messages to ROS ---
 
     def states(self, stamp_ns: int) -> list[Message]:
-        """Return the operating state, if it has changed or a command came."""
+        """Return messages of the operating state if it has changed or a state command arrived."""
         state = self.state
         now = state.state, state.is_homed, state.is_busy or state.runlevel == 1
         if now == self._published:
@@ -501,7 +503,7 @@ class Interpreter:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
         told: list[Message] = []
-        # Fields of ravenstate; those that the virtual robot does not know are zero.
+        # Fields of ravenstate. Fields without a value in the simulation are zero.
         raven: dict[str, Any] = {}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
@@ -532,7 +534,7 @@ class Interpreter:
                 told.append((topic, types.message(messages.kind_of(topic), header, *content)))
             angles = np.degrees([mpos, mvel, arm.motors @ jpos_d, jpos, jvel, jpos_d])
             joints = np.vstack([angles, frame[f"{arm.name}/dac"]])
-            # Number 3 of an arm's 8 joints in ravenstate is not connected.
+            # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
             of_arm = dict(
                 zip(_TABLES["ravenstate"], np.insert(joints, 3, 0.0, axis=1), strict=True)
             )

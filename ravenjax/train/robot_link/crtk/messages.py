@@ -1,8 +1,8 @@
 """Defines the topics and messages of CRTK and raven2 for ROS 1 and ROS 2.
 
 topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
-defines all others. Both versions of ROS have the same fields, except that headers of ROS 1 also
-contain a number.
+defines all other messages. Both versions of ROS have the same fields, except that headers of ROS 1
+also contain a number.
 """
 
 import math
@@ -39,7 +39,7 @@ def is_latched(topic: str) -> bool:
 
 
 def published_topics(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
-    """Return the topics of a robot with these arms. contact: whether it knows its contact force."""
+    """Return the topics that a robot with these arms publishes. contact: also its contact force."""
     words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
     of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
     return [*of_robot, *_of_arms(arms, words)]
@@ -52,7 +52,7 @@ def command_topics(arms: Sequence[ArmName]) -> list[str]:
 
 
 def state_topics(arms: Sequence[ArmName], ros: Ros) -> list[str]:
-    """Return the topics on which a remote robot reports its state: raven2's own, or CRTK's."""
+    """Return the topics on which a real robot reports its state: raven2's (ROS 1) or CRTK's."""
     words = ("measured_js", "setpoint_js", "operating_state")
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
 
@@ -64,12 +64,12 @@ def _of_arms(arms: Sequence[ArmName], words: Sequence[str]) -> list[str]:
 @cache
 def message_types(ros: Ros) -> MessageTypes:
     """Return the message types of this ROS, including those of CRTK and raven2."""
-    beside = _DEFINITIONS["ros1"] if ros == "ros1" else {}
-    return MessageTypes(ros, _DEFINITIONS["ros2"] | beside)
+    more = _DEFINITIONS["ros1"] if ros == "ros1" else {}
+    return MessageTypes(ros, _DEFINITIONS["ros2"] | more)
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position and quaternion of a `PoseStamped`; None if they are not finite or no pose."""
+    """Return position and quaternion of a `PoseStamped`, or None if they are invalid."""
     point, turn = message.pose.position, message.pose.orientation
     numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
     if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
@@ -84,5 +84,5 @@ def numbers_of(values: Any, count: int) -> np.ndarray | None:
 
 
 def stamp_ns(header: Any) -> int:
-    """Return a message's time stamp, ns since 1970; 0: it has none."""
+    """Return the time stamp of a header, ns since 1970; 0 if it is not set."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)

@@ -1,8 +1,7 @@
-"""Speaks ROS 1 through the system's rospy: a node in a separate process with the Python that has
-rospy.
+"""Exchanges ROS 1 messages with the system's rospy, which another Python runs in a node process.
 
-Only bytes pass between the two processes. `messages` makes and reads them in this process, so that
-the node needs no message packages.
+The two processes exchange serialised messages. This process encodes and decodes them, so the node
+needs no message packages.
 """
 
 import contextlib
@@ -35,8 +34,9 @@ class Ros1Transport:
         """Raises UserError if rospy or its master is missing."""
         self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
-        self._told: dict[str | int, Any] = {"connected": 0}  # the node's last word of each kind
-        # Types as their publishers define them.
+        # The last report of the node of each kind.
+        self._told: dict[str | int, Any] = {"connected": 0}
+        # Message types as their publishers define them, by number of the topic.
         self._defined: dict[int, messages.MessageTypes] = {}
         ours, theirs = socket.socketpair()
         with ours, theirs:
@@ -49,7 +49,7 @@ class Ros1Transport:
                 start_new_session=True,  # this process handles Ctrl-C
             )
             self._link = Connection(ours.detach())
-        # Versions of ravenstate differ, so its publisher defines it.
+        # Versions of raven2 define ravenstate differently, so its publisher's definition is used.
         heard = [self._described(name, name == "ravenstate") for name in subscribed]
         try:
             self._link.send(([self._described(name) for name in published], heard))
@@ -79,11 +79,11 @@ class Ros1Transport:
         return arrivals
 
     def connected(self) -> bool:
-        """Whether anybody publishes any of the subscribed topics."""
+        """Whether any of the subscribed topics has a publisher."""
         return self._told["connected"] > 0
 
     def close(self) -> None:
-        """End the node: when the connection closes, it signs off at its master."""
+        """End the node. It unregisters at the ROS master when the connection closes."""
         self._link.close()
         try:
             self._node.wait(3.0)
@@ -92,6 +92,7 @@ class Ros1Transport:
             self._node.wait()
 
     def _receive(self) -> tuple[Any, Any]:
+        # Reads one pair from the node and stores its reports. Raises UserError if ROS 1 fails.
         try:
             word, content = self._link.recv()
         except (EOFError, OSError):
@@ -117,7 +118,7 @@ class Ros1Transport:
 
 
 def _python() -> str:
-    # Finds a Python that has rospy, which is seldom the one that runs ravenjax.
+    # Returns the path of a Python that has rospy, usually the system's.
     wanted = os.environ.get(PYTHON)
     choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
     tried = list(dict.fromkeys(filter(None, choices)))
@@ -132,7 +133,7 @@ def _python() -> str:
 
 
 def _environment() -> dict[str, str]:
-    """Return an environment without this Python's own paths. Paths of a sourced ROS stay."""
+    """Return environment variables without the paths of this Python. ROS's own paths stay."""
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     ros = os.pathsep.join(path for path in paths if path.startswith("/opt/ros"))
     environment = {**os.environ, "PYTHONPATH": ros, "PYTHONUNBUFFERED": "1"}

@@ -1,11 +1,11 @@
-"""Runs the ROS 1 node, in the Python that has rospy. It imports nothing of ravenjax.
+"""Runs a ROS 1 node in the Python that has rospy. It imports nothing of ravenjax.
 
-Its argument is the descriptor of a socket that `multiprocessing.connection` reads and writes. The
+The argument is the descriptor of a socket that `multiprocessing.connection` reads and writes. The
 first message is a pair of lists [[topic, type, md5, definition, latched], ...]: the topics to
-publish and the topics to subscribe to. After that, pairs go both ways: the number of a topic in its
-list, and the bytes of a message. The node also sends ("ready", None), ("error", text),
-("connected", number of publishers of subscribed topics), and ("defined", (number, definition)) for
-a topic whose md5 is empty, with its publisher's definition.
+publish and the topics to subscribe to. Later messages in both directions are pairs: the number of a
+topic in its list, and the bytes of a ROS message. The node also sends ("ready", None), ("error",
+text), ("connected", number of publishers of subscribed topics), and ("defined", (number,
+definition)) for a topic whose md5 is empty, with its publisher's definition.
 """
 
 import os
@@ -22,7 +22,7 @@ def main():
     link = Connection(int(sys.argv[1]))
     writing = threading.Lock()
 
-    def tell(word, content=None):
+    def send(word, content=None):
         with writing:
             link.send((word, content))
 
@@ -31,10 +31,10 @@ def main():
         import rosgraph  # pyright: ignore[reportMissingImports]
         import rospy  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        tell("error", f"rospy cannot be imported ({error})")
+        send("error", f"rospy cannot be imported ({error})")
         return
     if not rosgraph.is_master_online():
-        tell("error", f"no ROS master answers at {rosgraph.get_master_uri()}")
+        send("error", f"no ROS master answers at {rosgraph.get_master_uri()}")
         return
 
     def message_class(_, kind, md5, definition, __):
@@ -45,11 +45,11 @@ def main():
 
     undefined = {number for number, (_, _, md5, *_) in enumerate(subscribed) if not md5}
 
-    def hear(message, number):
+    def forward(message, number):
         if number in undefined:
             undefined.discard(number)
-            tell("defined", (number, message._connection_header["message_definition"]))
-        tell(number, message._buff)
+            send("defined", (number, message._connection_header["message_definition"]))
+        send(number, message._buff)
 
     rospy.init_node("ravenjax", anonymous=True, disable_signals=True)
     options = {"queue_size": QUEUE, "tcp_nodelay": True}
@@ -58,10 +58,10 @@ def main():
         for topic in published
     ]
     subscribers = [
-        rospy.Subscriber(topic[0], message_class(*topic), hear, number, **options)
+        rospy.Subscriber(topic[0], message_class(*topic), forward, number, **options)
         for number, topic in enumerate(subscribed)
     ]
-    tell("ready")
+    send("ready")
 
     def watch():
         last = None
@@ -69,9 +69,9 @@ def main():
             connected = sum(subscriber.get_num_connections() for subscriber in subscribers)
             if connected != last:
                 last = connected
-                tell("connected", connected)
+                send("connected", connected)
             time.sleep(PERIOD_S)
-        # Another node took the name, or the master shut this one down.
+        # rospy shuts down if another node takes the name, or if the master requests it.
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -83,7 +83,7 @@ def main():
         message = publishers[number].data_class()
         message._buff = content
         publishers[number].publish(message)
-    rospy.signal_shutdown("the robot is gone")
+    rospy.signal_shutdown("the robot's process has ended")
 
 
 if __name__ == "__main__":

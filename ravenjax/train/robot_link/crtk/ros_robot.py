@@ -31,7 +31,7 @@ from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLin
 
 
 class RosRobot(RobotLink):
-    """The connection to such a robot."""
+    """The connection to a robot that reports its state over ROS."""
 
     def __init__(
         self,
@@ -42,8 +42,8 @@ class RosRobot(RobotLink):
         transport: Any,
         say: Say = print,
     ) -> None:
-        """tools: one for each arm. transport: has the topics of `topics`. say: receives a message
-        if ROS is lost. Raises UserError if the host has no address.
+        """tools: one for each arm. transport: for the topics of `topics`. say: prints a message if
+        ROS fails. Raises UserError if the host has no address.
         """
         super().__init__(host, itp_port)
         self._transport, self._say = transport, say
@@ -58,11 +58,11 @@ class RosRobot(RobotLink):
 
     @staticmethod
     def topics(arms: Arms, ros: messages.Ros) -> tuple[list[str], list[str]]:
-        """Return the topics to publish to such a robot, and the topics to subscribe to."""
+        """Return the topics that the session publishes, and those to which it subscribes."""
         return ["state_command"], messages.state_topics(arms, ros)
 
     def order(self, content: Json) -> None:
-        """Send the order's state command. Orders without one are ignored."""
+        """Send the state command of an order. Orders without a state command are ignored."""
         word = WORDS["state_commands"].get(content["order"])
         if word is not None and not self.lost:
             types = self._transport.types
@@ -70,13 +70,13 @@ class RosRobot(RobotLink):
             self._transport.publish("state_command", message)
 
     def _read(self) -> None:
-        """Take the messages that have arrived. Once ROS is lost the robot counts as stopped."""
+        """Read the messages that have arrived. If ROS fails, the robot counts as stopped."""
         try:
             heard = self._transport.poll()
         except UserError as error:
             self.lost = True
             self._say(
-                f"no reports of the robot arrive any more ({error}), so it counts as stopped. Start"
+                f"reports of the robot have ended ({error}), so the robot counts as stopped. Start"
                 " the session again"
             )
             return
@@ -95,7 +95,7 @@ class RosRobot(RobotLink):
         for arm in self._arms.values():
             slot = ARMS.index(arm)
             for name, numbers in (joints | {"dac": counts}).items():
-                # Number 3 of an arm's 8 joints in ravenstate is not connected.
+                # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
                 of_arm = np.delete(np.reshape(numbers, (len(ARMS), 8))[slot], 3)
                 self._channels[f"{arm}/{name}"] = of_arm.tolist()
             position_um = np.reshape(message.pos, (len(ARMS), 3))[slot]

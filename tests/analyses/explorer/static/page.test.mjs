@@ -55,7 +55,7 @@ test("a campaign file has the motion that was chosen", () => {
 
 test("a folder's share has an interval only where its faults were drawn", () => {
   const some = { k: 53, n: 300, value: 53 / 300, low: 0.137, high: 0.224 };
-  assert.equal(shares(some), "Of 300 distinct faults, 53 slip past every safety check and do harm: 18 % (95 % interval 14 % to 22 %). ");
+  assert.equal(shares(some), "Of 300 distinct faults, 53 evade every safety check and do harm: 18 % (95 % interval 14 % to 22 %). ");
   assert.match(shares({ ...some, low: null, high: null }), /chosen, not drawn/);
   assert.equal(shares({ ...some, n: 0 }), "");
 });
@@ -97,7 +97,7 @@ test("classes are those of a report, and the answer counts them", () => {
   for (const [one, name] of all) assert.equal(classOf(one), name);
   const counted = count(all.map(([one]) => one));
   assert.deepEqual([counted.all, counted.evading], [7, 2]);
-  const said = "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1";
+  const said = "Of 7 faults like this, 2 evade every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1";
   assert.equal(answer(counted, 3, 2).join(""), `${said}, always before the 3 mm.`);
   assert.equal(answer(counted, 3, 3).join(""), `${said}.`);
 });
@@ -105,7 +105,7 @@ test("classes are those of a report, and the answer counts them", () => {
 test("a cue that the run without a fault has as well is said to warn of none", () => {
   const harm = { response: "silent", hazard: "unintended motion", evades: true, cue: false, cue0_first_ms: 679, unintended_first_ms: 738 };
   const always = answer(count([{ ...harm, golden_cue0_first_ms: 679 }]), 3, 2)[2];
-  assert.match(always, /the cue comes without a fault, too, at 679 ms, and so it warns of none\.$/);
+  assert.match(always, /the cue comes without a fault, too, at 679 ms, so it warns of none\.$/);
   assert.match(answer(count([{ ...harm, cue0_first_ms: -1, golden_cue0_first_ms: -1 }]), 3, 2)[2], /the surgeon feels no cue\.$/);
 });
 
@@ -140,7 +140,7 @@ test("a map has the runs of its own arm, those to the end on its last row", () =
 test("a check that limits is not passed over in silence", () => {
   const run = { failed: "", response: "limited", hazard: "loss of motion", cue: false, evades: false, unintended_mm: 0, unintended_first_ms: -1, first_active_ms: 5 };
   assert.match(told(run, 3)[0], /^A check limits a command or drops a packet/);
-  assert.match(told({ ...run, response: "silent" }, 3)[0], /^No check notices/);
+  assert.match(told({ ...run, response: "silent" }, 3)[0], /^No check reacts/);
 });
 
 test("a harm of one's own is named, and the limit is not", () => {

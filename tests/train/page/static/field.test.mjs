@@ -63,7 +63,7 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   alarms.age(false, 60_000);
   assert.equal(place.hidden, true);
   alarms.tell({ check: "joint_limit" }, 70_000);
-  assert.deepEqual([place.hidden, parts.em.textContent], [false, "Go back the way you came."]);
+  assert.deepEqual([place.hidden, parts.em.textContent], [false, "Move your hand back."]);
   alarms.age(false, 77_000);
   alarms.tell({ check: "joint_limit", virtual: true }, 78_000);
   assert.match(parts.em.textContent, /Discard the trial/);

@@ -26,7 +26,7 @@ test("one line says why the robot does not move, and what to do", () => {
     [{ down: false, pressed: false }, /^Hold SPACE/],
     [{ down: false, pressed: false, view: "replay" }, /repeats the motion/],
     [{ view: "virtual" }, /robot rests/],
-    [{ live: false }, /getting ready/],
+    [{ live: false }, /starts to follow/],
     [{ idle: true }, /move with A D W S R F/],
   ])
     assert.match(told(change), words);

@@ -154,7 +154,7 @@ def test_a_pedal_is_held_by_somebody_or_comes_up():
     assert settled(state, ms=IDLE_MS) == "ENABLED" and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
     assert state.why == "idle"
     state = driven()
-    state.moved(True, 100.0)
+    state.record_motion(True, 100.0)
     assert settled(state, ms=350.0) == "ENABLED" and settled(state, ms=351.0) == "PAUSED"
     assert state.why == "silence"
     state = driven()
@@ -202,7 +202,7 @@ def robot_row(runlevel=2, taken=0):
     loop.taken = taken
     bridge = RobotRings(loop.rows.name, loop.commands.name, frame.layout)
     assert bridge.newest() is None
-    loop.tell(frame)
+    loop.send_frame(frame)
     row = bridge.newest()
     assert bridge.send({"type": "operator", "do": "estop"}) == 1
     assert loop.poll() == [{"type": "operator", "do": "estop"}]
@@ -264,15 +264,15 @@ def test_a_servo_command_becomes_increments_that_add_up():
     ms = row.clock_ns * 1e-6
     header = types.header(row.stamp_ns)
     interpreter.observe(row, True, ms)
-    interpreter.hear("arm1/servo_jr", joints(types, header, [0.1] + [0] * 6), ms)
+    interpreter.receive("arm1/servo_jr", joints(types, header, [0.1] + [0] * 6), ms)
     assert interpreter.reasons == {"servo_jr: the robot is not enabled"}
-    interpreter.hear("state_command", types.message(messages.STRING, header, "enable"), ms)
+    interpreter.receive("state_command", types.message(messages.STRING, header, "enable"), ms)
     row.frame["runlevel"] = 3
     interpreter.observe(row, True, ms)
     assert interpreter.state.drives
     (x, y, z), quat = to_base("gold", *tip_pose("gold", YAML["gold"][0]))
     goal = types.message(ros_types.POSE, header, ((x + 0.003, y, z), quat))
-    interpreter.hear("arm1/servo_cp", goal, ms)
+    interpreter.receive("arm1/servo_cp", goal, ms)
     total = np.zeros(3)
     for i in range(40):
         (command,) = interpreter.commands(ms + i)
@@ -282,7 +282,7 @@ def test_a_servo_command_becomes_increments_that_add_up():
     # x of CRTK is -y of gold's frame 0, which is x of the ITP frame
     assert total.tolist() == pytest.approx([3000, 0, 0], abs=1)
     for bad in ([9.0] + [0] * 6, [0.0] * 3, [float("nan")] * 7):
-        interpreter.hear("arm1/servo_jp", joints(types, header, bad), ms)
+        interpreter.receive("arm1/servo_jp", joints(types, header, bad), ms)
     assert len(interpreter.reasons) == 3
     (still,) = interpreter.commands(ms + 60)
     assert still["arms"]["gold"]["delta_um"] == [0, 0, 0]
