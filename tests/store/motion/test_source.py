@@ -29,6 +29,9 @@ def assert_circle(one, atol=0.02):
     [
         ("a.csv", {"sep": ";", "decimal": ","}, {}),
         ("a.tsv", {"sep": "\t"}, {}),
+        ("a.csv", {"sep": "|"}, {}),
+        ("a.csv", {"decimal": ","}, {}),
+        ("a.txt", {"sep": " ", "decimal": ","}, {}),
         ("a.txt", {"sep": " ", "header": False}, {"columns": NAMES}),
         (
             "a.csv",
@@ -41,10 +44,21 @@ def test_texts_are_read_in_every_layout(tmp_path, name, keys, options):
     assert_circle(play(csv(tmp_path / name, **keys), **options))
 
 
+@pytest.mark.parametrize("mark", ["# ", "% "])
+def test_a_header_line_may_be_a_comment(tmp_path, mark):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, FRAME, header=f"of a lab\n{' '.join(NAMES)}", comments=mark)
+    assert_circle(play(path))
+
+
 def test_a_table_without_header_and_a_missing_column_say_what_to_write(tmp_path):
     path = csv(tmp_path / "a.csv", header=False)
     refused(path, "the first line holds numbers", "time_s,gold_x_um", "operator.columns = [")
     refused(path, "has 4 columns; expected numbers in the 2", columns=["time_s", "gold_x_mm"])
+    twice = ["time_s", *["gold_x_mm"] * 3]
+    refused(path, "column gold_x_mm is there twice", columns=twice)
+    path.write_text("time_s,gold_x_mm\n0,1,2,\n1,2,3,\n")
+    refused(path, "rows have more cells than the header line")
     path = csv(tmp_path / "b.csv")
     refused(path, "no column 'gold_x'", "Did you mean", columns={"gold_x_mm": "gold_x"})
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\n")
