@@ -165,9 +165,14 @@ def read_table(
             f" {str(error).strip() or type(error).__name__}. Copy or record it again; save a text"
             " as UTF-8"
         ) from None
+    require_distinct(path, table)
+    return table
+
+
+def require_distinct(path: Path, table: pd.DataFrame) -> None:
+    """Raise UserError if two columns have the same name."""
     for name in table.columns[table.columns.duplicated()]:
         raise UserError(f"{path}: column {name} is there twice; keep one of them")
-    return table
 
 
 def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataFrame:

@@ -25,6 +25,8 @@ A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one o
 from __future__ import annotations
 
 import dataclasses
+import functools
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +47,7 @@ from ravenjax.store.logs import bags
 from ravenjax.store.motion import source, stamps
 from ravenjax.store.motion.options import Columns, ReplayOptions
 from ravenjax.store.motion.source import Samples
+from ravenjax.store.motion.summary import list_names
 
 UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 """Factors to rad and m of the last words of columns."""
@@ -52,6 +55,7 @@ UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
     1.0 if joint in LINEAR else UNITS["deg"] for joint in JOINTS
 ]
 """Least and greatest joint of a Raven-II, and how far beyond it a joint may be, rad and m."""
+_COLUMN = re.compile(r"^([a-z]+(?:_d)?)_(.+?)((?:_deg_s|_deg|_mm)?)$")
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -87,6 +91,8 @@ class LogOptions(ReplayOptions):
 
     def written(self, key: str, value: object) -> str:
         """Return how a user writes an option of the command `calibrate`."""
+        if key == "sensors":
+            return ""
         if key == "rate_hz":
             return f"--period-ms {1e3 / float(str(value)):.6g}"
         shown = ",".join(value) if isinstance(value, list) else value
@@ -115,22 +121,41 @@ def read_joint_log(
         columns=[] if columns is None else columns,
         topics={} if topics is None else {arm: topics},
     )
-    if path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES):
+    bag = path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES)
+    if columns if bag else topics:
+        unread, kind = ("columns", "table") if bag else ("topics", "bag")
+        raise UserError(f"{path}: --{unread} applies to a {kind}, which this is not; remove it")
+    if bag:
         samples = _read_bag(path, arm, options)
     elif path.is_file() and path.suffix in files.TABLES:
         samples = source.read_table(path, options, "time_s,jpos_d_shoulder,jpos_shoulder")
     else:
         kinds = ", ".join((*files.TABLES, *bags.SUFFIXES))
         raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
+    samples.table.columns = [
+        _COLUMN.sub(functools.partial(_own_name, arm), str(name)) for name in samples.table
+    ]
+    files.require_distinct(path, samples.table)
+    # A joint without any number is not logged.
+    samples.table = samples.table.dropna(axis="columns", how="all")
     samples = _pedal_down(samples)
     times = _regular_times(samples, options)
     desired, measured = _joints(samples, times, arm, tool, software, controller)
+    if unread := [name for name in samples.table if name not in samples.read]:
+        samples.notes = (*samples.notes, f"columns not used: {list_names(unread)}")
     times = times - times[0]
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
     on_clock = np.stack([np.interp(whole, times * 1e3, column) for column in desired.T], axis=1)
     # A row is read before its cycle's command.
     return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1, samples.notes)
+
+
+def _own_name(arm: ArmName, found: re.Match[str]) -> str:
+    """Return the name of a column with ravenjax's name of the joint; that of another arm stays."""
+    quantity, joint, unit = found.groups()
+    foreign = any(joint.startswith(f"{other}_") for other in ARMS if other != arm)
+    return found[0] if foreign else f"{quantity}_{bags.joint_name(joint)}{unit}"
 
 
 def _pedal_down(samples: Samples) -> Samples:
@@ -247,14 +272,12 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
 
 def _quantity(samples: Samples, name: str) -> np.ndarray | None:
     """Return the columns of a quantity [n, 7], NaN for joints that are not logged; None if no joint
-    is logged. A joint without any number is not logged.
+    is logged.
     """
     columns = np.full((len(samples.table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
-        for unit, factor in UNITS.items():
-            column = f"{name}_{word}_{unit}".rstrip("_")
-            if column in samples.table and not samples.table[column].isna().to_numpy().all():
-                columns[:, joint] = samples.numbers(column) * factor
+        if (numbers := samples.quantity(f"{name}_{word}", UNITS)) is not None:
+            columns[:, joint] = numbers
     return None if np.isnan(columns).all() else columns
 
 

@@ -83,13 +83,17 @@ class Samples:
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
-        """Return the column `name`_<unit> in the base unit, or None without such a column."""
-        names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in self.table]
+        """Return the column `name`_<unit> in the base unit, or None without such a column.
+
+        Unit "": the name alone.
+        """
+        factors = {f"{name}_{unit}".rstrip("_"): factor for unit, factor in units.items()}
+        names = [column for column in factors if column in self.table]
         if len(names) > 1:
             raise UserError(
                 f"{self.path}: columns {' and '.join(names)} say the same; keep one of them"
             )
-        return self.numbers(names[0]) * units[names[0].rpartition("_")[2]] if names else None
+        return self.numbers(names[0]) * factors[names[0]] if names else None
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
         """Return columns that belong together [T, k]; None if none of them is there."""
