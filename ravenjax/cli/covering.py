@@ -52,7 +52,7 @@ def coverage(
         raise UserError("--runs and --pairs ask for different lists: give one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
-    place = out or folder / "coverage"
+    place = out or files.path_inside(folder, "coverage")
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
             return _pairs(runs, place, most or 5, as_json)

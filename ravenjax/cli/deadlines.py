@@ -37,7 +37,7 @@ def deadline(
             console.print_text(text, console.err)
 
     record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
-    files.require_writable(path.parent)
+    files.require_writable(files.path_inside(folder, path.parent.name))
     table = finding.find_deadlines(folder, engine, group, tell)
     if not len(table):
         words = "No fault does harm: there is nothing to prevent."

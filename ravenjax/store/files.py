@@ -110,16 +110,17 @@ def json_values(value: Any) -> Any:
 
 
 def path_inside(folder: Path, name: str) -> Path:
-    """Return the path of a file in `folder` whose name was read from another file.
+    """Return the path of a file or folder in `folder`, of a name that may come from another file.
 
-    Raises StoreError for a name that leads out of the folder.
+    Raises StoreError for a name that leads out of the folder, and for a link.
     """
-    if name in ("", "..") or Path(name).name != name:
+    path = folder / name
+    if not re.fullmatch(r"\w[\w.-]{,199}", name) or path.is_symlink():
         raise StoreError(
             f"{folder}: a record names the file {name!r}, expected the name of a file in this"
-            " folder. Nothing was read or written: the record is damaged or forged"
+            " folder, and no link. Nothing was read or written: the record is damaged or forged"
         )
-    return folder / name
+    return path
 
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet")
