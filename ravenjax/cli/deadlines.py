@@ -48,7 +48,7 @@ def deadline(
         )
     explained.write_rows(path, table, record)
     paths = [path, path.with_suffix(".csv")]
-    files.write_text(paths[1], table.to_csv(index=False))
+    files.write_text(paths[1], table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
     sentences = section.deadline_sentences(summary)

@@ -109,6 +109,12 @@ def json_values(value: Any) -> Any:
     return json.loads(text, parse_constant=lambda _: None)
 
 
+def without_formula(cell: Any) -> Any:
+    """Return a cell of CSV; an apostrophe precedes text that a spreadsheet would compute."""
+    computed = isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r"))
+    return f"'{cell}" if computed else cell
+
+
 def path_inside(folder: Path, name: str) -> Path:
     """Return the path of a file or folder in `folder`, of a name that may come from another file.
 
