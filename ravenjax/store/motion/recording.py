@@ -71,7 +71,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     kind = _kind_of(path)
     if kind == BAG:
         with source.open_bag(path, ReplayOptions()) as bag:
-            found = tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
+            found = tuple(arm for arm in ARMS if any(bag.topics(arm, "setpoint_cp", "measured_cp")))
     elif kind == TABLE:
         names: list[str] = []
         # A table without a header line may be read under the names that the options give.

@@ -129,6 +129,14 @@ def test_bags_of_crtk_in_the_base_frame(tmp_path, namespace, options, jaws):
         refused(path, 'write operator.topics.gold = "/lab/PSM2"')
 
 
+def test_jaws_of_another_time_are_not_read(tmp_path):
+    place = PLACE_MM * 1e-3
+    late = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, place, "", "alone", jaws_late_s=0.5)
+    one = play(late)
+    assert one.summary.arms[0].jaws == "home" and "0.5 s while the tip" in one.summary.notes[0]
+    assert play(late, max_gap_s=0.6).summary.arms[0].jaws == "recorded"
+
+
 def test_an_unknown_frame_and_a_stamp_of_zero(tmp_path):
     path = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, "PSM1_base")
     refused(path, "is in frame 'PSM1_base', which is not known here", "operator.frame =")
