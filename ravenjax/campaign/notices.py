@@ -145,7 +145,7 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
     # Yields notices of varied parameters that have no effect.
     program = plan.program
     fault_free = ~(plan.faults["code"] > 0).any(axis=1)
-    idle, varied, most = [], [], 0
+    idle, varied = [], []
     for path, values in table.varied_parameters(plan.rows).items():
         # One path may name several numbers of the robot. NaN: the run does not set the parameter.
         usual = list(paths.named_numbers(program.params, program.setup, path).values())
@@ -154,9 +154,8 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         )
         if unchanged.all():
             idle.append(f"{path} = {float(usual[0]):g}")
-        elif count := int((fault_free & ~unchanged).sum()):
+        elif (fault_free & ~unchanged).any():
             varied.append(f"{path} (the robot's: {float(usual[0]):g})")
-            most = max(most, count)
     if idle:
         yield (
             f"parameters.{list_names(idle, NAMED)}: the robot has this value already, so the entry"
@@ -164,8 +163,8 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         )
     if varied:
         yield (
-            f"parameters.{list_names(varied, NAMED)}: other than the robot's value in up to {most}"
-            " runs without a fault. Their golden runs have the same value, so no outcome shows its"
+            f"parameters.{list_names(varied, NAMED)}: other than the robot's value in runs"
+            " without a fault. Their golden runs have the same value, so no outcome shows its"
             " effect. A fault at site parameter shows it"
         )
     if program.ends and bool((plan.ends == program.ticks).all()):

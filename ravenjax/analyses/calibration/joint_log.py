@@ -25,7 +25,6 @@ A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one o
 from __future__ import annotations
 
 import dataclasses
-import functools
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -55,7 +54,6 @@ UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
     1.0 if joint in LINEAR else UNITS["deg"] for joint in JOINTS
 ]
 """Least and greatest joint of a Raven-II, and how far beyond it a joint may be, rad and m."""
-_COLUMN = re.compile(r"^([a-z]+(?:_d)?)_(.+?)((?:_deg_s|_deg|_mm)?)$")
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -132,8 +130,10 @@ def read_joint_log(
     else:
         kinds = ", ".join((*files.TABLES, *bags.SUFFIXES))
         raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
+    pattern = rf"^([a-z]+(?:_d)?)_(?:{arm}_)?(.+?)((?:_deg_s|_deg|_mm)?)$"
     samples.table.columns = [
-        _COLUMN.sub(functools.partial(_own_name, arm), str(name)) for name in samples.table
+        re.sub(pattern, lambda x: f"{x[1]}_{bags.RAVEN2_NAMES.get(x[2], x[2])}{x[3]}", str(name))
+        for name in samples.table
     ]
     files.require_distinct(path, samples.table)
     # A joint without any number is not logged.
@@ -149,13 +149,6 @@ def read_joint_log(
     on_clock = np.stack([np.interp(whole, times * 1e3, column) for column in desired.T], axis=1)
     # A row is read before its cycle's command.
     return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1, samples.notes)
-
-
-def _own_name(arm: ArmName, found: re.Match[str]) -> str:
-    """Return the name of a column with ravenjax's name of the joint; that of another arm stays."""
-    quantity, joint, unit = found.groups()
-    foreign = any(joint.startswith(f"{other}_") for other in ARMS if other != arm)
-    return found[0] if foreign else f"{quantity}_{bags.joint_name(joint)}{unit}"
 
 
 def _pedal_down(samples: Samples) -> Samples:

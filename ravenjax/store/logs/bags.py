@@ -90,12 +90,6 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
     return TopicMessages(topic, f"header stamps of {topic}", at, number, messages, notes)
 
 
-def joint_name(name: str) -> str:
-    """Return ravenjax's name of a joint that raven2 or another robot names, without the arm."""
-    word = _NAME.sub("", name.lower())
-    return RAVEN2_NAMES.get(word, word)
-
-
 def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
     """Return joints [n, 7] of sensor_msgs/JointState, rad and m; NaN for a joint of no message.
 
@@ -105,7 +99,8 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):
-        words = [joint_name(name) for name in one.name] or list(JOINTS)
+        names = [_NAME.sub("", name.lower()) for name in one.name]
+        words = [RAVEN2_NAMES.get(name, name) for name in names] or list(JOINTS)
         known = [word for word in words if word in JOINTS]
         if not known or len(set(known)) < len(known) or len(one.position) > len(words):
             raise UserError(

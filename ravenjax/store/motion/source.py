@@ -285,18 +285,14 @@ class Bag:
                 return own
             space = own.rpartition("/")[0] if own in self.kinds else own.rstrip("/")
             return next((one for end in ends if (one := f"{space}/{end}") in self.kinds), None)
-        found = self.topics(arm, *ends)
+        names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
+        found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
         if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
             raise UserError(
                 f"{self.path}: {' and '.join(found)} are of several robots; choose a namespace:"
                 f" {self._choice(arm, found)}"
             )
         return found[0] if found else None
-
-    def topics(self, arm: str, *ends: str) -> list[str]:
-        """Return the topics of arm1 (gold) or arm2 (green) in any namespace, by their ends."""
-        names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
-        return [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
 
     def missing(self, arm: str, *ends: str) -> UserError:
         """Return the error for a bag without an arm's topics, with the option that takes others."""
