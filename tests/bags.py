@@ -121,9 +121,12 @@ def pose_bag(
     frame: str = "",
     jaws: str = "none",
     first_ns: int = EPOCH_NS,
+    jaws_late_s: float = 0.0,
 ) -> Path:
     """ROS 1: CRTK's setpoint_cp at `place` [n, 3] m. jaws: "raven2" in setpoint_js, "alone" in
-    jaw/setpoint_js, where setpoint_js has six joints; or "none". first_ns: the first stamp.
+    jaw/setpoint_js, where setpoint_js has six joints; or "none".
+
+    first_ns: the first stamp. jaws_late_s: delay of the stamps of joints.
     """
     store = get_typestore(Stores.ROS1_NOETIC)
     pose, joints = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
@@ -147,6 +150,7 @@ def pose_bag(
             for topic in topics:
                 if (words := names.get(topic.removeprefix(f"{namespace}/"))) is not None:
                     numbers = [np.full(len(words), 0.4), np.zeros(0), np.zeros(0)]
+                    header = _header(store, at + jaws_late_s)
                     yield topic, _ns(at), store.types[joints](header, words, *numbers)
 
     return _ros1(path, store, topics, messages)

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import marshal
 import os
 import shutil
 import sys
@@ -127,7 +128,14 @@ def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
             loading.load_campaign(campaign)
         (tmp_path / "beside_gains.py").write_text("KP = (")
     (tmp_path / "beside_gains.py").write_text("KP = 1")
+    # Bytecode is not what the user agreed to.
+    forged = compile(f"open({str(tmp_path / 'ran')!r}, 'w')", str(arm), "exec")
+    cached = Path(importlib.util.cache_from_source(str(arm)))
+    cached.parent.mkdir()
+    unchecked = importlib.util.MAGIC_NUMBER + (1).to_bytes(4, "little") + bytes(8)
+    cached.write_bytes(unchecked + marshal.dumps(forged))
     assert loading.load_campaign(campaign).robot.title == "beside_arm.xml"
+    assert not (tmp_path / "ran").exists()
     assert importlib.util.find_spec("beside_strange") is None
 
 

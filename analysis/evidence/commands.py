@@ -6,7 +6,7 @@ from evidence import writing
 from evidence.record import EvidenceRecord
 from ravenjax.cli import console
 from ravenjax.errors import UserError
-from ravenjax.store.files import hash_file
+from ravenjax.store.files import hash_file, path_inside
 
 
 def evidence(
@@ -36,7 +36,7 @@ def evidence(
         raise UserError(
             f"{len(folders)} result folders have no single place; say where with --out FOLDER"
         )
-    place = out or next(iter(folders)) / writing.FOLDER
+    place = out or path_inside(next(iter(folders)), writing.FOLDER)
     model = None
     if credibility is not None:
         from studies.commands import model_credibility

@@ -96,12 +96,16 @@ class EvidenceRecord(BaseModel):
 
 
 def fill_template(name: str, **values: object) -> str:
-    """Fill the Markdown template of that name in this folder. Values cannot contain HTML."""
+    """Fill the Markdown template of that name in this folder. Values are text: neither HTML, nor
+    links, nor several lines.
+    """
+    marks = re.compile(r"<(?=[\w/!?])|\](?=[(\[:])|[\x00-\x1f]+")
+    plain = {"<": "&lt;", "]": "\\]"}
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
-        finalize=lambda value: re.sub(r"<(?=[\w/!?])", "&lt;", str(value)),
+        finalize=lambda value: marks.sub(lambda mark: plain.get(mark[0], " "), str(value)),
     )
     return templates.get_template(name).render(notice=NOTICE, **values)
 

@@ -13,6 +13,7 @@ from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.report.data.facts import FACTS
 from ravenjax.store.access.query import RESULTS, quote_name
+from ravenjax.store.files import without_formula
 
 COLUMNS = (
     *("result", "campaign", "hazard", "group", "run_id", "index", "fault", "response"),
@@ -51,7 +52,8 @@ def write_trace(path: Path, sources: Sequence[Source]) -> None:
         writer.writerow(COLUMNS)
         for source in sources:
             for hazard in TRACED:
-                writer.writerows(_lines(source, hazard))
+                lines = _lines(source, hazard)
+                writer.writerows(map(without_formula, line) for line in lines)
 
 
 def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:

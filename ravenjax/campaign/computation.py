@@ -180,6 +180,13 @@ class Computation:
                     f"{name} is on in every golden run, from {first.max()} ms on at the latest. It"
                     " cannot show a later fault: take a larger threshold"
                 )
+        for name in (one.name for one in config.harm):
+            happens = runs[f"harm_{name}_first_ms"] >= 0
+            if happens.any():
+                self.progress.note(
+                    f"harm {name!r} happens in {happens.sum()} of {len(happens)} golden runs, so"
+                    " that no fault is its cause there: take another limit"
+                )
 
     def _count(self, ticks: int) -> None:
         """Count computed ticks. Ends the block of a thread whose result nobody awaits any more."""

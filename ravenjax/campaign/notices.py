@@ -146,6 +146,7 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
     # Yields notices of varied parameters that have no effect.
     program = plan.program
     fault_free = ~(plan.faults["code"] > 0).any(axis=1)
+    idle, varied = [], []
     for path, values in table.varied_parameters(plan.rows).items():
         # One path may name several numbers of the robot. NaN: the run does not set the parameter.
         usual = list(paths.named_numbers(program.params, program.setup, path).values())
@@ -153,16 +154,20 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
             [np.float32(values) == np.float32(number) for number in usual], axis=0
         )
         if unchanged.all():
-            yield (
-                f"parameters.{path}: {float(usual[0]):g} is already the robot's value, so this"
-                " entry changes nothing"
-            )
-        elif count := int((fault_free & ~unchanged).sum()):
-            yield (
-                f"parameters.{path}: differs from the robot's value, {float(usual[0]):g}, in"
-                f" {count} runs without a fault. Their golden runs have the same value, so no"
-                " outcome shows its effect. A fault at site parameter shows it"
-            )
+            idle.append(f"{path} = {float(usual[0]):g}")
+        elif (fault_free & ~unchanged).any():
+            varied.append(f"{path} (the robot's: {float(usual[0]):g})")
+    if idle:
+        yield (
+            f"parameters.{list_names(idle, NAMED)}: the robot has this value already, so the entry"
+            " changes nothing"
+        )
+    if varied:
+        yield (
+            f"parameters.{list_names(varied, NAMED)}: other than the robot's value in runs"
+            " without a fault. Their golden runs have the same value, so no outcome shows its"
+            " effect. A fault at site parameter shows it"
+        )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: ends no run before campaign.duration_s"
 

@@ -14,8 +14,8 @@ from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
 
-_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)")
-"""Columns of alarms at the threshold at which a detector may stop the robot."""
+_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
+"""Columns of alarms at the threshold at which a detector may stop the robot, and of own harms."""
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> [rows], as an engine returns them; a DataFrame also works."""

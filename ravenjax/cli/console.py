@@ -24,6 +24,8 @@ LONGEST_NAME = 48
 A first column with longer texts holds sentences, which are wrapped as in any other column.
 """
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
+
 out = Console()
 err = Console(stderr=True)
 
@@ -90,7 +92,7 @@ def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, .
     for place, column in enumerate(columns):
         grid.add_column(column, overflow="fold", no_wrap=names and place == 0)
     for row in rows:
-        grid.add_row(*(cell.replace("[", r"\[") for cell in row))
+        grid.add_row(*(_CONTROL.sub("", cell).replace("[", r"\[") for cell in row))
     return grid
 
 
@@ -103,7 +105,9 @@ def emit_json(value: Any) -> None:
 
 def print_text(text: object, to: Console | None = None, style: str | None = None) -> None:
     """Print text without markup; to: None for standard output."""
-    (to or out).print(str(text), style=style, markup=False, highlight=False, soft_wrap=True)
+    # A terminal would obey control characters of a foreign file.
+    plain = _CONTROL.sub("", str(text))
+    (to or out).print(plain, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_written(paths: Iterable[Path]) -> None:

@@ -52,7 +52,7 @@ def coverage(
         raise UserError("--runs and --pairs ask for different lists: give one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
-    place = out or folder / "coverage"
+    place = out or files.path_inside(folder, "coverage")
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
             return _pairs(runs, place, most or 5, as_json)
@@ -62,8 +62,8 @@ def coverage(
             listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
             return console.print_tables([listing], as_json)
     files.require_writable(place)
-    text = found.harmful.drop(columns=["row", "distinct"]).to_csv(index=False)
-    files.write_text(place / "coverage.csv", text)
+    table = found.harmful.drop(columns=["row", "distinct"]).map(files.without_formula)
+    files.write_text(place / "coverage.csv", table.to_csv(index=False))
     if as_json:
         content = {key: getattr(found, key) for key in ("rows", "smallest", "notices")}
         return console.emit_json({**content, "files": [place / "coverage.csv"]})

@@ -38,7 +38,7 @@ def deadline(
             console.print_text(text, console.err)
 
     record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
-    files.require_writable(path.parent)
+    files.require_writable(files.path_inside(folder, path.parent.name))
     table = finding.find_deadlines(folder, engine, group, tell)
     if not len(table):
         words = "No fault does harm: there is nothing to prevent."
@@ -49,7 +49,7 @@ def deadline(
         )
     explained.write_rows(path, table, record)
     paths = [path, path.with_suffix(".csv")]
-    files.write_text(paths[1], table.to_csv(index=False))
+    files.write_text(paths[1], table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
     sentences = section.deadline_sentences(summary)

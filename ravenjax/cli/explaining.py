@@ -47,7 +47,7 @@ def trace(
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
-    place = out or folder / "traces"
+    place = out or files.path_inside(folder, "traces")
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):
         console.print_note(
@@ -183,7 +183,7 @@ def explain(
             if as_json
             else console.print_text(words)
         )
-    place = out or folder / explained.FOLDER
+    place = out or files.path_inside(folder, explained.FOLDER)
     files.require_writable(place)
     explainer = Explainer.of_folder(folder, engine)
     rows = (

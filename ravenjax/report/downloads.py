@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from ravenjax.store.files import without_formula
+
 
 def format_csv(rows: Iterable[Any]) -> str:
     """Return rows (mappings or named tuples, possibly nested) as CSV with a header; empty if there
     are no rows.
 
     Nested values become columns joined by "_". Lists, arrays and curves belong to figures and are
-    left out. NaN and infinite numbers become empty cells.
+    left out. NaN and infinite numbers become empty cells, and formulas become text.
     """
     flat = [dict(_flat("", row)) for row in rows]
     names = list(dict.fromkeys(name for row in flat for name in row))
@@ -45,4 +47,4 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, float | np.floating):
         yield name, float(value) if math.isfinite(value) else ""
     else:
-        yield name, "" if value is None else value
+        yield name, "" if value is None else without_formula(value)

@@ -13,7 +13,7 @@ import importlib.util
 import sys
 import traceback
 import types
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +104,23 @@ def _agree(top: ModuleSpec, file: Path) -> None:
         names = {top.name} if folders else {path.stem for path in files}
         place = str((Path(folders[0]) if folders else file).parent)
 
-        def find_spec(name: str, *_: object) -> ModuleSpec | None:
-            return PathFinder.find_spec(name, [place]) if name in names else None
+        def find_spec(name: str, path: Any = None, _: object = None) -> ModuleSpec | None:
+            own = name.partition(".")[0] in names
+            spec = PathFinder.find_spec(name, path or [place]) if own else None
+            if spec is not None and spec.origin is not None:
+                if not isinstance(spec.loader, SourceFileLoader):
+                    raise ImportError(f"{spec.origin} is no Python source, which you agreed to")
+                spec.loader = _Source(name, spec.origin)
+            return spec
 
         finder: Any = types.SimpleNamespace(find_spec=find_spec)
-        sys.meta_path.append(finder)
+        sys.meta_path.insert(0, finder)
+
+
+class _Source(SourceFileLoader):
+    def get_code(self, fullname: str) -> types.CodeType:
+        # Bytecode beside the source may be that of other code.
+        return self.source_to_code(self.get_data(self.path), self.path)
 
 
 def imported_beside(module: Path) -> set[Path]:

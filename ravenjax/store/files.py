@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import itertools
 import json
 import os
@@ -108,17 +109,24 @@ def json_values(value: Any) -> Any:
     return json.loads(text, parse_constant=lambda _: None)
 
 
-def path_inside(folder: Path, name: str) -> Path:
-    """Return the path of a file in `folder` whose name was read from another file.
+def without_formula(cell: Any) -> Any:
+    """Return a cell of CSV; an apostrophe precedes text that a spreadsheet would compute."""
+    computed = isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r"))
+    return f"'{cell}" if computed else cell
 
-    Raises StoreError for a name that leads out of the folder.
+
+def path_inside(folder: Path, name: str) -> Path:
+    """Return the path of a file or folder in `folder`, of a name that may come from another file.
+
+    Raises StoreError for a name that leads out of the folder, and for a link.
     """
-    if name in ("", "..") or Path(name).name != name:
+    path = folder / name
+    if not re.fullmatch(r"\w[\w.-]{,199}", name) or path.is_symlink():
         raise StoreError(
             f"{folder}: a record names the file {name!r}, expected the name of a file in this"
-            " folder. Nothing was read or written: the record is damaged or forged"
+            " folder, and no link. Nothing was read or written: the record is damaged or forged"
         )
-    return folder / name
+    return path
 
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet")
@@ -146,47 +154,71 @@ def read_table(
     names: columns of a text without a header line. header: a header line that an error
     proposes. Raises UserError if the file cannot be read or has no header line.
     """
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     require_content(path)
     try:
         if path.suffix.lower() == ".parquet":
-            return pq.read_table(path).to_pandas(ignore_metadata=True)
-        with open(path, encoding="utf-8-sig") as file:
-            lines = "".join(itertools.islice(file, 5))
-        separator = next((mark for mark in ";\t," if mark in lines), r"\s+")
-        first = re.split(separator, lines.strip().partition("\n")[0].strip())
-        headed = not all(_NUMBER.fullmatch(cell.strip()) for cell in first if cell.strip())
-        if not headed and names is None:
-            raise UserError(
-                f"{path}: the first line holds numbers: the table has no header line. It has"
-                f" {len(first)} columns; write a line such as {header}"
-            )
-        if names is not None and (headed or len(names) != len(first)):
-            got = "a header line" if headed else f"{len(first)} columns"
-            raise UserError(
-                f"{path}: has {got}; expected numbers in the {len(names)} columns given"
-            )
-        decimal = "," if separator != "," and re.search(r"\d,\d", lines) else "."
-        table = pd.read_csv(
-            path,
-            sep=separator,
-            skipinitialspace=True,
-            decimal=decimal,
-            header=0 if headed else None,
-        )
-        table.columns = names or [str(name).lstrip("# ").strip() for name in table]
-        return table
+            table = pq.read_table(path).to_pandas(ignore_metadata=True)
+        else:
+            table = _read_text(path, names, header)
     except UserError:
         raise
     # pandas raises ValueError, and so does text that is not UTF-8.
     except (ValueError, OSError, pa.ArrowException) as error:
         raise UserError(
             f"{path}: no {path.suffix} table that can be read, perhaps truncated:"
-            f" {str(error).strip() or type(error).__name__}. Copy or record it again"
+            f" {str(error).strip() or type(error).__name__}. Copy or record it again; save a text"
+            " as UTF-8"
         ) from None
+    require_distinct(path, table)
+    return table
+
+
+def require_distinct(path: Path, table: pd.DataFrame) -> None:
+    """Raise UserError if two columns have the same name."""
+    for name in table.columns[table.columns.duplicated()]:
+        raise UserError(f"{path}: column {name} is there twice; keep one of them")
+
+
+def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataFrame:
+    import pandas as pd
+
+    with open(path, encoding="utf-8-sig") as file:
+        lines = [line for line in file if line.strip()] or ["\n"]
+    comments = sum(1 for _ in itertools.takewhile(lambda line: line[0] in "#%", lines))
+    # NumPy writes the header line as a comment, under other comments.
+    lines = [line.lstrip("#% ") for line in lines[:comments][-1:]] + lines[comments:]
+    sample = "".join(lines[1:5] or lines)
+    spaced = re.search(r"\d,\d+ +-?\d", sample)
+    marks = ";\t|" if spaced else ";\t|,"
+    separator = next((mark for mark in marks if mark in sample), r"\s+")
+    cells = separator.replace("|", r"\|")
+    first, second = (re.split(cells, line.strip()) for line in (lines * 2)[:2])
+    if comments and len(first) != len(second):
+        first, lines = second, lines[1:]
+    headed = not all(_NUMBER.fullmatch(cell.strip()) for cell in first if cell.strip())
+    if not headed and names is None:
+        raise UserError(
+            f"{path}: the first line holds numbers: the table has no header line. It has"
+            f" {len(first)} columns; write a line such as {header}"
+        )
+    if names is not None and (headed or len(names) != len(first)):
+        got = "a header line" if headed else f"{len(first)} columns"
+        raise UserError(f"{path}: has {got}; expected numbers in the {len(names)} columns given")
+    comma = re.search(r'"-?\d+,\d+"' if separator == "," else r"\d,\d", sample)
+    table = pd.read_csv(
+        io.StringIO("".join(lines)),
+        sep=separator,
+        skipinitialspace=True,
+        decimal="," if comma else ".",
+        header=0 if headed else None,
+    )
+    if not isinstance(table.index, pd.RangeIndex):
+        raise UserError(f"{path}: rows have more cells than the header line; name every column")
+    table.columns = names or [str(name).strip() for name in table]
+    return table
 
 
 EXPECTED_FOLDER = (

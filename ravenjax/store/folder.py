@@ -19,7 +19,7 @@ from ravenjax import threads
 from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.files import disk_errors, require_writable
+from ravenjax.store.files import disk_errors, path_inside, require_writable
 from ravenjax.store.manifest import Manifest
 
 if TYPE_CHECKING:
@@ -63,9 +63,7 @@ class ResultFolder:
         another are moved to `SET_ASIDE` and noted. Raises StoreError, before any change, if the
         folder cannot be written to or holds another campaign.
         """
-        if (path / PARTS).is_symlink():
-            raise StoreError(f"{path / PARTS}: is a link; expected a folder inside {path}")
-        require_writable(path / PARTS)
+        require_writable(path_inside(path, PARTS))
         there = parts.part_files(path / PARTS)
         # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.
         record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
@@ -259,7 +257,7 @@ def set_aside(path: Path, name: str, why: str) -> str:
 
     Raises StoreError if the disk refuses.
     """
-    place = path / SET_ASIDE
+    place = path_inside(path, SET_ASIDE)
     target, number = place / name, 1
     while target.exists():
         number += 1

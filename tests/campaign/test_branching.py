@@ -113,13 +113,16 @@ def test_each_run_tells_when_it_ended(tmp_path):
 
 
 @pytest.mark.parametrize(("watchdog_ticks", "still"), [(5, True), (75, False)])
-def test_a_note_tells_of_golden_runs_that_stand_still(watchdog_ticks, still):
+def test_a_note_tells_of_golden_runs_that_stand_still_or_do_harm(watchdog_ticks, still):
     parameters = {"plc.watchdog_ticks": watchdog_ticks}
+    harm = [{"name": "late", "when": "time > 1"}, {"name": "never", "when": "time < 0"}]
     told = []
     run_campaign(
-        rj.load_campaign({**OPERATION, "parameters": parameters}),
+        rj.load_campaign({**OPERATION, "parameters": parameters, "harm": harm}),
         engine="simd",
         on_progress=told.append,
     )
     notes = told[-1].notes
     assert any("1 of 1 golden runs stand still for up to" in note for note in notes) == still
+    harms = [note for note in notes if "golden runs, so that no fault" in note]
+    assert len(harms) == 1 and harms[0].startswith("harm 'late' happens in 1 of 1")

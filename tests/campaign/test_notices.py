@@ -1,5 +1,6 @@
 """Values without effect are noted where they stand, and values that act are not."""
 
+import contextlib
 from typing import Any
 
 import pytest
@@ -43,7 +44,7 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"reaction": {"felt_force": 1}}, "reaction.felt_force: 1 is never felt"),
         ({}, {"reaction": {"action": "none", "delay_ms": 300}}, "reaction.delay_ms: nothing reads"),
         ({}, {"parameters": {"plant.kinematic_errors.scale": 0.5}}, "scales nothing"),
-        ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is already the robot's value"),
+        ({}, {"parameters": {"plant.friction_scale": 1}}, "friction_scale = 1: the robot has"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: ends no run"),
@@ -90,6 +91,24 @@ def test_the_same_fault_or_hazard_twice_is_noted():
     assert "group[0].hazards: C09 is there twice" in of(
         group=[{"name": "a", "hazards": ["C09", "C09"]}]
     )
+
+
+def test_notices_of_one_kind_are_one():
+    names = ("mass_scale", "friction_scale", "cable_stiffness_scale", "motor_constant_scale")
+    paths = (*(f"plant.{name}" for name in names), "nominal.mass_scale")
+    said = of(group=[{"name": "a", "parameters": {path: [1, 2] for path in paths}}])
+    assert "plant.mass_scale (the robot's: 1), " in said and " and 1 more: other than" in said
+    assert said.count("\n") == 0
+
+
+def test_windows_that_open_again_are_compared_pair_by_pair():
+    pairs = {"name": "a", "design": "zip"}
+    for every, fits in (([20, 100], True), ([20, 40], False)):
+        fault = {**FAULT, "duration_ms": [10, 50], "every_ms": every}
+        with contextlib.nullcontext() if fits else pytest.raises(UserError, match="opens again"):
+            of(group=[{**pairs, "fault": [fault]}])
+    with pytest.raises(UserError, match="got 20 with duration_ms 50"):
+        of({"duration_ms": [10, 50], "every_ms": [20, 100]})
 
 
 def test_what_acts_is_not_noted():

@@ -3,6 +3,7 @@
 import collections
 import csv
 import io
+import re
 
 import pytest
 import synthetic_results as synthetic
@@ -121,9 +122,14 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
 
 
-def test_the_name_of_a_campaign_is_no_html(tmp_path):
-    forged = synthetic.manifest(RUNS, campaign="<img src=x>")
+def test_the_name_of_a_campaign_is_no_html_formula_or_link(tmp_path):
+    forged = synthetic.manifest(RUNS, campaign="=1+1 <img src=x> [a](javascript:b)\n# c")
     place = synthetic.folder(tmp_path / "forged", FRAME, forged, BEGINS)
     writing.write([place], tmp_path / "out")
-    assert "&lt;img src=x>" in (tmp_path / "out" / writing.README).read_text()
+    assert (
+        "=1+1 &lt;img src=x> [a\\](javascript:b) # c,"
+        in (tmp_path / "out" / writing.README).read_text()
+    )
+    for table in (tmp_path / "out").glob("*.csv"):
+        assert not re.search(r'(^|,)"?=', table.read_text(), re.MULTILINE)
     assert not [path for path in (tmp_path / "out").glob("*.m*") if "<img" in path.read_text()]

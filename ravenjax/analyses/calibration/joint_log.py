@@ -25,6 +25,7 @@ A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one o
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +46,7 @@ from ravenjax.store.logs import bags
 from ravenjax.store.motion import source, stamps
 from ravenjax.store.motion.options import Columns, ReplayOptions
 from ravenjax.store.motion.source import Samples
+from ravenjax.store.motion.summary import list_names
 
 UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 """Factors to rad and m of the last words of columns."""
@@ -87,6 +89,8 @@ class LogOptions(ReplayOptions):
 
     def written(self, key: str, value: object) -> str:
         """Return how a user writes an option of the command `calibrate`."""
+        if key == "sensors":
+            return ""
         if key == "rate_hz":
             return f"--period-ms {1e3 / float(str(value)):.6g}"
         shown = ",".join(value) if isinstance(value, list) else value
@@ -115,16 +119,30 @@ def read_joint_log(
         columns=[] if columns is None else columns,
         topics={} if topics is None else {arm: topics},
     )
-    if path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES):
+    bag = path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES)
+    if columns if bag else topics:
+        unread, kind = ("columns", "table") if bag else ("topics", "bag")
+        raise UserError(f"{path}: --{unread} applies to a {kind}, which this is not; remove it")
+    if bag:
         samples = _read_bag(path, arm, options)
     elif path.is_file() and path.suffix in files.TABLES:
         samples = source.read_table(path, options, "time_s,jpos_d_shoulder,jpos_shoulder")
     else:
         kinds = ", ".join((*files.TABLES, *bags.SUFFIXES))
         raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
+    pattern = rf"^([a-z]+(?:_d)?)_(?:{arm}_)?(.+?)((?:_deg_s|_deg|_mm)?)$"
+    samples.table.columns = [
+        re.sub(pattern, lambda x: f"{x[1]}_{bags.RAVEN2_NAMES.get(x[2], x[2])}{x[3]}", str(name))
+        for name in samples.table
+    ]
+    files.require_distinct(path, samples.table)
+    # A joint without any number is not logged.
+    samples.table = samples.table.dropna(axis="columns", how="all")
     samples = _pedal_down(samples)
     times = _regular_times(samples, options)
     desired, measured = _joints(samples, times, arm, tool, software, controller)
+    if unread := [name for name in samples.table if name not in samples.read]:
+        samples.notes = (*samples.notes, f"columns not used: {list_names(unread)}")
     times = times - times[0]
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
@@ -247,14 +265,12 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
 
 def _quantity(samples: Samples, name: str) -> np.ndarray | None:
     """Return the columns of a quantity [n, 7], NaN for joints that are not logged; None if no joint
-    is logged. A joint without any number is not logged.
+    is logged.
     """
     columns = np.full((len(samples.table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
-        for unit, factor in UNITS.items():
-            column = f"{name}_{word}_{unit}".rstrip("_")
-            if column in samples.table and not samples.table[column].isna().to_numpy().all():
-                columns[:, joint] = samples.numbers(column) * factor
+        if (numbers := samples.quantity(f"{name}_{word}", UNITS)) is not None:
+            columns[:, joint] = numbers
     return None if np.isnan(columns).all() else columns
 
 

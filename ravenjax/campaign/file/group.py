@@ -160,13 +160,6 @@ class Fault(Section):
                 f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time': the"
                 " milliseconds of a phase count from the beginning of the run"
             )
-        every = [ms for ms in self.every_ms.listed or self.every_ms.extent if ms > 0]
-        durations = self.duration_ms.listed or self.duration_ms.extent
-        if every and (END in durations or min(every) < max(durations)):
-            raise ValueError(
-                "every_ms: a window that opens again needs a duration_ms that is not longer than"
-                " every_ms"
-            )
         return self
 
     def axes(self) -> Iterator[tuple[str, Axis]]:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ravenjax.campaign.file.axis import Axis, Moment
+from ravenjax.campaign.file.axis import END, Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint
@@ -101,6 +101,11 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
         wrong.append(("period_ms", "effect 'periodic' needs a period of at least 1 ms"))
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
         wrong.append(("period_ms", f"effect {effects[0]!r} has no period: remove the key"))
+    for length, every in _combinations((fault.duration_ms, fault.every_ms), paired):
+        if every and (length == END or every < length):
+            needed = "a window that opens again needs a duration_ms of at most every_ms"
+            wrong.append(("every_ms", f"got {every} with duration_ms {length}: {needed}"))
+            break
     yield from wrong
     if not wrong:
         beyond = config.says_beyond(fault)

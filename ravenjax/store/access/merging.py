@@ -17,7 +17,7 @@ from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
 from ravenjax.store.access import lock, query
-from ravenjax.store.files import hash_file, require_writable, write_aside
+from ravenjax.store.files import hash_file, path_inside, require_writable, write_aside
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
@@ -69,7 +69,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     missing = list(parts.missing_rows([source.part for source in sources], [wanted]))
     if missing and not partial:
         raise StoreError(_incomplete(records, missing))
-    require_writable(out / PARTS)
+    require_writable(path_inside(out, PARTS))
     with lock.hold_lock(out):
         _require_own(out, sources)
         done = [_taken(source, out, records[first].config_hash) for source in sources]

@@ -216,9 +216,10 @@ def read_track(
     read = read_stream(path, arms, console)
     rows, dropped = len(read.counted), int((~read.counted).sum())
     if dropped > MOST_MISFITS * rows:
-        back = int((np.diff([fields[0] for fields in read.packets.fields]) < 0).sum())
+        back = int((np.diff([fields[0] for fields in read.packets.fields]) <= 0).sum())
         what = (
-            f"Numbers go back {back} times: they come from two streams. Record one console"
+            f"Numbers repeat or go back {back} times: they come from two streams, or each packet is"
+            " there twice. Record one console, once"
             if back > MOST_MISFITS * rows
             else "Packets before them are missing. Record closer to the robot"
         )

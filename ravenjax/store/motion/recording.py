@@ -17,6 +17,7 @@ from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S
 from ravenjax.store import files
 from ravenjax.store.logs import bags
+from ravenjax.store.logs.topics import ARM_TOPICS
 from ravenjax.store.motion import packet_file, resampling, source, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.packet_file import CAPTURES, PACKET
@@ -71,7 +72,8 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     kind = _kind_of(path)
     if kind == BAG:
         with source.open_bag(path, ReplayOptions()) as bag:
-            found = tuple(arm for arm in ARMS if bag.topic(arm, "setpoint_cp", "measured_cp"))
+            poses = "".join(topic for topic in bag.kinds if topic.endswith("_cp"))
+            found = tuple(arm for arm in ARMS if f"{ARM_TOPICS[arm]}/" in poses)
     elif kind == TABLE:
         names: list[str] = []
         # A table without a header line may be read under the names that the options give.

@@ -25,7 +25,7 @@ from ravenjax.store.logs.topics import ARM_TOPICS, JOINT_STATE, POSE, frame0_nam
 from ravenjax.store.motion import stamps
 from ravenjax.store.motion.options import Frame, ReplayOptions, of_arm
 from ravenjax.store.motion.summary import list_names
-from ravenjax.store.motion.track import LENGTHS, ArmTrack, Track
+from ravenjax.store.motion.track import LENGTHS, WIDEST_RAD, ArmTrack, Track
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,13 +83,17 @@ class Samples:
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
-        """Return the column `name`_<unit> in the base unit, or None without such a column."""
-        names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in self.table]
+        """Return the column `name`_<unit> in the base unit, or None without such a column.
+
+        Unit "": the name alone.
+        """
+        factors = {f"{name}_{unit}".rstrip("_"): factor for unit, factor in units.items()}
+        names = [column for column in factors if column in self.table]
         if len(names) > 1:
             raise UserError(
                 f"{self.path}: columns {' and '.join(names)} say the same; keep one of them"
             )
-        return self.numbers(names[0]) * units[names[0].rpartition("_")[2]] if names else None
+        return self.numbers(names[0]) * factors[names[0]] if names else None
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
         """Return columns that belong together [T, k]; None if none of them is there."""
@@ -331,7 +335,7 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
                 tips[arm] = bag.read(tips[arm].topic, False)
             # A motion without jaws is a motion.
             try:
-                jaws[arm] = _jaws(bag, arm, stamped)
+                jaws[arm] = _jaws(bag, arm, stamped, tips[arm], options.max_gap_s)
             except UserError as error:
                 notes.append(f"jaws of {arm} are not read: {error}")
         own = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
@@ -365,7 +369,9 @@ def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
     return Samples(path, table, tip.clock, (tip.time_ns - begin_ns) * 1e-9, tip.topic, tip.notes)
 
 
-def _jaws(bag: Bag, arm: ArmName, stamped: bool) -> tuple[np.ndarray, np.ndarray, str] | None:
+def _jaws(
+    bag: Bag, arm: ArmName, stamped: bool, tip: TopicMessages, max_gap_s: float
+) -> tuple[np.ndarray, np.ndarray, str] | None:
     """Return times (ns), opening (rad) and topic of an arm's jaws: from CRTK's topic of the jaw
     alone, or from raven2's two jaws. None if they were not recorded.
     """
@@ -382,9 +388,15 @@ def _jaws(bag: Bag, arm: ArmName, stamped: bool) -> tuple[np.ndarray, np.ndarray
         opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
         if np.isnan(opening).any():
             return None
-    if np.isnan(opening).any() or (np.diff(jaw.time_ns) < 0).any():
+    times = np.clip(jaw.time_ns, *tip.time_ns[[0, -1]])
+    steps_s = np.diff(times, prepend=tip.time_ns[0], append=tip.time_ns[-1]) * 1e-9
+    widest = np.abs(opening).max()
+    if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: expected times that never go back, and a position in every message"
+            f"{topic}: steps of {steps_s.min():.3g} to {steps_s.max():.3g} s while the tip was"
+            f" recorded, openings up to {widest:.4g} rad; expected no step back or above"
+            f" {max_gap_s:g} s (operator.max_gap_s), and openings up to {WIDEST_RAD:.3g} rad in"
+            " every message"
         )
     return jaw.time_ns, opening, topic
 

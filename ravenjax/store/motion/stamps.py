@@ -74,7 +74,7 @@ def sample_times(
         raise UserError(
             f"{path}: {rate} makes {stated:.4g} s of {rows} rows, {clock} says {span:.4g} s"
             f" ({mean}); expected them to agree within {100 * RATES_AGREE:g} %. Write the rate of"
-            " the recording, or drop its times. To replay more slowly, set operator.slow_down"
+            " the recording, or drop its times"
         )
     note = f"{clock} is not used, {rate} spaces rows evenly; it says {span:.3f} s in all"
     return None, rate, (note,)
@@ -95,6 +95,9 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
             ". If they say when rows arrived, not when they were sampled, write"
             f" {options.written('rate_hz', f'{mean_hz:.6g}')}: rows are then evenly spaced"
         )
+    sensors = options.written("sensors", "{ column = 'tool', gold = 'left' }")
+    if sensors and item == "row":
+        even = f". If a column names the sensor of each row, write {sensors}{even}"
     if (back := np.flatnonzero(steps < 0.0)).size:
         raise UserError(
             f"{path}: {item} {back[0] + 1}: time goes back by {-steps[back[0]]:.6g} s ({clock};"
@@ -104,8 +107,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
         row = int(still[0]) + 1
         raise UserError(
             f"{path}: {item} {row} has the time of {item} {row - 1}, {time_s[row]:.6g} s ({clock};"
-            f" {_such_rows(still)}); expected each later than the one before. If a column names"
-            f" the sensor of each row, write operator.sensors{even}"
+            f" {_such_rows(still)}); expected each later than the one before{even}"
         )
     median, lowest = float(np.median(steps)), min(LOWEST_HZ, 1.0 / options.max_gap_s)
     if all(hz > HIGHEST_HZ or hz < lowest for hz in (mean_hz, 1.0 / median)):

@@ -102,14 +102,15 @@ def check_plausible(track: Track) -> None:
     """Raise UserError for positions that no tip in frame 0 has, and for jaws that open too wide."""
     for arm, samples in track.arms.items():
         distance = np.linalg.norm(samples.position, axis=1)
-        if distance.max() < NEAREST_M or distance.min() > FARTHEST_M:
+        # With operator.place = "home" some positions are always near.
+        if distance.max() < NEAREST_M or np.median(distance) > FARTHEST_M:
             raise UserError(
                 f"{track.path}: the tip of {arm} would be {distance.min() * 1e3:.3g} to"
                 f" {distance.max() * 1e3:.3g} mm from the remote centre, the origin of frame 0;"
                 f" expected {NEAREST_M * 1e3:g} to {FARTHEST_M * 1e3:g} mm. Write positions in"
-                f" the unit of the column's name: {arm}_x_m, {arm}_x_mm or {arm}_x_um. If they are"
-                ' of another frame, write operator.place = "home", or operator.rotation and'
-                " operator.offset_mm"
+                f" the unit of the column's name: {arm}_x_m, {arm}_x_mm or {arm}_x_um; in a bag,"
+                ' in m. If they are of another frame, write operator.place = "home", or'
+                " operator.rotation and operator.offset_mm"
             )
         opening = samples.opening_mrad
         if opening is not None and (wide := np.abs(opening) > WIDEST_RAD * 1e3).any():

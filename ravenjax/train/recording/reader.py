@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ravenjax.errors import StoreError
+from ravenjax.store.files import without_formula
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
@@ -79,8 +80,6 @@ TABLE = "hazards.csv"
 LEFT_ROOM = ("avoided", "harm", "missed")
 """Outcomes of hazards that left room for a response. Rates and mean scores count only these."""
 _ROWS = TypeAdapter(list[HazardRow])
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""First characters of a cell that a spreadsheet computes as a formula."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -241,10 +240,5 @@ def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        formulas = {
-            name: f"'{value}"
-            for name, value in row.items()
-            if isinstance(value, str) and value.startswith(_FORMULA)
-        }
-        writer.writerow(row | formulas)
+        writer.writerow({name: without_formula(value) for name, value in row.items()})
     return out.getvalue()

@@ -46,6 +46,18 @@ def test_joints_are_put_on_the_clock_of_the_control_cycle(tmp_path, name) -> Non
     np.testing.assert_allclose(log.start, values[0])
 
 
+def test_joints_may_have_the_names_of_raven2_and_columns_without_use_are_named(tmp_path) -> None:
+    values, names = joints(), ("gold_shoulder", "elbow", "ins", "roll", "wrist", "jaw1", "jaw2")
+    columns = {f"{kind}_{word}": values[:, j] for kind in DESIRED for j, word in enumerate(names)}
+    log = read(write(tmp_path, **columns, jpos_green_elbow=values[:, 0], force=values[:, 0]))
+    np.testing.assert_allclose(log.measured, values[1:])
+    assert log.notes == ("columns not used: jpos_green_elbow, force",)
+    with pytest.raises(UserError, match="--topics applies to a bag"):
+        joint_log.read_joint_log(
+            tmp_path / "log.csv", ARM, TOOL, SOFTWARE, position_loop.FORK2015, topics="/lab"
+        )
+
+
 def test_motors_in_degrees_become_joints(tmp_path) -> None:
     values = joints()
     motors = np.array(
@@ -80,7 +92,8 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
     assert np.isnan(log.measured[:, 3:]).all() and log.joints == [0, 1, 2]
 
 
-GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in ("jpos_d", "jpos")}
+DESIRED = "jpos_d", "jpos"
+GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in DESIRED}
 
 
 @pytest.mark.parametrize(
@@ -99,6 +112,8 @@ GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in ("jpos_d", "jpos")}
             "row 1",
         ),
         ("log.csv", GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
+        ("log.csv", GOOD | {"jpos_shoulder_deg": [30.0, 40.0]}, 1.0, "say the same; keep one"),
+        ("log.csv", GOOD | {"jpos_gold_shoulder": [0.5, 0.6]}, 1.0, "jpos_shoulder is there twice"),
         ("log.csv", GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
         ("log.csv", GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
     ],

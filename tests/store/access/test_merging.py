@@ -122,10 +122,20 @@ def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
     assert told in str(caught.value) and not (tmp_path / "out").exists()
 
 
-def test_a_forged_name_of_a_part_leads_nowhere(tmp_path):
+@pytest.mark.parametrize("name", ["../../../part", "/part", "..\\\\part", "p" * 300, "a\\u0000"])
+def test_a_forged_name_of_a_part_leads_nowhere(tmp_path, name):
     shards = two(tmp_path)
     record = shards[1] / manifests.PARTS_FILE
-    record.write_text(record.read_text().replace('"file":"part', '"file":"../../../part'))
-    with pytest.raises(StoreError, match=r"b: a record names the file '../../../part"):
+    record.write_text(record.read_text().replace('"file":"part', f'"file":"{name}'))
+    with pytest.raises(StoreError, match=r"b: a record names the file '"):
         merging.merge_shards(tmp_path / "out", shards)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_link_in_the_place_of_a_folder_leads_nowhere(tmp_path):
+    for folder in ("out", "elsewhere"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "out" / "parts").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(StoreError, match="and no link"):
+        merging.merge_shards(tmp_path / "out", two(tmp_path))
+    assert not list((tmp_path / "elsewhere").iterdir())

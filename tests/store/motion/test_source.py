@@ -29,6 +29,9 @@ def assert_circle(one, atol=0.02):
     [
         ("a.csv", {"sep": ";", "decimal": ","}, {}),
         ("a.tsv", {"sep": "\t"}, {}),
+        ("a.csv", {"sep": "|"}, {}),
+        ("a.csv", {"decimal": ","}, {}),
+        ("a.txt", {"sep": " ", "decimal": ","}, {}),
         ("a.txt", {"sep": " ", "header": False}, {"columns": NAMES}),
         (
             "a.csv",
@@ -41,10 +44,21 @@ def test_texts_are_read_in_every_layout(tmp_path, name, keys, options):
     assert_circle(play(csv(tmp_path / name, **keys), **options))
 
 
+@pytest.mark.parametrize("mark", ["# ", "% "])
+def test_a_header_line_may_be_a_comment(tmp_path, mark):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, FRAME, header=f"of a lab\n{' '.join(NAMES)}", comments=mark)
+    assert_circle(play(path))
+
+
 def test_a_table_without_header_and_a_missing_column_say_what_to_write(tmp_path):
     path = csv(tmp_path / "a.csv", header=False)
     refused(path, "the first line holds numbers", "time_s,gold_x_um", "operator.columns = [")
     refused(path, "has 4 columns; expected numbers in the 2", columns=["time_s", "gold_x_mm"])
+    twice = ["time_s", *["gold_x_mm"] * 3]
+    refused(path, "column gold_x_mm is there twice", columns=twice)
+    path.write_text("time_s,gold_x_mm\n0,1,2,\n1,2,3,\n")
+    refused(path, "rows have more cells than the header line")
     path = csv(tmp_path / "b.csv")
     refused(path, "no column 'gold_x'", "Did you mean", columns={"gold_x_mm": "gold_x"})
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\n")
@@ -115,6 +129,14 @@ def test_bags_of_crtk_in_the_base_frame(tmp_path, namespace, options, jaws):
         refused(path, 'write operator.topics.gold = "/lab/PSM2"')
 
 
+def test_jaws_of_another_time_are_not_read(tmp_path):
+    place = PLACE_MM * 1e-3
+    late = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, place, "", "alone", jaws_late_s=0.5)
+    one = play(late)
+    assert one.summary.arms[0].jaws == "home" and "0.5 s while the tip" in one.summary.notes[0]
+    assert play(late, max_gap_s=0.6).summary.arms[0].jaws == "recorded"
+
+
 def test_an_unknown_frame_and_a_stamp_of_zero(tmp_path):
     path = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, "PSM1_base")
     refused(path, "is in frame 'PSM1_base', which is not known here", "operator.frame =")
@@ -138,3 +160,5 @@ def test_two_consoles_on_one_stream_are_refused(tmp_path):
     numbers = np.arange(50) // 2 + np.where(np.arange(50) % 2, 500_000, 1)
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers})
     refused(path, "would drop 49 of 50 packets", "they come from two streams", console="raven")
+    path = table(tmp_path / "b.parquet", fields={"sequence": np.arange(50) // 2 + 1})
+    refused(path, "would drop 25 of 50 packets", "each packet is there twice", console="raven")
