@@ -127,7 +127,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     assert (
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
-    assert "These groups are not: encoder" in " ".join(chains.chain_sentences(one))
+    assert "not completely explained: encoder" in " ".join(chains.chain_sentences(one))
 
 
 @pytest.mark.slow
