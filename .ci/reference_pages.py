@@ -40,25 +40,26 @@ WORDS = {
     "group": "runs that share a design; each `[[group]]` of a file is one",
     "arm": "gold or green: each has its own motors, gains of the control software and USB board",
     "golden run": (
-        "the same run without its faults: same operator, same parameters, same random numbers; each"
-        " run is compared with its own (in names of columns: `golden`)"
+        "reference of a run: the same operator, parameters and random numbers without the faults"
+        " (in names of columns: `golden`)"
     ),
     "nominal model": (
-        "a model of the robot that is fed the operator's clean input; the haptic cue pulls when the"
-        " robot's reported tip leaves it"
+        "a model of the robot that receives the operator's input before any fault; the haptic cue"
+        " comes when the robot's reported tip is too far from the tip of this model"
     ),
     "haptic set": (
-        "one threshold, spring, damper and cap of the cue; all are evaluated in the same run"
+        "one combination of threshold, spring, damper and cap of the cue; a run evaluates all sets"
     ),
     "layer": "part of the loop from the operator to the mechanics, L1 to L10",
-    "site": "a place on the loop where a fault can strike; a channel is one number there",
+    "site": "a place in the control loop where a fault can act; a channel is one number there",
     "effect": "what a fault does to the number while its window is open",
     "window": (
-        "from `start_ms` after the trigger's clock began, for `duration_ms`, again after each"
-        " `every_ms`"
+        "the time in which a fault acts: from `start_ms` after the trigger, for `duration_ms`,"
+        " repeated every `every_ms`"
     ),
     "hazard": (
-        "an entry of the library: a published fault with values, times and source, run by its id"
+        "an entry of the hazard library: a published fault with values, times and source; a"
+        " campaign runs it by its id"
     ),
     "parameter": (
         "a number of the robot, its software, the model or the operator that a campaign may vary,"
