@@ -1,7 +1,8 @@
 """Times whole campaigns kept in memory, by number of runs and by the time at which faults begin.
 
-Until its fault a run equals its golden run. An engine that continues from there computes only the
-ticks after it, and with `campaign.observe_ms` only part of these.
+Until its fault a run equals its golden run. An engine that starts from a checkpoint of the golden
+run computes only the ticks after the fault, and with `campaign.observe_ms` only a part of these
+ticks.
 """
 
 import functools

@@ -144,7 +144,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     page = text_of((tmp_path / debrief.FILE).read_text())
     assert (
         "the hazards are read from the recording" in page
-        and "Not counted: 1 × the outcome is" in page
+        and "not counted: 1 × the outcome is" in page
     )
     assert "1 of 1 hazard that left time for a response met with the right response" in page
     assert "The outcome is not known" in page
@@ -155,7 +155,7 @@ def test_hazards_that_left_no_room_for_a_response_are_named_and_do_not_count(tmp
     made = synthetic.write(tmp_path / "s", [MET, halted], recorded=False)
     told = text_of(debrief.write_debrief(made).read_text())
     assert "1 of 1 hazard that left time for a response met with the right response" in told
-    assert "Not counted: 1 × the robot halted on its own before a right response." in told
+    assert "not counted: 1 × the robot stopped on its own before a right response." in told
     assert "82 score of 100, mean of 1 hazard" in told and "Halted :" in told
     idle = synthetic.write(tmp_path / "idle", [], seconds=0.3)
     assert "Nobody drove" in text_of(debrief.write_debrief(idle).read_text())
