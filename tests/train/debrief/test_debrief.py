@@ -72,7 +72,7 @@ def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(tex
     assert "370 ms reaction, median" in text and "12.0 mm largest unintended motion" in text
     course = " could be known 35 ms after the start · tip → cue 90 ms after the start →"
     assert f"start at 2.0 s →{course} response 430 ms after the start · lifted the pedal" in text
-    assert f"start at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
+    assert f"start at 15.0 s →{course} alarm of the robot 240 ms" in text
     assert "none right: release" in text and "armed, never active" in text
     assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
