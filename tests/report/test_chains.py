@@ -136,7 +136,7 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
         raise StoreError("explained.parquet: damaged")
 
     monkeypatch.setattr(explained, "read_explained", broken)
-    assert "Explained runs are not readable: explained.parquet: damaged" in words(
+    assert "The file with the explained runs is not readable: explained.parquet: damaged" in words(
         Page(rendered(FRAME, DRAWN))
     )
 
