@@ -40,25 +40,26 @@ WORDS = {
     "group": "runs that share a design; each `[[group]]` of a file is one",
     "arm": "gold or green: each has its own motors, gains of the control software and USB board",
     "golden run": (
-        "the same run without its faults: same operator, same parameters, same random numbers; each"
-        " run is compared with its own (in names of columns: `golden`)"
+        "reference of a run: the same operator, parameters and random numbers without the faults"
+        " (in names of columns: `golden`)"
     ),
     "nominal model": (
-        "a model of the robot that is fed the operator's clean input; the haptic cue pulls when the"
-        " robot's reported tip leaves it"
+        "a model of the robot that receives the operator's input before any fault; the haptic cue"
+        " comes when the robot's reported tip is too far from the tip of this model"
     ),
     "haptic set": (
-        "one threshold, spring, damper and cap of the cue; all are evaluated in the same run"
+        "one combination of threshold, spring, damper and cap of the cue; a run evaluates all sets"
     ),
     "layer": "part of the loop from the operator to the mechanics, L1 to L10",
-    "site": "a place on the loop where a fault can strike; a channel is one number there",
+    "site": "a place in the control loop where a fault can act; a channel is one number there",
     "effect": "what a fault does to the number while its window is open",
     "window": (
-        "from `start_ms` after the trigger's clock began, for `duration_ms`, again after each"
-        " `every_ms`"
+        "the time in which a fault acts: from `start_ms` after the trigger, for `duration_ms`,"
+        " repeated every `every_ms`"
     ),
     "hazard": (
-        "an entry of the library: a published fault with values, times and source, run by its id"
+        "an entry of the hazard library: a published fault with values, times and source; a"
+        " campaign runs it by its id"
     ),
     "parameter": (
         "a number of the robot, its software, the model or the operator that a campaign may vary,"
@@ -93,29 +94,29 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     config = config_class_of(robot)
     yield "# Campaign files: every key"
     yield (
-        f"Written by `{COMMAND}` from what is checked; a test checks that it is up to date."
-        " `ravenjax check"
-        " FILE` says what a file would run, `ravenjax faults` and `ravenjax parameters` list the"
-        " words below with more about each.\n\nA campaign is a TOML file. Its tables stand in any"
-        " order; a table in double brackets may come several times. `--set key.path=value` on the"
-        " command line replaces one key: `--set campaign.duration_s=5`, `--set"
-        " group.NAME.runs=100`, `--set group.0.fault.0.value=[1, 2]`."
+        f"Written by `{COMMAND}` from the code; a test checks that this page is up to date."
+        " `ravenjax check FILE` shows which runs a file declares. `ravenjax faults` and `ravenjax"
+        " parameters` list fault sites, effects, hazards and parameters.\n\nA campaign is a TOML"
+        " file. Its tables may be in any order. A table in double brackets may occur several"
+        " times. `--set key.path=value` on the command line replaces one key: `--set"
+        " campaign.duration_s=5`, `--set group.NAME.runs=100`, `--set"
+        " group.0.fault.0.value=[1, 2]`."
     )
     yield "## Words"
     yield markdown_table(("word", "meaning"), WORDS.items())
     yield "## Values, lists and distributions"
     yield (
-        "A key whose type is marked *axis* takes one value, a list, or one of these tables. What"
-        " they become in the runs of a group is its `design`."
+        "A key whose type is marked *axis* accepts one value, a list, or one of the tables below."
+        " The `design` of a group determines how lists and distributions become runs."
     )
     yield markdown_table(
         ("table", "meaning"), ((f"`{{ {name} = .. }}`", what) for name, what in FORMS.items())
     )
     yield (
-        "A list for a parameter that is a vector (one number a joint or axis) could be meant in"
-        " two ways when it is as long as the vector, and is refused: write one path a number, or"
-        f" `{{ {LIST} = [..] }}` for values that each hold for all of them. Names take lists and"
-        " `{ choice = [..] }`; whole numbers drawn from"
+        "Some parameters are vectors, with one number per joint or axis. A list that is as long"
+        " as the vector is ambiguous, and ravenjax refuses it. Write one path per number, or"
+        f" `{{ {LIST} = [..] }}` for values that each apply to all numbers of the vector. Keys for"
+        " names accept lists and `{ choice = [..] }`. Whole numbers that are drawn from"
         f" {', '.join(name for name in DISTRIBUTIONS if name != 'choice')} are rounded."
     )
     yield markdown_table(
@@ -129,22 +130,23 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
         if path == ("group", "run"):
             yield "## [[group]] that names hazards"
             yield (
-                "In place of `[[group.fault]]` a group may name hazards of the library; each"
-                " becomes one group, or one a case and an arm. Other keys of `[[group]]` it does"
-                " not take."
+                "Instead of `[[group.fault]]`, a group may list hazards of the library. Each hazard"
+                " becomes one group, or several groups if it has several cases or arms. Such a"
+                " group accepts only the following keys."
             )
             yield markdown_table(
                 ("key", "meaning"), ((f"`{key}`", what) for key, what in KEYS.items())
             )
     yield "## [parameters], [cross]"
     yield (
-        "`[parameters]` sets or varies numbers of the robot for every group, `[group.parameters]`"
-        " for one; `[cross]` runs every fault once with each value and all else alike, random"
-        " numbers too. Keys are paths, each an axis of numbers (a list in `[cross]`). After"
-        " `plant`, `nominal`, `control.estimator` and `control.motor_control` a path may name the"
-        " arm (`plant.gold.friction_scale`); a vector's path may end in a joint or an axis"
-        " (`nominal.gold.kp.elbow`), and means all of them without. `ravenjax parameters` prints"
-        " the values that they have."
+        "`[parameters]` sets or varies parameters of the robot for every group, and"
+        " `[group.parameters]` for one group. `[cross]` runs every fault once with each value; all"
+        " other settings and the random numbers are equal. Keys are paths of parameters, and each"
+        " is an axis of numbers (a list in `[cross]`). After `plant`, `nominal`,"
+        " `control.estimator` and `control.motor_control` a path may contain the arm"
+        " (`plant.gold.friction_scale`). The path of a vector may end in a joint or an axis"
+        " (`nominal.gold.kp.elbow`); otherwise it sets all numbers of the vector. `ravenjax"
+        " parameters` prints the present values."
     )
     yield markdown_table(("path", "range", "meaning"), _parameter_rows(robot))
     yield "## Layers and sites"
@@ -171,10 +173,10 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     if robot.phases:
         yield "## Phases"
         yield (
-            "With trigger `time`, `start_ms` may be a place in a phase of the operation. Which"
-            " milliseconds belong to it follows from the operator's motion at the campaign's setup,"
-            " before any fault and the same for all runs; the result table has the milliseconds."
-            " `ravenjax check` tells how many there are."
+            "With trigger `time`, `start_ms` may be a time in a phase of the operation. The"
+            " operator's planned motion, without faults, determines which milliseconds belong to a"
+            " phase; they are equal for all runs. The result table contains the start in"
+            " milliseconds. `ravenjax check` prints the length of each phase."
         )
         yield markdown_table(
             ("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in PHASE_FORMS.items())
@@ -391,7 +393,7 @@ def _searches() -> Iterator[str]:
     yield _WRITTEN
     yield (
         "A search file is a [campaign file](campaigns.md) of one group, with a table `[search]`."
-        " The group is the template: its lists are the cases, its distributions the inputs."
+        " In this group, lists define the cases, and distributions define the searched inputs."
         " `ravenjax search FILE` runs it."
     )
     for name, model in KINDS.items():
@@ -417,8 +419,8 @@ def _scenarios() -> Iterator[str]:
     yield "# Training scenarios"
     yield _WRITTEN
     yield (
-        "A scenario is a TOML file; `ravenjax train FILE` runs it. These keys stand at its top,"
-        " before any table."
+        "A scenario is a TOML file; `ravenjax train FILE` runs it. The following keys belong at"
+        " the top of the file, before any table."
     )
     yield from _keys(Scenario)
     tables = {
@@ -435,12 +437,12 @@ def _scenarios() -> Iterator[str]:
         yield from _keys(model)
     yield "## [[hazard.fault]]"
     yield (
-        "As `[[group.fault]]` of a [campaign](campaigns.md):"
-        f" {', '.join(f'`{key}`' for key in Fault.model_fields)}. `start_ms` may be left out: the"
-        " fault strikes when its hazard does."
+        "This table has the same keys as `[[group.fault]]` of a [campaign](campaigns.md):"
+        f" {', '.join(f'`{key}`' for key in Fault.model_fields)}. The default of"
+        " `start_ms` is the start of the hazard."
     )
     yield "## [parameters]"
-    yield "As in a campaign; of a list or a distribution a session draws one value."
+    yield "As in a campaign. From a list or a distribution, a session draws one value."
 
 
 def _keys(model: type[BaseModel]) -> Iterator[str]:
@@ -489,11 +491,11 @@ def _columns() -> Iterator[str]:
     yield "# Result columns"
     yield _WRITTEN
     yield (
-        f"One row a run, schema version {schema.VERSION}. `<k>` and `<d>` count from 0: fault"
-        " slots, haptic sets in the order of `cues` in manifest.json, detectors in the order of"
-        " `detectors`, thresholds of a detector. Times count from the start of the run; -1 means"
-        " never. `golden_` marks what is kept of the run's [golden run](../glossary.md)."
-        " `results/README.md` describes the folder around the table."
+        f"The result table has one row per run and schema version {schema.VERSION}. `<k>` counts"
+        " fault slots, haptic sets (in the order of `cues` in manifest.json) or thresholds of a"
+        " detector, from 0. `<d>` counts detectors in the order of `detectors`. Times count from"
+        " the start of the run; -1 means never. The prefix `golden_` marks columns of the run's"
+        " [golden run](../glossary.md). `results/README.md` describes the result folder."
     )
     numbered = (
         (_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.table_columns(shape)
@@ -514,8 +516,8 @@ def _columns() -> Iterator[str]:
     )
     yield "## Events"
     yield (
-        "Names for `[stop] rates` and for searches; the report prints their rates. Each is an"
-        " expression over the columns above."
+        "The table `[stop] rates` of a campaign and the key `harm` of a search accept these"
+        " events. An event is an expression over the columns above."
     )
     rules = events.Rules()
     yield markdown_table(
@@ -538,7 +540,7 @@ def _hazards() -> Iterator[str]:
     yield "# Hazard library"
     yield _WRITTEN
     yield (
-        f"The library has {len(rows)} published hazards. The simulator can run {runs} of them."
+        f"The library has {len(rows)} published hazards. ravenjax can simulate {runs} of them."
         " `ravenjax faults ID` prints the values, trigger, expected outcome and source of a hazard."
         ' `hazards = ["C09", "L7"]` in a group runs them.'
     )
@@ -554,10 +556,10 @@ def _python() -> Iterator[str]:
     yield "# Python API"
     yield _WRITTEN
     yield (
-        "`import ravenjax as rj`. The names on this page are public, and so is what their texts say"
-        " of arguments, results and errors. Everything that is not on this page is internal:"
-        " modules, classes and functions that can be imported from the package's folders may move,"
-        " change or go with any version."
+        "Import the package with `import ravenjax as rj`. The names on this page are public, with"
+        " the arguments, results and errors that this page describes. Everything else is internal:"
+        " other modules, classes and functions of the package may move, change or be removed in any"
+        " version."
     )
     members = vars(ravenjax.functional)
     things = {name: getattr(ravenjax, name) for name in ravenjax.__all__} | {

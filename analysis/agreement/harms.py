@@ -3,11 +3,10 @@
     pip install rtamt
     python analysis/agreement/harms.py [RUNS]
 
-Runs the faults of harms.toml on engine simd, traces each of them, and gives the traces to rtamt's
-monitor of discrete time, which evaluates an expression that looks ahead later, as the tick does.
-Prints for each harm in how many runs rtamt has the same first millisecond, and the largest
-difference of the margins. The first 130 ms, in which windows fill, are not compared: rtamt
-evaluates an expression that looks ahead there, too.
+Runs the faults of harms.toml on engine simd, and evaluates each harm on the traces with rtamt's
+monitor of discrete time. Prints for each harm the number of runs in which rtamt finds the same
+first millisecond, and the largest difference of the margins. The first 130 ms are not compared,
+because rtamt evaluates windows there that are not yet complete.
 """
 
 import sys

@@ -1,3 +1,3 @@
-"""Implements `ravenjax bench`: how fast this machine runs the tick, with each engine and compared
-with MuJoCo's own ways.
+"""Implements `ravenjax bench`, which measures how fast a machine simulates the robot, with each
+engine and compared with MuJoCo.
 """

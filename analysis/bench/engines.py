@@ -1,5 +1,5 @@
-"""Measures full ticks per second of an engine, driven as a campaign drives it: blocks side by side,
-with one golden run for all.
+"""Measures the full ticks per second of an engine, under the conditions of a campaign: blocks of
+runs in parallel, with one golden run for all blocks.
 """
 
 import functools

@@ -1,6 +1,7 @@
 """Runs commands and functions in a separate process, and measures their time and peak memory.
 
-A failure, used memory or CPU affinity ends with the process, so the benchmark continues.
+If a measured part crashes, uses much memory or changes the CPU affinity, only its process is
+affected, and the benchmark continues.
 """
 
 import contextlib

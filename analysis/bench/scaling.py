@@ -1,8 +1,8 @@
-"""Times the bare kernel and whole campaigns on 1, 2, 4 .. cores or GPUs.
+"""Measures how the speed of the kernel, and of whole campaigns, grows on 1, 2, 4 .. cores or GPUs.
 
-Each core or GPU gets the same amount of work for any number of them. The bare kernel's blocks are
-made before the clock starts, so its losses come from shared cores, clocks and memory. Further
-losses of campaigns come from the code around the kernel.
+The work per core or GPU is constant. The blocks of the kernel are prepared before the time is
+measured, so the kernel loses speed only to shared cores, clock rates and memory. Further losses of
+campaigns are due to the code around the kernel.
 """
 
 import functools

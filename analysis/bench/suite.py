@@ -1,7 +1,7 @@
 """Runs the whole benchmark, part by part, within a time limit.
 
 Each part runs in a separate process. The most informative parts come first. If time is short, the
-last ones are left out.
+last parts are omitted.
 """
 
 import functools

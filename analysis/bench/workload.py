@@ -1,8 +1,8 @@
-"""Defines the timed work: a campaign of one arm and one fault slot, and blocks of its runs, all
-different.
+"""Defines the work that the benchmark measures: a campaign of one arm with one fault per run, and
+blocks of its runs, all different.
 
-All runs share their parameters, as those of one campaign group do. Their common parts (the clean
-packet, the nominal model) are computed once for all of them.
+All runs have the same parameters, like the runs of one campaign group. Their common parts (the
+packet without a fault, the nominal model) are computed once for all runs.
 """
 
 import dataclasses

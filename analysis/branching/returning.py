@@ -1,11 +1,11 @@
 """Counts the runs that return to their golden run: `python analysis/branching/returning.py
 [CAMPAIGN [RUNS]]`.
 
-From the return on, only another fault window could change the run, so the rest of such a run equals
-its golden run's. A run counts as returned from the tick from which every time series equals its
-golden run's to the bit, until the end: motors, cables, links, encoders, the software's poses,
-torques and commands, PLC, brakes, nominal model and cue. State that is in no series may still
-differ, so the count is an upper bound.
+A run returns if, from some tick until its end, every time series equals that of its golden run to
+the bit: motors, cables, links, encoders, the software's poses, torques and commands, PLC, brakes,
+nominal model and cue. After the return only another fault window could change the run, so the rest
+need not be computed. State that no series contains may still differ, so the count is an upper
+bound.
 """
 
 import sys

@@ -1,20 +1,19 @@
-"""Bounds the backlash of the recorded arms from above. Prints Markdown.
+"""Computes upper bounds for the backlash of the recorded arms. Prints Markdown.
 
     RAVENJAX_DATA=FOLDER python analysis/calibration/backlash.py
 
-The recordings have motors and no joints, and the virtual robot has no backlash. A gap behind a
-motor shows when the motor turns back: until the gap is crossed, the motor does not carry the
-joint's share of the dry friction. So the torque that the recorded error implies (PID of its
-controller) does not reach its new level before the gap ends. The motor's travel until the torque
-has made 90 % of the change is therefore an upper bound of the gap. It also includes everything else
-that softens a reversal.
+The recordings contain motor positions, but no joint positions. Backlash is visible when a motor
+reverses: until the motor has crossed the gap, it does not have to overcome the dry friction of the
+joint. The motor torque, computed from the recorded error and the controller's PID law, therefore
+reaches its new level only after the gap. The motor's travel until the torque has made 90 % of its
+change is an upper bound of the gap. It also includes all other effects that soften a reversal.
 
-The same measure is computed for the virtual robot with the same desired motion, which turns back
-without a gap. If it is as large there, the measure sees only the controller, and the recording
-bounds nothing smaller.
+The same bound is computed for the virtual robot, which has no backlash, with the same desired
+motion. If both bounds are equal, the bound is due to the controller, and the recording gives no
+smaller bound.
 
-Levels before and after are medians over the middle 40 % of the strokes. A stroke turns by at least
-`LEAST` of the joint's range of motion in the recording.
+Torque levels before and after a reversal are medians over the middle 40 % of the strokes. A stroke
+is longer than the share `LEAST` of the joint's range of motion in the recording.
 """
 
 import sys

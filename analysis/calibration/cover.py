@@ -4,8 +4,9 @@ Markdown.
     python analysis/calibration/cover.py [LOGS] [SECONDS]
 
 All parameters that a log can estimate are drawn from their priors for each virtual robot, which has
-a separate log. If the intervals are right, the number of values inside is binomial with 0.9 or
-more. Values of one log are not independent, so the number for each log is printed too.
+a separate log. If the intervals are correct, the number of hidden values inside is binomial with a
+probability of 0.9 or more. Values of one log are not independent, so the number for each log is
+also printed.
 """
 
 import collections

@@ -5,8 +5,8 @@
 The slopes of one virtual log by all estimated parameters are computed in three ways. The fit uses
 differences of replays to both sides on engine `simd`. The second way is forward-mode derivatives of
 the same tick (`jax.jvp`) on the same engine, with one lane per parameter. The third, optional, is
-`jax.jvp` of the replay by XLA. Encoders and DAC do not round to whole counts here. With rounding a
-derivative is 0 and a small difference is chance, as the last column shows.
+`jax.jvp` of the replay by XLA. In these replays encoders and DACs do not round to whole counts.
+With rounding a derivative is 0 and a small difference is random, as the last column shows.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Makes logs of virtual robots with known parameters, to check calibrations."""
+"""Makes logs of virtual robots with known parameters, to test `ravenjax calibrate`."""
 
 from collections.abc import Sequence
 

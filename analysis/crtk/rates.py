@@ -1,11 +1,11 @@
 """Measures rate, age and loss of a robot's CRTK messages: `python analysis/crtk/rates.py ros1|ros2
 [SECONDS]`.
 
-The robot and the peer of tests/train/robot_link/crtk, which drives the robot meanwhile, run as
-separate processes on this machine. All readings of one moment carry one stamp. So a stamp that
-arrived on one topic and not on another was lost there. A moment of which nothing arrived is a gap.
-Ages are measured on one clock, from the stamp of the tick to arrival in the peer process. With ROS
-1, a `roscore` must run.
+The robot, and the program in tests/train/robot_link/crtk that drives it and receives its messages,
+run as separate processes on this machine. All messages of one tick have the same time stamp. If a
+stamp arrives on one topic but not on another, a message was lost. If no message of a stamp arrives,
+this is a gap. The age of a message is the time from its stamp to its arrival. With ROS 1, a
+`roscore` must run.
 """
 
 import json

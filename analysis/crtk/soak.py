@@ -1,6 +1,7 @@
-"""Asks a robot for the rate, age and loss of its messages while it is driven.
+"""Drives a robot over CRTK, and measures the rate, age and loss of its messages.
 
-It runs in the peer's process, in the Python of its transport, and imports nothing of ravenjax.
+The script runs in the process that drives the robot, with the Python interpreter that has the ROS
+packages. It therefore imports nothing of ravenjax.
 """
 
 import itertools

@@ -1,13 +1,13 @@
-"""Learns the step sizes in which detector `steps` measures, from fault-free motion. Prints the
-numbers that the package contains.
+"""Learns the thresholds of the detector `steps` from fault-free motion. Prints the numbers that the
+package contains.
 
     python analysis/detector_thresholds/learn.py
 
-It runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and
-torque noise, both arms, and present software. The rule is the published one: the percentile of all
-steps of 1 ms of all runs, per variable and joint. The publication gives 99.8 to 99.9 without saying
-which applies to which variable, so 99.85 is used for all. Ticks before the pedal is down and the
-first half second of a run are left out.
+The script runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with
+encoder and torque noise, both arms, and the present raven2 software. The rule is the published one:
+the percentile of all steps of 1 ms of all runs, per variable and joint. The publication gives
+percentiles of 99.8 to 99.9 without assigning them to variables, so 99.85 is used for all. Ticks
+before the pedal is down, and the first half second of a run, are omitted.
 """
 
 import numpy as np

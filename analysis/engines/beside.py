@@ -1,5 +1,5 @@
-"""Compares two commits. Their checkouts run in turn, so that load and clock rates affect both
-alike.
+"""Compares the speed of two commits. Their checkouts run in turn, so that load and clock rates
+affect both equally.
 
     git worktree add ../other COMMIT
     python analysis/engines/beside.py ../other [SECONDS]

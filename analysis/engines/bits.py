@@ -4,8 +4,8 @@ exits with 1 if they do not.
     python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set KEY=VALUE]
 
 Both engines run each campaign, which is bundled or a file. Every bit of every column of the result
-table is compared. Engine xla has other last bits. For it, see the runs in which a verdict or any
-other word differs, and the largest difference of an outcome in mm.
+table is compared. The last bits of engine xla differ. For this engine the table shows the runs in
+which a verdict or another word differs, and the largest difference of an outcome in mm.
 """
 
 import argparse

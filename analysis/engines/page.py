@@ -2,10 +2,10 @@
 
     python analysis/engines/page.py [CAMPAIGN] [ROUNDS]    # needs playwright and Chromium
 
-Opens the page from a file in Chromium with graphics in software, each time in a new browser. By the
-clock, it measures when 400 points of the map, and all points, are there after opening. In the last
-browser it measures the longest task of the page's main thread: while the page opens, after a
-control moves, while a run opens, and while the user scrubs through time.
+Opens the page from a file in Chromium with software rendering, each time in a new browser. Measures
+the time until 400 points of the map, and all points, are shown. In the last browser the script also
+measures the longest task of the page's main thread: while the page opens, after a control moves,
+while a run opens, and while the user moves the time slider.
 """
 
 import os

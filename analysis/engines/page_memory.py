@@ -1,11 +1,11 @@
-"""Measures memory of the explorer's page during uninterrupted use. It should not grow.
+"""Measures whether the memory of the page of `ravenjax explore` grows during uninterrupted use.
 
     python analysis/engines/page_memory.py [CAMPAIGN] [MINUTES]    # needs playwright and Chromium
 
-The script repeatedly selects another start of the fault, another joint and so another map, another
-run and another moment. Once a minute it prints the number of rounds, the page's own heap after a
-collection, and the proportional resident memory (PSS) of all processes of the browser. These
-include the worker that draws the robot.
+The script repeatedly selects another start of the fault, another joint, another run and another
+time. Once a minute it prints the number of rounds, the page's own heap after a collection, and the
+proportional resident memory (PSS) of all processes of the browser. These include the worker that
+draws the robot.
 """
 
 import os

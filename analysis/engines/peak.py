@@ -1,12 +1,13 @@
-"""Measures the machine's peak rate of operations, and the share of it that the fastest engine's
-ticks reach.
+"""Measures the machine's peak rate of operations, and the share of this rate that the fastest
+engine reaches.
 
     python analysis/engines/peak.py [simd | cuda]
 
-The peak is that of independent fused multiply-adds in registers, on all cores or the whole GPU at
-once. Each counts as one operation, as in a tick. The best of many short bursts is taken. A tick's
-selects and integer operations may use other units, and its divisions and roots take several cycles
-of one. So the ratio only shows how near the tick comes to the rate of multiply-adds.
+The peak rate is that of independent fused multiply-adds in registers, on all cores or the whole GPU
+at once. Each multiply-add counts as one operation, as in a tick. The result is the best of many
+short bursts. In a tick, selections and integer operations may use other units of the processor, and
+divisions and roots take several cycles. The ratio therefore only shows how close the tick comes to
+the rate of multiply-adds.
 """
 
 import ctypes

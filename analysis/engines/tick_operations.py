@@ -1,5 +1,5 @@
-"""Counts operations of the timed tick by stage, as the code-generating engines compute them, to
-find the stages worth optimising.
+"""Counts the operations of the generated code for a tick by stage, to find the stages that are
+worth optimising.
 
     python analysis/engines/tick_operations.py
 """

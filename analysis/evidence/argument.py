@@ -1,4 +1,6 @@
-"""Builds the argument in goal structuring notation, and draws it as a Mermaid diagram."""
+"""Builds the argument of a risk file in goal structuring notation (goals, evidence and their
+links), and draws it as a Mermaid diagram.
+"""
 
 import os
 from collections import Counter

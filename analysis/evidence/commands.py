@@ -1,4 +1,6 @@
-"""Implements `ravenjax evidence`: writes evidence, or computes its checksums again."""
+"""Implements the command `ravenjax evidence`: writes evidence for a risk file, or verifies its
+checksums.
+"""
 
 from pathlib import Path
 

@@ -1,8 +1,8 @@
 """Counts unsafe control actions, the table of a system-theoretic process analysis (STPA).
 
-`KINDS` defines the mapping: its first matching line decides. A control action is what passes a site
-of the robot's loop: the operator's packets at the console and network, set points in the process
-model, motor commands at the DAC.
+`KINDS` defines the kind of unsafe control action of a run: the first matching entry applies. A
+control action is a signal at a fault site: the operator's packets at the console and network, set
+points in the process model, motor commands at the DAC.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,9 @@
 """Counts failure modes, the table of a failure mode and effects analysis.
 
-A line is one way in which the distinct faults of a group, site and effect ended. Its rate is over
-all of these, so the lines of one group, site and effect add up to one. Faults are counted as in the
-report: the first valid run of each in which nobody reacts, by the first fault of a run.
+A row is one outcome of the distinct faults of a group, site and effect. Its rate is over all these
+faults, so the rows of one group, site and effect add up to one. Faults are counted as in the
+report: the first valid run of each fault without a reaction. If a run has several faults, the first
+fault counts.
 """
 
 import pandas as pd

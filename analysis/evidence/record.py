@@ -1,5 +1,5 @@
-"""Reads, writes and checks the record of written evidence: nodes of the argument with checksums of
-their files.
+"""Reads, writes and checks `evidence.json`, the record of written evidence: nodes of the argument
+with checksums of their files.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Opens the result folders that evidence is based on."""
+"""Opens the result folders from which evidence for a risk file is written."""
 
 import contextlib
 import hashlib

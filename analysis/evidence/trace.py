@@ -1,4 +1,6 @@
-"""Traces each hazard to its runs, and each run to the part of the result that holds it."""
+"""Writes the trace tables of a risk file: the runs of each hazard, and the result file that
+contains each run.
+"""
 
 import bisect
 import csv

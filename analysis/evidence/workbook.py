@@ -1,4 +1,4 @@
-"""Writes the tables as one workbook (XLSX). The package that writes it is an optional
+"""Writes the tables of evidence as one XLSX workbook. The package for XLSX is an optional
 dependency.
 """
 

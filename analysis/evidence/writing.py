@@ -1,4 +1,4 @@
-"""Writes the folder of evidence, and checks it."""
+"""Writes the folder of evidence for a risk file, and checks whether its files have changed."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,14 +1,14 @@
-"""Draws campaigns of random extreme but legal runs, and checks properties that must hold for every
-run.
+"""Draws random campaigns with extreme but allowed values, and checks properties that every run must
+have.
 
-Each number draws one campaign: one choice each of software, build, mechanics, console, packets,
-detectors and operator. Then come groups of faults at any site, with any effect and the largest
-values that it takes, and parameters at the ends of their ranges. Nothing is drawn that a campaign
-file could not contain.
+A random seed determines one campaign: software, build, mechanics, console, packets, detectors and
+operator. The groups of the campaign have faults at any site, with any effect and the largest
+allowed values, and parameters at the ends of their ranges. A campaign file could contain everything
+that is drawn.
 
-A campaign has one form, which engine `xla` compiles once for all values of its runs. `form`
-distributes all sites and parameters over campaigns that have few sites each, because compile time
-grows with the number of sites.
+Engine `xla` compiles a campaign once for all values of its runs. The compile time grows with the
+number of sites. The function `form` therefore distributes all sites and parameters over campaigns
+with few sites.
 """
 
 import dataclasses

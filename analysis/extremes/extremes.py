@@ -1,13 +1,13 @@
-"""Runs thousands of random extreme but legal runs, and reports crashes, unsound rows, and different
-verdicts of two engines.
+"""Simulates thousands of random runs with extreme but allowed values. Reports crashes, invalid
+result rows, and different verdicts of two engines.
 
     # 8 campaigns of 125 groups of 20 runs each: 20 008 runs
     python analysis/extremes/extremes.py 8 125
     # 15 forms of 20 groups of 67 runs at two sites: 20 115 runs
     python analysis/extremes/extremes.py 15:20 simd xla
 
-If two engines judge a run differently, the first engine tests whether last bits of its numbers
-decide it.
+If the verdicts of two engines differ, the script tests whether changes of last bits also change the
+verdict of the first engine.
 """
 
 import sys

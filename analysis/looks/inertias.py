@@ -1,5 +1,5 @@
-"""Defines inertial numbers of models/raven2/raven2.xml: the authors' links 1-3, the tool, and
-corrections that make the two consistent.
+"""Defines masses and inertias in models/raven2/raven2.xml: links 1-3 of the DSN 2016 authors'
+model, the tool, and corrections that make both consistent.
 
 The authors' model (raven2_sim: Li_DYN) ends at link 3, tool included. Here the tool has separate
 joints, so link 3 is the authors' minus the tool. Mass and first moment of everything on the

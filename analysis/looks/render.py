@@ -1,4 +1,4 @@
-"""Renders models/raven2/raven2.xml at home.
+"""Renders pictures of models/raven2/raven2.xml in its home pose.
 
 `MUJOCO_GL=egl python analysis/looks/render.py FOLDER` writes one PNG per camera, and raven2.png for
 the README: the theatre with the close-up in a corner.

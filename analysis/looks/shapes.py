@@ -1,4 +1,4 @@
-"""Defines what the arm looks like: visual shapes of each body, in the link frames of the gold arm.
+"""Defines the visual shapes of each body of the arm, in the link frames of the gold arm.
 
 Sizes follow the extents measured on raven2_sim's left arm meshes (raven_visualization) and a public
 photograph. The shapes themselves are new. Green gets every shape mirrored by the signs of its link

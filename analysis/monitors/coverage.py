@@ -1,14 +1,14 @@
-"""Tests whether monitors keep what they promise: 200 calibrations, with and without varied robots,
-and shifted robots.
+"""Tests whether thresholds of `ravenjax monitor calibrate` have their stated false-alarm rate, over
+200 calibrations, with and without varied robots, and with shifted robots.
 
     python analysis/monitors/pools.py FOLDER && python analysis/monitors/coverage.py FOLDER
 
-Half of a pool's operators represent the population of operators. 200 calibrations draw theirs from
-them with replacement. So each is an independent draw from a population whose false-alarm rate at
-any threshold is known exactly. The other half is fresh: neither the calibrations nor the population
-contain it. The promised threshold is compared with the naive one, the plain quantile of all scores.
-Then follows the test for a shift: with fresh operators of the same robots, drawn 200 times, and of
-shifted robots. Prints one table and writes nothing.
+Half of the simulated operators represent the population. Each of 200 calibrations draws its
+operators from this half with replacement. Each calibration is therefore an independent draw from a
+population whose false-alarm rate at any threshold is known exactly. The calibrated threshold is
+compared with a naive threshold, the quantile of all scores. The other half of the operators is used
+to test the detection of a shift: with the same robots, drawn 200 times, and with shifted robots.
+The script prints one table and writes no file.
 """
 
 import argparse

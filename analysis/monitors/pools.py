@@ -1,5 +1,5 @@
-"""Computes fault-free operations for coverage.py: of drawn robots, of one robot, and of shifted
-robots.
+"""Simulates fault-free operations for coverage.py, with drawn robots, with one robot, and with
+shifted robots.
 
     python analysis/monitors/pools.py FOLDER [--operators 4000] [--engine auto]
 

@@ -1,12 +1,13 @@
-"""Measures the fault-free range of each channel that a fault can act on, and writes
-normal_ranges.csv of hazards.
+"""Measures the normal range of each channel on which a fault can act: its range in fault-free
+motion. Writes normal_ranges.csv of the hazard library.
 
     python analysis/normal_ranges/measure.py
 
-It runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with both arms,
-present software, a console of increments, and without noise. The table has minimum, 0.1 and 99.9
-percentile, and maximum over all ticks of all runs. Normal means that no command is clipped. At
-scale 0.2 the fastest moves are clipped, for up to a fifth of the time.
+The script runs every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1. It uses
+both arms, the present raven2 software, a console that sends increments, and no noise. The table
+contains the minimum, the 0.1 and 99.9 percentiles, and the maximum over all ticks of all runs.
+Larger scales are not used, because commands are then limited: at scale 0.2 for up to a fifth of the
+time.
 """
 
 import csv

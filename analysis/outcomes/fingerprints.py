@@ -1,4 +1,4 @@
-"""Do all bundled campaigns still give the same code and the same results?
+"""Tests whether all bundled campaigns still give the same generated code and the same results.
 
     python analysis/outcomes/fingerprints.py                     # compare with fingerprints.json
     python analysis/outcomes/fingerprints.py --write             # write a new fingerprints.json

@@ -1,14 +1,16 @@
-"""Fits the dynamics of models/psm/psm.xml to a recording of a real PSM, and predicts another one.
+"""Fits the dynamics of models/psm/psm.xml to a recording of a real PSM (patient-side manipulator of
+a da Vinci Research Kit), and predicts another recording.
 
     RAVENJAX_DATA=FOLDER python analysis/psm/identify.py           # print the tables
     RAVENJAX_DATA=FOLDER python analysis/psm/identify.py --write   # fit again, write psm.xml
     RAVENJAX_DATA=FOLDER python analysis/psm/identify.py FILE KG   # predict the effort of FILE
 
-FOLDER holds dvrk_psm_no_load.parquet, to which the model is fitted, and dvrk_psm_105_g.parquet, to
-which nothing is fitted but the place of its weight, on its first half (public repository
-WPI-AIM/dvrk_dynamics_identification). KG is the mass of another weight at the same place.
+FOLDER contains two recordings of the public repository WPI-AIM/dvrk_dynamics_identification. The
+model is fitted to dvrk_psm_no_load.parquet. Of dvrk_psm_105_g.parquet, with a weight at the arm,
+only the position of this weight is fitted, on the first half. KG is the mass of another weight at
+this position.
 
-The columns are not labelled at the source. What follows is inferred:
+The source does not label the columns. Their meaning is inferred:
 
 - 200 Hz: at this rate the derivative of the positions is the velocity within 0.5 %, for all joints.
   The script of the source commands and records at 200 Hz.
@@ -16,10 +18,10 @@ The columns are not labelled at the source. What follows is inferred:
   The coupling of the instrument turns them into wrist pitch, wrist yaw and jaw.
 - Gravity is along -z of frame 0, as in the source's script.
 
-The efforts are linear in the masses of points. 27 points on each of the first three links, with
-masses that are not negative, give an inertia that a body can have (non-negative least squares).
-Each joint has armature, viscous and dry friction besides, and the joints of the tool a spring with
-a rest position.
+The efforts are linear in the masses of points on the links. The fit is non-negative least squares
+with 27 points on each of the first three links, so that the inertia of each link is physically
+possible. Each joint also has armature, viscous and dry friction, and the joints of the tool have a
+spring with a rest position.
 """
 
 # MuJoCo's compiled module carries no types.

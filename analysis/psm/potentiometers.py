@@ -1,13 +1,13 @@
-"""Which encoder faults of a result would the potentiometer check of the robot have caught? Prints
-Markdown.
+"""Computes which encoder faults of a PSM campaign the potentiometer check of the real robot would
+have detected. Prints Markdown.
 
     ravenjax run analysis/psm/psm.toml --out results/psm
     python analysis/psm/potentiometers.py results/psm
 
-The campaign has no potentiometers, so this script runs the encoder faults again. It applies the
-check of sawRobotIO1394 to the joints of the arm, which stand for ideal potentiometers, and to the
-encoders: the arm loses power as soon as they have differed by more than a tolerance for more than a
-latency. What the arm does afterwards is not simulated.
+The campaign has no potentiometers, so this script runs the encoder faults again, and uses the true
+joints as ideal potentiometers. It applies the check of sawRobotIO1394: the arm loses power if
+potentiometers and encoders differ by more than a tolerance for longer than a latency. The motion
+after the loss of power is not simulated.
 """
 
 import sys

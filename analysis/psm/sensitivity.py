@@ -1,4 +1,5 @@
-"""How much does the campaign depend on fitted and assumed numbers? Prints Markdown.
+"""Computes how much the results of the PSM campaign depend on fitted and assumed parameters. Prints
+Markdown.
 
 python analysis/psm/sensitivity.py
 """

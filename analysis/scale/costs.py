@@ -1,13 +1,13 @@
-"""Measures what each step of a campaign costs besides the computation, and writes costs.json beside
-this file.
+"""Measures the time of each step of a campaign other than the simulation, and writes costs.json in
+the folder of this file.
 
     python analysis/scale/costs.py [FOLDER]
 
-FOLDER is on the disk whose writes are measured; by default a temporary folder of this machine.
-Steps that compute are timed by the CPU time of this process, so that other processes hardly disturb
-them. Steps that wait for a disk are timed by the clock. Each figure is the least of several
-repeats. The campaign is one group of Sobol draws with one fault slot, the usual shape. A Ray task
-is timed empty, with one local worker: the cost for the process that starts it.
+FOLDER is on the disk whose writes are measured; by default a temporary folder of this machine. For
+steps that compute, the CPU time of this process is measured, so that other processes hardly affect
+it. For steps that wait for a disk, the elapsed time is measured. Each number is the smallest of
+several repeats. The campaign is one group of Sobol draws with one fault per run. The time of a Ray
+task is that of an empty task with one local worker, in the process that starts the task.
 """
 
 import hashlib

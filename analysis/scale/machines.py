@@ -4,10 +4,11 @@ tables and a figure.
     python analysis/scale/machines.py
 
 This is a discrete-event model of executor `ray`. One coordinator (a single-threaded Python process)
-sends each chunk's rows. Seats compute and make the part. The bytes come back over the coordinator's
-link, and four writers store them. Each of these is a queue with a number of servers, and a chunk
-passes them in turn. At most two chunks per seat are in progress, as in the executor. For shards the
-times are added: they share only the plan, which each makes, and the merge.
+sends each chunk's rows. Workers compute the rows and make the part. The data return over the
+coordinator's network link, and four writers store them. Each step is a queue with a number of
+servers, and a chunk passes all steps in order. At most two chunks per worker are in progress, as in
+the executor. For shards the times are added: each shard makes the plan, and the shards are merged
+at the end.
 """
 
 import heapq

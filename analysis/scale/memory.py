@@ -1,4 +1,4 @@
-"""Measures the memory of a campaign of many short runs while it runs. It should not grow.
+"""Measures whether the memory of a campaign of many short runs grows while it runs.
 
     python analysis/scale/memory.py [--runs 1000000] [--duration 0.5] [--workers N]
 

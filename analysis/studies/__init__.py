@@ -1,5 +1,5 @@
-"""Repeats published experiments and runs the project's own studies, and compares published results
-with predictions.
+"""Implements the studies of `ravenjax reproduce`: repeats published experiments and compares their
+results with predictions of the simulation, and answers further questions by campaigns.
 
 `ravenjax reproduce NAME` runs one study.
 """

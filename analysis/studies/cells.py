@@ -1,4 +1,4 @@
-"""Writes numbers and tables of findings as Markdown."""
+"""Writes numbers and tables of the findings of a study as Markdown."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -5,8 +5,8 @@ one page over all studies (`templates/credibility.md.j2`). Terms and their order
 guidance *Assessing the Credibility of Computational Modeling and Simulation in Medical Device
 Submissions* (FDA, November 2023). Evidence that several claims share is in `claims/model.toml`.
 
-A text may hold numbers of findings, each by its name in braces. `numbers` says where each is read,
-so that no number is typed by hand:
+A text of a claim contains numbers of the findings by name, in braces. `numbers` states where each
+number is read in the findings, so that no number is typed by hand:
 
     answer = "The predicted mean is {mean}, over {mean.over}; published is {mean.published}."
     numbers.mean = { line = "mean tip error of all segments" }
@@ -155,7 +155,7 @@ NOT_PREDICTED = "(not predicted)"
 """Text for a line without a prediction, for example because a recording is not in the
 repository.
 """
-_UNITS = {"1/h": "an hour", "per hour": "an hour"}
+_UNITS = {"1/h": "times per hour", "per hour": "times per hour"}
 
 
 class Quoted(NamedTuple):

@@ -1,9 +1,9 @@
-"""Study: which detector knows of a fault first, and how many false alarms does it give?
+"""Study: which detector detects a fault first, and how many false alarms does it raise?
 
 Every detector is compared with the robot's checks and the cue. Faulty runs of four motions are
 pooled, and kinds of faults are resampled. An alarm of a faulty run counts from the fault's first
-effect on. Thresholds are chosen by false alarms per hour on fault-free motion, and never by what
-they detect.
+effect on. Thresholds are chosen only by their false alarms per hour in fault-free motion, not by
+their detections.
 """
 
 import math

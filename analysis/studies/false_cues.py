@@ -1,9 +1,9 @@
 """Study: how often does the published cue come without a fault, by motion and scale, with generated
 and with recorded hands?
 
-A cue counts once until the tip was back within the threshold for AWAY_MS, as in training sessions.
-Runs in which the overdrive check clips a command are counted apart: there the robot leaves its
-model because of the check. A run counts from its pedal-down until it stops.
+A new cue counts only after the tip was within the threshold for AWAY_MS, as in training sessions.
+Runs in which the overdrive check limits a command are counted separately, because the check then
+causes the distance from the nominal model. A run counts from its pedal-down until it stops.
 """
 
 from collections.abc import Iterator

@@ -1,5 +1,5 @@
-"""Study: the cue as a force on a hand, and what robot and nominal model do when both follow that
-hand.
+"""Study: what changes if the force of the haptic cue moves the operator's hand, and robot and
+nominal model follow this hand?
 """
 
 from collections.abc import Iterator, Mapping

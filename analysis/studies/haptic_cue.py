@@ -1,10 +1,11 @@
-"""Study of the haptic cue: which faults are felt, when and how strongly, how many false cues come,
-and which threshold is best.
+"""Study of the haptic cue: for which faults it comes, when and how strongly, how many false cues
+come, and which threshold is best.
 
-All sets of threshold and gains are evaluated in the same runs, and nobody reacts. A cue of a faulty
-run counts from the fault's first effect on, and only if the golden run had none by then. A
-threshold costs weight x (share of hazards missed) + false cues per hour. The weight is unknown, so
-it is swept. Kinds of faults and recordings are resampled to show how certain a choice is.
+All sets of threshold and gains are evaluated in the same runs, without a reaction. A cue of a
+faulty run counts from the fault's first effect on, and only if it had not come in the golden run by
+that time. The cost of a threshold is weight x (share of hazards missed) + false cues per hour. The
+weight is unknown, so it is swept. Kinds of faults and recordings are resampled to show the
+uncertainty of the choice.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

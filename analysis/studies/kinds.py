@@ -1,11 +1,10 @@
 """Defines kinds of faults: the independent units of every study that pools faults.
 
-A kind is a hazard of the library with all its cases, or a group of a campaign. The author of a list
-of hazards or of a campaign chooses kinds. The values within a kind are a grid of that author, or
-drawn from ranges of that author. Faults of one kind resemble each other, because they act on the
-same signal with the same effect. So the precision of a statement on faults in general depends on
-the number of kinds. Strata are the families by which groups are named: library/, sampled/,
-boundary/.
+A kind is a hazard of the library with all its cases, or a group of a campaign. The values within a
+kind are a grid, or drawn from a range. Faults of one kind resemble each other, because they act on
+the same signal with the same effect. The precision of a statement about faults in general therefore
+depends on the number of kinds. Strata are families of kinds, given by the prefix of the group name:
+library/, sampled/, boundary/.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Study: does the virtual robot's mechanics resemble a real robot's?
 
-It compares statics, a recorded motor's load, and the following errors of two arms. RAVENJAX_DATA
-names the folder of the recordings.
+The study compares statics, the load of a recorded motor, and the following errors of two arms.
+RAVENJAX_DATA names the folder of the recordings.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""Study: would the haptic cue have helped?
+"""Study: how many unintended motions does an operator avoid who reacts to the haptic cue?
 
-The same faults are run with an operator who reacts and with one who feels nothing. A measure
-compares the robot with a reference, and a reaction may change that reference too. An operator who
-slows down slows the nominal model as well, and one who corrects pushes it away. So a measure is
-applied only to reactions for which it means the same as without a reaction.
+The same faults are run with an operator who reacts and with an operator who does not. A measure
+compares the robot with a reference, and some reactions also change this reference: an operator who
+slows down also slows the nominal model, and an operator who corrects moves it. A measure is
+therefore applied only to reactions that do not change its meaning.
 """
 
 import math

@@ -1,4 +1,6 @@
-"""Reads the runs of a study's campaigns: results beside their facts, and motions pooled."""
+"""Reads the runs of a study's campaigns: columns of the result table with the values that the
+report derives, and campaigns with different motions as one table.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Computes time series of many runs of a campaign, with a vectorised tick that outputs a few chosen
 signals.
 
-The code is compiled once. It comes from engine `simd`, whatever engine the campaign ran on. On a
-CPU the bits are the same; from a GPU the last digits may differ. Each run is measured immediately
-and its series dropped.
+The code is compiled once, by engine `simd`, also for campaigns that ran on another engine. For a
+campaign of engine `simd` the bits are the same; otherwise the last digits may differ. Each run is
+evaluated immediately, and its series is not stored.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Defines a study: a published experiment as campaigns, and its findings compared with the
 published numbers.
 
-What is text or number and no computation is data: `studies.toml`, `targets.toml`, and the files of
-a study's name in `variants`, `published`, `tables` and `notes`. A finding never says "right" or
-"wrong". It holds both numbers, both intervals, the acceptance band if there is one, and the likely
-reason if the two differ.
+Texts and published numbers are in data files: `studies.toml`, `targets.toml`, and the files with
+the study's name in `variants`, `published`, `tables` and `notes`. A finding contains the published
+and the predicted number, their intervals, the acceptance band if there is one, and the likely
+reason of a difference.
 """
 
 import dataclasses

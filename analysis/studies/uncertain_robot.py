@@ -1,9 +1,9 @@
 """Study: which conclusions depend on uncertain properties of the robot?
 
-The same faults are run on robots that differ in properties that nobody knows exactly. The published
-sets are eight hand-tuned descriptions of the same joints by the same authors, so their disagreement
-measures the uncertainty. Where they agree or give no value, a range is an assumption and is marked
-as one.
+The same faults are run on robots that differ in properties that are not known exactly. The
+published parameter sets are eight hand-tuned descriptions of the same joints by the same authors,
+so their differences measure the uncertainty. If the sets agree or give no value, the range of a
+parameter is an assumption and is marked as such.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""Compares two groups whose rows come in clusters.
+"""Compares two groups of measurements that are not independent within clusters.
 
-For example, hazards of one participant resemble each other, so the independent unit is the
-participant. A cluster is an array of its rows' values. In an independent comparison each cluster is
-in one group. In a paired one, `first[i]` and `second[i]` are the same cluster under both
+For example, the hazards of one participant resemble each other, so the participant is the
+independent unit. A cluster is an array of measurements. In an independent comparison each cluster
+is in one group. In a paired comparison, `first[i]` and `second[i]` are the same cluster under both
 conditions.
 """
 

@@ -1,5 +1,5 @@
-"""Takes pictures of the training page: each task, role and screen size, the scene's second
-pictures, and as a protanope sees them.
+"""Takes screenshots of the training page: each task, role and screen size, the second pictures of
+the scene, and each as seen by a person with protanopia.
 
     python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
     python analysis/training/screens.py docs/pictures --scenario creep --fault
@@ -8,8 +8,8 @@ Starts a session of each scenario, presses the pedal and moves; writes
 FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With --scene the pictures are in 3D at 1366 px, drawn in
 software if there is no graphics card: before the start, while driving, and each second picture.
 With --fault it takes the picture of the README, FOLDER/training.webp: the scenario's first hazard
-is active and the cue pulls. A page that is drawn in software is silent for longer than a console
-may be, so these sessions allow a longer silence.
+is active and the cue is on. With software rendering the page may be silent for longer than the
+limit for consoles, so these sessions have a larger limit.
 """
 
 import argparse

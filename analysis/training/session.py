@@ -1,14 +1,15 @@
-"""Measures a session that is driven from a browser for some minutes: its start, its loop, its page
-and its memory.
+"""Measures a training session that is driven from a browser for some minutes: start time, timing of
+the ticks, speed of the page, and memory.
 
     python analysis/training/session.py [--minutes 10] [--contact | --without-contact]
 
-Starts `ravenjax train`, opens the operator's page in Chromium without the scene, holds the pedal
-and moves the arm to and fro. Twice a minute it prints proportional resident memory (PSS, MiB) of
-each process of the session, and at the end the growth from the second minute on. Then it prints one
-line of JSON: s from the shell to the page's first answer and to the robot, pictures per second, ms
-from a key to mark and tip (medians), and the loop's own record of its ticks. --contact and
---without-contact drive the scenario `touch`, with and without forces of contact.
+Starts `ravenjax train`, opens the operator's page in Chromium without the 3D scene, holds the pedal
+down and moves the arm back and forth. Twice a minute it prints proportional resident memory (PSS,
+MiB) of each process of the session, and at the end the growth from the second minute on. Then it
+prints one line of JSON: seconds from the shell to the page's first answer and to the robot, frames
+per second, milliseconds from a key to the hand's mark and to the tip (medians), and the session's
+record of its ticks. --contact and --without-contact drive the scenario `touch`, with and without
+forces of contact.
 """
 
 import argparse

@@ -1,10 +1,11 @@
-"""Studies with participants: plans and assigns them, compares groups, writes a page and a table.
+"""Plans training studies with participants, assigns participants to groups, compares the groups,
+and writes a page and a table.
 
-Participants were randomised, and the hazards of one participant are not independent, so every
-interval and p-value counts participants. If most participants did both conditions, each is compared
-with themselves. The groups of a blinded study are hidden.
+Participants are randomised, and the hazards of one participant are not independent. Therefore the
+participant is the unit of every interval and p value. If most participants did both conditions, the
+comparison is paired within participants. The groups of a blinded study are hidden.
 
-A permutation test of few people has few permutations, so even the largest effect has no small p.
+A permutation test with few people has few permutations, so even the largest effect has no small p.
 Holm's adjustment multiplies the smallest p of a family by the number of its comparisons. If the
 result stays above 1 - confidence, no result can be clear, and the study should not begin.
 """

@@ -1,5 +1,5 @@
-"""Measures how long packets of the console last in the public recordings. Prints and asserts
-nothing.
+"""Measures the length of the console's packets in public recordings: the time from a packet to the
+next. Prints Markdown tables.
 
     python analysis/validation/packets.py [FOLDER]
 

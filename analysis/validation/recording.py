@@ -1,10 +1,10 @@
-"""Measures how far the virtual robot is from the recorded one. Prints and asserts nothing.
+"""Measures the distance of the virtual robot from a recorded robot, and prints tables.
 
     python analysis/validation/recording.py [FOLDER]
 
 FOLDER holds recording_gold_joints123.parquet: 21 s of a real gold arm in pedal-down teleoperation,
 motors of shoulder, elbow and insertion at 1 kHz (public repository CSLDepend/raven2_sim). The
-default is $RAVENJAX_DATA, then ../shared/data beside the repository. There are three views:
+default is $RAVENJAX_DATA, then ../shared/data beside the repository. There are three comparisons:
 
 1. The authors' own model, re-initialised from the recording every 1 and 20 ms and never (their
 published behaviour).

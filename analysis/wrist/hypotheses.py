@@ -1,16 +1,16 @@
-"""Tests hypotheses on why the recorded wrist lags more in the later half of its recording. Prints
-Markdown.
+"""Tests hypotheses why the following error of the recorded wrist is larger in the later half of its
+recording. Prints Markdown.
 
     RAVENJAX_DATA=FOLDER python analysis/wrist/hypotheses.py
 
 The model is the wrist's motor alone: its controller, its inertia, dry and viscous friction of motor
-and joint, and the rigid tool cable that the recorded joints 1-3 carry along. On the later half its
-following error equals that of the whole robot's replay within a few per cent.
+and joint, and the rigid tool cable, which joints 1-3 also move. On the later half its following
+error equals that of a replay with the whole robot within a few per cent.
 
-Each hypothesis adds one number or two. It is fitted to 1 to 10 s of the recording and tested on 10
-to 20 s, and vice versa. The later half of the recording is not used for this. On it, the three
-hypotheses of `JUDGED` are judged once each, beside the wrist's own friction alone. The script takes
-about 10 minutes on one core.
+Each hypothesis adds one or two parameters. It is fitted to 1 to 10 s of the recording and tested on
+10 to 20 s, and vice versa. The later half of the recording is only used once, to compare the three
+hypotheses of `JUDGED` with the wrist's own friction alone. The script takes about 10 minutes on one
+core.
 
 Fits use the cross-entropy method with a fixed seed. Another seed moves the first column by up to
 0.1 and the second by up to 0.3. The wrist's bend is measured from the median of its desired angle,

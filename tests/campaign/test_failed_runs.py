@@ -72,5 +72,5 @@ def test_they_count_in_no_rate_of_the_command_line_and_the_report(folder):
         flags=re.DOTALL,
     )
     words = " ".join(page.split())
-    assert "2 of 4 runs gave no valid outcome. They do not count in any rate." in words
+    assert "2 of 4 runs gave no valid outcome. Rates do not include these runs." in words
     assert "Of 2 distinct" in words and "model tip not finite" in words

@@ -119,7 +119,7 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     assert summary.arms[0].removed[0] < 0.05
     rows = dict(table_rows(summary))
     assert (
-        "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time"
+        "column t_ms: 100 rows per second (every 10 ms), 2.990 s in total; interpolated by time"
         in rows["time"]
     )
     assert "0.000 to 1.250 s of the recording" in rows["replayed"]

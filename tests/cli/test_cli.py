@@ -86,7 +86,8 @@ def test_faults_as_json(command_line):
     assert [one["site"] for one in told["sites"]] == list(SITES)
     assert {one["effect"] for one in told["effects"]} == set(EFFECTS)
     _, told = as_json(command_line, "faults", "usb_out")
-    assert told["site"][0]["is"].startswith("L7: ") and told["channels"][0]["number"] == "int16"
+    assert told["site"][0]["value"].startswith("L7: ")
+    assert told["channels"][0]["type_of_number"] == "int16"
     assert {one["effect"] for one in told["effects"]} == set(EFFECTS) - {
         "drop",
         "lose",
@@ -101,10 +102,15 @@ def test_faults_as_json(command_line):
     _, told = as_json(command_line, "parameters", "--robot", "planar_arm", "--trust")
     assert "kp" in [one["path"] for one in told["parameters"]]
     _, told = as_json(command_line, "faults", "C09")
-    assert told["hazard"][0] == {"what": "id", "is": "C09"}
+    assert told["hazard"][0] == {"property": "id", "value": "C09"}
     _, told = as_json(command_line, "faults", "brake")
     assert told["channels"] == [
-        {"channel": "engaged", "number": "bool", "unit": "1", "without_a_fault": "0..1"}
+        {
+            "channel": "engaged",
+            "type_of_number": "bool",
+            "unit": "1",
+            "range_without_a_fault": "0..1",
+        }
     ]
 
 

@@ -32,7 +32,7 @@ def test_a_table_and_a_picture(command_line, hands, tmp_path):
     assert code == 0, err
     for words in (
         "90 rows, sha256",
-        "30 rows a second",
+        "30 rows per second",
         "not read: note",
         "the whole recording is inside",
     ):
@@ -71,7 +71,7 @@ def test_a_run_says_what_it_does_with_the_hands(command_line, hands, tmp_path):
     code, out, err = command_line("run", path, "--out", tmp_path / "out", "--engine", "simd")
     assert code == 0, err
     assert (
-        "column t_ms: 30 rows a second" in out
+        "column t_ms: 30 rows per second" in out
         and "none: tremor and noise are replayed as recorded" in out
     )
     assert out.index("Recorded operator") < out.index("engine:")

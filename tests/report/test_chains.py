@@ -127,7 +127,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     assert (
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
-    assert "These groups are not: encoder" in " ".join(chains.chain_sentences(one))
+    assert "not completely explained: encoder" in " ".join(chains.chain_sentences(one))
 
 
 @pytest.mark.slow
@@ -136,7 +136,7 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
         raise StoreError("explained.parquet: damaged")
 
     monkeypatch.setattr(explained, "read_explained", broken)
-    assert "Explained runs are not readable: explained.parquet: damaged" in words(
+    assert "The file with the explained runs is not readable: explained.parquet: damaged" in words(
         Page(rendered(FRAME, DRAWN))
     )
 

@@ -86,7 +86,7 @@ def test_runs_are_paired_by_id_and_then_by_fault(found):
         (0, 0),
     )
     assert found.pairs.compared == len(pairs()) < RUNS
-    assert f"Left out: {found.pairs.inactive} pairs whose fault changed no bit" in " ".join(
+    assert f"Left out: {found.pairs.inactive} pairs of runs whose fault changed no bit" in " ".join(
         found.sentences()
     )
     assert found.pairs.inactive > 20

@@ -127,7 +127,7 @@ def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_ar
     text = words(Page(page.build_report(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
     assert (
-        "Groups were computed to different shares: weigh them for a rate over several." in text
+        "Different shares of the groups were computed: a rate over several groups needs" in text
     ) is not even
 
 

@@ -79,7 +79,7 @@ def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     monkeypatch.setattr(pairs, "MOST", 900)
     monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
     some = words(page.render_report(Runs.of(frame, manifest), manifest, tmp_path))
-    assert len(re.findall(r"from about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 2
+    assert len(re.findall(r"Only about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 2
     counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(
         r"[\d,]+ faults with an unint[^.;]*", whole
     )

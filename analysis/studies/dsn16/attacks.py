@@ -1,10 +1,11 @@
-"""Holds what both scenarios of the targeted attacks share: runs counted by cell, packets, levers,
-variants of open questions, and statements of the publication's text.
+"""Contains the common code of both studies of the targeted attacks (DSN 2016): counts of runs by
+cell, packets, variants for details that were not published, and tests of statements in the
+publication.
 
 A cell is one fault (a value and a duration). Its runs differ in the packet at which the fault
-starts. Values, durations and onsets are a fixed grid, so a predicted share has no interval. The
-length of a packet was not published. Packets here last as on a recorded arm, and results for other
-lengths are shown beside them.
+starts. Values, durations and starts are a fixed grid, so a predicted share has no interval. The
+length of a packet was not published. The baseline uses the packet lengths of a recorded arm, and
+variants use other lengths.
 """
 
 import dataclasses

@@ -1,5 +1,5 @@
-"""Implements the published detector of DSN 2016: its thresholds, its alarms, and which joints make
-the jumps that it should detect.
+"""Implements the published detector of DSN 2016: its thresholds, its alarms, and the joints that
+cause the jumps.
 
 Thresholds are learned from fault-free steps. A step is the change from one logged row to the next,
 of motor position, motor velocity and joint position of the first three joints. An alarm is raised

@@ -1,5 +1,5 @@
-"""Study: how far is the dynamic model of DSN 2016 from a recorded robot in closed loop (its Figure
-8)?
+"""Study: how large is the error of the dynamic model of DSN 2016, compared with a recorded robot in
+closed loop (Figure 8 of the paper)?
 """
 
 import functools

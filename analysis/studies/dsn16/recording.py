@@ -1,11 +1,11 @@
 """Runs the virtual robot in the closed loop of the 2015 fork with a recorded robot's desired
 motion.
 
-The public recording (CSLDepend/raven2_sim) holds 21 s of a real gold arm in pedal-down
-teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC. It lacks the desired
-motion, but the PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. The environment
-variable RAVENJAX_DATA names its folder. A single recording is no sample, so errors have no
-interval.
+The public recording (CSLDepend/raven2_sim) contains 21 s of a real gold arm in pedal-down
+teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC commands. It does not
+contain the desired motion, which is computed by inverting the PD law: mpos_d = mpos + (tau + KD
+mvel) / KP. The environment variable RAVENJAX_DATA names the folder of the recording. A single
+recording is not a sample, so errors have no interval.
 """
 
 import math

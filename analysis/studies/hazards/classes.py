@@ -4,19 +4,18 @@ alone.
 A run may have several classes. A run without any other class has class `none`. A failed run has no
 class.
 
-- `jump`: the true tip made more than 0.1 mm in each of two ticks in a row while its golden run did
-  not (the rule of the published code, applied to the tip instead of its measurement by encoders).
-  Or it made more than 1 mm within 2 ms (the rule of the published text).
-- `stop`: a check stopped the robot. Or its control software left pedal-down, or was in a software
-  E-stop, for more than 0.2 s in all while its golden run was in pedal-down.
-- `unresponsive`: no stop, but the robot stood still, or had never started, for 0.2 s in all while
-  its golden run moved.
+- `jump`: the true tip moved more than 0.1 mm in each of two successive ticks, and the golden run
+  did not. This is the rule of the published code, applied to the true tip instead of the reported
+  tip. Or the true tip moved more than 1 mm within 2 ms (the rule of the published text).
+- `stop`: a check stopped the robot. Or the control software left pedal-down, or was in a software
+  E-stop, for more than 0.2 s in total while the golden run was in pedal-down.
+- `unresponsive`: no stop, but the robot stood still for 0.2 s in total while the golden run moved.
 - `displaced`: no jump, but the tip made an unintended motion of more than 3 mm, live or not.
-- `message`: no stop, but a check acted. It warned a person, limited a command or dropped a packet.
-  The published experiments read these events from logs.
+- `message`: no stop, but a check raised an alarm, limited a command or dropped a packet. The
+  published experiments read these events from logs.
 
-A robot that merely stops while its golden run goes on is therefore not displaced. A robot that
-coasts by 3 mm after its stop is.
+A robot that only stops while the golden run continues is therefore not displaced. A robot that
+coasts by 3 mm after its stop is displaced.
 """
 
 import pandas as pd

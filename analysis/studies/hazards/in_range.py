@@ -1,4 +1,6 @@
-"""Determines whether a fault leaves its channels in their normal ranges."""
+"""Determines whether the values of a fault stay inside the normal ranges of its channels, the
+ranges in fault-free motion.
+"""
 
 import math
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
-"""Study that runs the whole hazard library: outcome classes of every row, severities, and risk by
-hazard, class and reports.
+"""Study that simulates the whole hazard library: outcome classes of every hazard, severities, and
+risk by hazard, by class and by adverse event reports.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""Computes how severe the runs of each hazard were, of pools of hazards, and of weighted pools.
+"""Computes the severity of the runs of each hazard, of pools of hazards, and of weighted pools.
 
-A hazard's runs are a design over values and times that somebody chose. So a rate is the share of
-*these* runs, not a frequency of occurrence, and has no interval. Hazards of a pool count equally.
-The certainty of a pool's mean depends on its number of hazards, so its interval resamples hazards.
+The runs of a hazard have chosen values and times. A rate is therefore the share of these runs, not
+a frequency of occurrence, and has no interval. All hazards of a pool count equally. The uncertainty
+of a pool's mean depends on its number of hazards, so its interval resamples hazards.
 """
 
 import math

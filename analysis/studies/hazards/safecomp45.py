@@ -1,9 +1,9 @@
-"""Study that repeats the list of 45 injections into the Raven-II that supplements SAFECOMP 2015:
-outcome class of each row.
+"""Study that repeats the supplement of SAFECOMP 2015, a list of 45 injections into the Raven-II,
+and compares the outcome class of each injection (row).
 
-Classes are compared by the same rule for every row of the library. A row *shows* a class if at
-least one activated run in ten has it. `message` alone counts as `none`, unless a message was
-published. Equal sets `agree`; sets with a class in common agree `partly`; others `differ`.
+A row *shows* a class if at least one in ten of its activated runs has this class. `message` alone
+counts as `none`, unless a message was published. Published and predicted sets of classes `agree` if
+they are equal, agree `partly` if they have a class in common, and otherwise `differ`.
 """
 
 from collections import Counter

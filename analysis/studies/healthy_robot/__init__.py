@@ -1,6 +1,8 @@
-"""Study: how wrong is a healthy robot's reported tip, and what does the error change?
+"""Study: how wrong is the reported tip of a healthy robot, and which results does this error
+change?
 
-It compares a recording with drawn robots, and the main results with and without kinematic errors.
+The study compares a recording with drawn robots, and the main results with and without kinematic
+errors.
 """
 
 from collections.abc import Iterator, Mapping

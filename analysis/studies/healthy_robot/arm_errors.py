@@ -1,10 +1,10 @@
-"""Estimates the kinematic errors of one recorded arm, and how much they explain in data to which
-nothing was fitted.
+"""Estimates the kinematic errors of one recorded arm, and how much of the tip error they explain in
+data that were not used for the fit.
 
-Gauss-Newton runs on the first half of a camera's log. It also fits a rigid motion, and the point
-that the camera sees, in the jaws' frame (unknown, and not an error of the arm). The prior of the
-kinematic errors is normal, with the spreads of MEASURED. Rows of one motion resemble each other, so
-each motion counts as one reading with NOISE_M.
+The fit is a Gauss-Newton iteration on the first half of a camera's log. It also estimates a rigid
+motion, and the point in the frame of the jaws that the camera sees (unknown, and not an error of
+the arm). The prior of the kinematic errors is normal, with the standard deviations of MEASURED.
+Rows of one motion resemble each other, so each motion counts as one reading with the noise NOISE_M.
 """
 
 from collections.abc import Collection

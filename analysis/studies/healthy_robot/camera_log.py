@@ -1,10 +1,10 @@
-"""Reads a recorded arm's tip as cameras saw it and as the arm reported it:
-`camera_poses_left_arm.parquet`.
+"""Reads a recording of an arm with two tips in each row, measured by cameras and reported by the
+robot: `camera_poses_left_arm.parquet`.
 
-The arm is a Raven-II (UC Berkeley, 2014; public repository rll/raven_2). The recording's frame has
-z upward and the remote centre at its origin. It is frame 0 of the gold arm except for the names of
-the axes. Of the 24 ways to name them, only one gives joints within their limits at every row, and
-the instrument's roll near 0 where its jaws point straight down.
+The arm is a Raven-II (UC Berkeley, 2014; public repository rll/raven_2). The frame of the recording
+has z upward and the remote centre at its origin. It is frame 0 of the gold arm with other names of
+the axes. Of the 24 possible assignments, only one gives joints within their limits in every row,
+and an instrument roll near 0 when the jaws point straight down.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Measures how wrong a healthy arm's reported tip is: as cameras saw it, in drawn robots, and as
-one arm's parameters explain it.
+"""Measures the error of the reported tip of a healthy arm: as measured by cameras, in drawn robots,
+and with the fitted parameters of one arm.
 
-Every number is a distance between seen (or true) and reported tip after one rigid motion. That
-motion is fitted to the log's first half, so that nothing is known of its second half. The log is
-from a single arm, and its cameras err too. So only one number is fitted: a common factor on the
-kinematic errors' distribution. With it, half the drawn robots have a larger median error on the
-first half than cameras saw there. This attributes the whole seen error to the arm, so it is an
-upper bound.
+Every number is a distance between the measured (or true) tip and the reported tip after
+registration by a rigid motion. This motion is fitted only to the first half of the log. The log is
+from a single arm, and its cameras have errors, too. Therefore only one number is fitted: a common
+factor on the distribution of the kinematic errors. With this factor, half of the drawn robots have
+a larger median error on the first half than the cameras measured. The factor attributes the whole
+measured error to the arm, so it is an upper bound.
 """
 
 import dataclasses

@@ -1,7 +1,8 @@
-"""Study: what does an operator who closes the loop do over a bad network, and at a cue?
+"""Study: how does an operator who corrects by sight perform over a bad network, and how much does
+the haptic cue help such an operator?
 
 The operator (hands.py) is fitted to people under the mildest network faults (fit.py), and predicts
-what people did under worse ones. Rows of the table for these are dropped.
+results under worse faults. Published rows for the worse faults are not read.
 """
 
 import tomllib

@@ -1,12 +1,13 @@
-"""Fits the operator who closes the loop to people under network faults, and predicts worse ones.
+"""Fits the operator who corrects by sight to people under network faults, and predicts results
+under worse faults.
 
-The simulated quantities are rates per progress in the plan, on a grid of the operator's numbers.
-Between its points they are interpolated, linearly in the logarithms of the numbers. What is
-compared with people are ratios to the condition without a fault, in which the scale of a console
-and the length of a task cancel. The published table has means and standard deviations over people.
-A bootstrap draws the mean of every cell again from its normal distribution. It takes the cells as
-independent, because the table does not say how those of a person go together. This makes intervals
-too wide rather than too narrow.
+The simulated quantities are rates per progress in the plan, on a grid of the operator's parameters.
+Between the grid points they are interpolated, linearly in the logarithms of the parameters. The fit
+compares ratios to the condition without a fault, in which the scale of a console and the length of
+a task cancel. The published table has means and standard deviations over people. A bootstrap draws
+the mean of every cell again from its normal distribution. It treats the cells as independent,
+because the table does not state the correlation within a person. The intervals are therefore too
+wide rather than too narrow.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Study of bursts of a constant on the shoulder's DAC (IROS 2016, Figures 4 and 5; targets A4, A5).
 
-The constant is not published, so none is chosen: statements are about every constant, or about all
-events of the published size. An event lasts from the onset of the fault for EVENT_TICKS, or until
-the robot stops. After a stop the nominal model continues, and the tip error has no meaning.
+The constant is not published, so no constant is chosen: results are for every constant, or for all
+bursts of the published size. A burst is evaluated from the start of the fault for EVENT_TICKS, or
+until the robot stops. After a stop the nominal model continues, so the tip error has no meaning.
 """
 
 import math

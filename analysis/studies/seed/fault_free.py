@@ -1,9 +1,9 @@
 """Study of the fault-free tip error of the training simulator at four teleoperation scales (IROS
 2016, Figure 3; targets A5, A6).
 
-Tip error is the distance that triggers the cue: from the tip that the control software measures to
-the nominal model's. It is shown beside the true tip's distance, and the distance of the measured
-tip if both had begun at the same place.
+The tip error is the distance that triggers the cue, from the reported tip to the tip of the nominal
+model. The study also reports the distance of the true tip, and the distance of the reported tip if
+both had started at the same place.
 """
 
 import dataclasses

@@ -1,5 +1,5 @@
-"""Defines the operators of the training-simulator studies. The paper shows one unknown hand; these
-are generated motions.
+"""Defines the generated motions of the studies of the training simulator (IROS 2016). The motion of
+the hand in the paper is not available.
 """
 
 import re

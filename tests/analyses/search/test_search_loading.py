@@ -72,7 +72,7 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
         (
             "loguniform = [100,",
             "uniform = [-100,",
-            "search.signs: -1 needs a fault's value with a range from 0 on",
+            "search.signs: the sign -1 requires that the searched key",
         ),
         ("[[group]]", '[[group]]\nname = "free"\n[[group]]', "got 2 groups, expected one"),
     ],

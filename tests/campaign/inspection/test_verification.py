@@ -114,7 +114,7 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
             "response_ms",
             999_999,
             "ranges",
-            "response_ms: lies outside -1 to 300 ms in 1 row, the first is 13",
+            "response_ms: is outside -1 to 300 ms in 1 row, the first is 13",
         ),
         (
             "unintended_mm",
