@@ -1,4 +1,4 @@
-"""Functions to load, run and inspect campaigns from a notebook or a Python program."""
+"""Functions with which a notebook or a Python program loads, runs and inspects campaigns."""
 
 # Callers may pass anything, and pandas has no types.
 # pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false

@@ -1,12 +1,13 @@
-"""Decides whether Python code that a file names may run: a user's part, or the module of a robot.
+"""Refuses to run Python code that a campaign file names, until the user has agreed to it.
 
-The user agrees to code in one of these ways:
+Such code is a user's file, such as a check, or the module of a robot. The user agrees to code in
+one of these ways:
 
 - A command names a campaign file by its path, and the code belongs to the user and lies in the
-  file's folder. A robot's module may lie wherever Python finds it.
+  folder of the campaign file. The module of a robot may lie anywhere in Python's search path.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
-- The user agreed to the same content before. Its hash is remembered. The content of a robot is all
-  Python files of its package, or its module and what that imports from its folder.
+- The user agreed to the same content before. A hash of the content is stored. For a robot this
+  covers all Python files of its package, or its module and the files in its folder that it imports.
 
 A result folder and `ravenjax check` therefore run only code that the user has run before.
 """

@@ -1,4 +1,4 @@
-"""Exceptions for errors that a user can correct, and helpers that word their messages."""
+"""Exceptions for errors that a user can correct, and functions that write their messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Provides a campaign's tick as pure functions of one run, for `jit`, `vmap`, `grad`, `shard_map`.
+"""Provides a campaign's simulation as pure functions of one run, for JAX's `jit`, `vmap` and
+`grad`.
 
     from ravenjax import functional
 
@@ -7,14 +8,14 @@
     run = model.rollout(params, faults, golden.series)
 
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
-`Model.params` and `Model.faults` hold the values of all runs of the campaign, with leaves of shape
-[runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II alone:
-`nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`. They
-take `Model.setup` and the parts of `Model.record`.
+`Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
+shape [runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II
+alone: `nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`.
+Their arguments are `Model.setup` and the parts of `Model.record`.
 
-Derivatives are exact for the nominal model, and for the stages after the DAC within one tick. They
-do not pass through the control software, because encoder counts and DAC commands are integers,
-whose derivative is 0 in JAX.
+Derivatives are exact for the nominal model, and within one tick for everything after the DAC.
+Derivatives through the control software are 0, because encoder counts and DAC commands are
+integers.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
-"""Handles Ctrl-C, SIGTERM and SIGHUP safely while threads are at work or libraries are imported.
+"""Handles Ctrl-C, SIGTERM and SIGHUP safely in a program with threads.
 
 Python raises the exception of a signal in the main thread, at any instruction. If the main thread
 has just taken a lock that another thread needs, such as that of a `Future`, nobody releases the
 lock and the program hangs. If a compiled module is being imported, the import fails. About one
-signal in 100 to 200 did one of these to a campaign. Therefore a signal is held back, and raised
-where the main thread waits for other threads or begins a new step. Work that does not return for a
-long time, such as a compiler that runs for minutes, ends with the process.
+signal in 100 to 200 caused one of these errors in a campaign.
+
+Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
+or begins a new step. Code that does not return for a long time, such as a compiler that runs for
+minutes, ends with the process.
 """
 
 import concurrent.futures

@@ -1,12 +1,14 @@
-"""Judges whether a change made things worse: paired results against margins of non-inferiority.
+"""Decides whether a change made results worse: a test of non-inferiority for each event.
 
-A margin states how much worse an event may become. An event whose rate has an interval passes if
-the whole 95 % interval lies within the margin, fails if no part of it does, and is undecided
-otherwise. Intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price
-2012), and clustered if a fault has several pairs. For enumerated faults there is no interval, so
-the gate compares the difference alone with the margin. False cues per hour are compared as two
-independent results. The interval of their difference combines two exact Poisson intervals by
-square-and-add (Zou and Donner 2008).
+Two results of the same faults are compared. A margin is the largest accepted increase of an event's
+rate. An event with a confidence interval passes if the whole 95 % interval lies within the margin.
+It fails if no part of the interval does, and is undecided otherwise.
+
+The intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price 2012),
+and clustered if a fault has several pairs. Enumerated faults have no interval, so their difference
+alone is compared with the margin. False cues per hour are compared as two independent results. The
+interval of their difference combines two exact Poisson intervals by square-and-add (Zou and Donner
+2008).
 """
 
 import contextlib

@@ -1,4 +1,6 @@
-"""Finds bundled data: at an explicit path, then in the working directory, then in the installed
+"""Finds files of bundled campaigns and models.
+
+A file is searched for at an explicit path, then in the working directory, then in the installed
 package.
 """
 

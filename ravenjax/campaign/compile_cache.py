@@ -1,7 +1,8 @@
-"""Caches traces and compiled code on disk. A campaign that was compiled before then starts quickly.
+"""Caches compiled code on disk, so that a campaign starts quickly when its code was compiled
+before.
 
-Two processes may use the folder at the same time. The cache ignores damaged files. When the folder
-grows too large, the cache deletes the files that were used longest ago.
+Two processes may use the folder at the same time. Damaged files are ignored. When the folder grows
+too large, the files that were used longest ago are deleted.
 
 ravenjax executes the stored code. Therefore the folder and its files must belong to the user or to
 root, and nobody else may write into the folder.

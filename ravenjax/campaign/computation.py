@@ -1,9 +1,10 @@
-"""Computes rows of a plan with an engine, in parallel blocks of runs and their golden runs.
+"""Computes the runs of a campaign on an engine, in parallel blocks, together with their golden
+runs.
 
-Up to the first tick in which a fault may act, a run equals its golden run. Where enough runs share
-a golden run, they start from snapshots of it. Rows are returned in order, one window at a time.
-While one window ends, the next window's golden runs and blocks are already being computed, so no
-thread waits for the slowest block.
+Up to the first tick in which a fault may act, a run equals its golden run. If enough runs share a
+golden run, they start from checkpoints of it. Rows are returned in order, one window of rows at a
+time. While the last blocks of a window are computed, other threads already begin the next window.
+So no thread waits for the slowest block.
 """
 
 from __future__ import annotations

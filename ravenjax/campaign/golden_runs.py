@@ -1,8 +1,8 @@
-"""Holds the golden runs of a plan, and decides which runs start from snapshots of them.
+"""Computes the golden runs of a campaign and decides which runs start from their checkpoints.
 
 Up to the first tick in which a fault may act, a run equals its golden run bit by bit. If enough
-runs share a golden run, the golden run is computed once more with snapshots, and the runs start
-from these. If each run has a different golden run, snapshots would save nothing.
+runs share a golden run, it is computed a second time with checkpoints, and these runs start from
+the checkpoints. If each run has a different golden run, checkpoints would save no time.
 """
 
 from __future__ import annotations

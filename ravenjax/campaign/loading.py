@@ -1,8 +1,8 @@
-"""Reads a campaign file: parses TOML, applies overrides, builds `CampaignConfig`, then checks
-`semantics`.
+"""Reads and checks a campaign file, and applies overrides from the command line.
 
-Reading compiles nothing and imports no tick. One error reports all complaints. Each complaint has
-file, line, key, what was found and what was expected.
+The function returns a `CampaignConfig`. Reading is fast: it compiles nothing and does not import
+the simulation. One error reports all mistakes. For each mistake it names the file, the line, the
+key, the value and the expected values.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Divides rows into windows that fit in memory, and these into blocks. Joins results to parts."""
+"""Divides the runs of a campaign into windows that fit in memory, and windows into blocks for an
+engine.
+
+The module also joins the results of blocks to the files of the result folder.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple

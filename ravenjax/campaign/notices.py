@@ -1,7 +1,7 @@
-"""Finds declarations of a campaign that have no effect, are never reached, or are always on.
+"""Finds settings of a campaign that have no effect, are never reached, or are always active.
 
-Such declarations are valid, so they are not errors. The terminal, `check`, the manifest and the
-report show notices about them. `of_config` examines the sections of the file. `of_plan` also
+Such settings are valid, so they are not errors. The terminal, `ravenjax check`, manifest.json and
+the report show them as notices. `of_config` examines the sections of the file. `of_plan` also
 examines the parameters and faults of each run.
 """
 

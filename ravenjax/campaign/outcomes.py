@@ -1,4 +1,4 @@
-"""Converts an engine's results to rows of the result table: names, types, response, verdict."""
+"""Converts the output of an engine to rows of the result table: names, types, response, verdict."""
 
 import re
 from collections.abc import Mapping

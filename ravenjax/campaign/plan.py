@@ -1,4 +1,5 @@
-"""Turns a validated campaign into a fault table, settings that select code, and input arrays."""
+"""Converts a checked campaign file into a table of faults, settings of the code, and input
+arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Reads the file of `[parameters] from = "my_robot.toml"`, such as a calibrated robot.
+"""Reads a file with parameters of a robot, such as a calibrated robot: `[parameters] from =
+"my_robot.toml"`.
 
 The file has a table [parameters], and a table [campaign] with the settings for which its numbers
 are valid. If the campaign also sets a parameter, the campaign's value is used.

@@ -1,8 +1,8 @@
-"""Counts the progress of a campaign, reports it, and writes progress.json of a result folder.
+"""Reports the progress of a campaign, and writes progress.json in its result folder.
 
-progress.json is replaced atomically, at most once a second. An error while writing it never delays
-or ends a campaign. If the process is killed, its last progress.json remains. It names the process
-(`pid`, `host`) and the time (`updated`).
+The file is replaced atomically, at most once a second. An error while writing it never delays or
+ends a campaign. If the process is killed, its last progress.json remains. The file names the
+process (`pid`, `host`) and the time (`updated`).
 """
 
 import contextlib

@@ -1,7 +1,8 @@
-"""Runs a campaign: computes its missing rows with an executor and stores finished chunks as parts.
+"""Runs a campaign: computes its missing runs and stores them as Parquet files in the result folder.
 
-Every campaign can be resumed. Parts begin at multiples of the campaign's chunk size. A run's result
-does not depend on chunk size, on the executor, or on what was computed before.
+Every campaign can be resumed. Each file, a *part*, begins at a multiple of the campaign's chunk
+size. The result of a run does not depend on the chunk size, on the executor that computes it, or on
+earlier runs.
 """
 
 import contextlib

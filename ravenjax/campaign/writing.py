@@ -1,4 +1,4 @@
-"""Writes a campaign's tables as the text of a TOML file, with paths of parameters as keys."""
+"""Writes the tables of a campaign as the text of a TOML file."""
 
 from collections.abc import Mapping
 from typing import Any

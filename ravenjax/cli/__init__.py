@@ -1,6 +1,6 @@
-"""The command line: registers the commands of the modules below and parses arguments.
+"""The command line `ravenjax`: registers all commands and parses arguments.
 
-Slow imports are inside the commands.
+Each command imports slow modules only when it runs.
 """
 
 import os

@@ -1,4 +1,5 @@
-"""Commands that list what exists: `campaigns`, `faults`, `parameters`."""
+"""Commands that list campaigns, faults and parameters: `ravenjax campaigns`, `faults`,
+`parameters`."""
 
 from __future__ import annotations
 

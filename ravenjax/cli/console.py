@@ -1,4 +1,4 @@
-"""Console output of commands, and options that several of them share."""
+"""Printed output of commands, and options that several commands share."""
 
 from __future__ import annotations
 

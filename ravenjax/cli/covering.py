@@ -1,4 +1,4 @@
-"""The command `coverage`."""
+"""The command `ravenjax coverage`: which harmful faults each check detects, and pairs of faults."""
 
 from __future__ import annotations
 

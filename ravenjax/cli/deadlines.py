@@ -1,4 +1,5 @@
-"""The command `deadline`."""
+"""The command `ravenjax deadline`: the last moment in which an action prevents the harm of a
+fault."""
 
 from __future__ import annotations
 

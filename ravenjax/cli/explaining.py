@@ -1,5 +1,7 @@
-"""Commands on single runs: `trace` writes their time series, `explain` shows the chain from fault
-to error to failure, also for a campaign.
+"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
+
+`trace` writes the time series of runs. `explain` shows how an error propagates from the fault to
+the failure.
 """
 
 from __future__ import annotations

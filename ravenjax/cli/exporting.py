@@ -1,5 +1,7 @@
-"""Commands that write for use elsewhere: `explore` a page, `export` a C library, `schema` that of
-files.
+"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`.
+
+They write a page that simulates faults in a browser, a robot as a C library, and the JSON Schema of
+campaign files.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""The command `gate`."""
+"""The command `ravenjax gate`: decides whether a change made results worse than a margin allows."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,8 @@
-"""The commands `monitor`: calibrate thresholds with a stated false-alarm rate, and check that they
-still hold. The command `counterfactual`: select checks that would detect what the robot's do not.
+"""The commands `ravenjax monitor` and `ravenjax counterfactual`.
+
+`monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
+calibration is still valid. `counterfactual` finds additional checks that detect faults which evade
+the robot's checks.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""Commands on recordings: `motion` of operators, `calibrate` of a robot's joints. Also the lines
-that `run` prints about recorded operators.
+"""The commands `ravenjax motion`, on recordings of operators, and `ravenjax calibrate`, on logs of
+a robot.
+
+The module also prints the lines of `ravenjax run` about recorded operators.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Commands on result folders: `report`, `verify`, `compare`, `merge`."""
+"""Commands on result folders: `ravenjax report`, `verify`, `compare`, `merge`."""
 
 from __future__ import annotations
 

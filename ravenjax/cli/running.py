@@ -1,4 +1,5 @@
-"""Commands about campaigns and searches: `run`, `check`, `fault-free`, `search`."""
+"""Commands that check and run campaigns and searches: `ravenjax run`, `check`, `fault-free`,
+`search`."""
 
 from __future__ import annotations
 

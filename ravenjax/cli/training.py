@@ -1,4 +1,4 @@
-"""Commands of the training session: `train`, `robot`, `study`, `log`."""
+"""Commands of the training session: `ravenjax train`, `robot`, `study`, `log`."""
 
 import contextlib
 import signal

@@ -1,5 +1,6 @@
-"""Describes charts as data: axes and marks in the units of the data. The module `drawing` draws
-them.
+"""Describes a chart as data: axes, and points and lines in the units of the data.
+
+The module `drawing` draws a chart.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Draws a chart with matplotlib: on axes, for print, and as SVG for a page.
+"""Draws a chart with matplotlib: on given axes, on paper, and as SVG for an HTML page.
 
-On a page, colours are custom properties of the style sheet, so that charts follow its light and
-dark schemes. SVG groups name their series, so that the page's script can hide them.
+In an SVG, colours are custom properties of the page's style sheet, so that charts follow its light
+and dark schemes. SVG groups have the names of the data series, so that the page's script can hide a
+series.
 """
 
 import io

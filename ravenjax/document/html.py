@@ -1,5 +1,6 @@
-"""Provides style, script and filters that all pages share, and makes pages from Markdown that work
-without a network.
+"""Makes HTML pages that work without a network, from templates and from Markdown.
+
+The module provides the style sheet, the script and the template filters of all pages.
 """
 
 import math

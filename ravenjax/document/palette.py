@@ -1,4 +1,4 @@
-"""Defines chart colours by meaning, for light and dark backgrounds.
+"""Defines the colours of charts by meaning, for light and dark backgrounds.
 
 The colours remain distinguishable in every form of colour blindness.
 """

@@ -1,4 +1,4 @@
-"""Injects faults into arrays of any robot or simulator, with pure functions.
+"""Injects faults into arrays, for example into the observations of any robot or simulator.
 
     from ravenjax import faults
 
@@ -9,15 +9,15 @@
         signal, state, activated = faults.apply(signal, state, tick, fault)
         state = faults.reset(state, done)
 
-A signal is an array of any shape, of floats, integers or truth values, from NumPy, JAX, torch or
-another library of the array API standard. Results are arrays of the same library. With JAX the
-functions work under `jit`, `vmap` and `scan`. Each number of a fault may be an array that
-broadcasts against the signal: for a signal [environments, channels], a value [channels] differs
-between channels, and a value [environments, 1] between environments. `tick`, `clock` and `done`
-have the leading axes of the signal, such as [] or [environments].
+All functions are pure. A signal is an array of any shape, of floats, integers or truth values, from
+NumPy, JAX, torch or another library of the array API standard. Results are arrays of the same
+library. With JAX the functions work under `jit`, `vmap` and `scan`. Each number of a fault may be
+an array that broadcasts against the signal. For a signal [environments, channels], a value
+[channels] differs between channels, and a value [environments, 1] between environments. `tick`,
+`clock` and `done` have the leading axes of the signal, such as [] or [environments].
 
-The tick of campaigns computes effects and windows with the same code. Integers and truth values
-are converted to float32 and back, as in int32 and bool channels of a campaign. Bit flips are not.
+Campaigns compute effects and windows with the same code. As in campaigns, integers and truth values
+are converted to float32 and back, except by bit flips.
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
-"""Computes with NumPy, before a run, when the fault windows of many faults are open.
+"""Computes, before a run, in which ticks its faults are active.
 
-The clock of a trigger rises by at most one per tick. Time is 0 in tick 0. The number of packets is
-1 in tick 0. Pedal time starts at 0 whenever the pedal goes down. A window opens when its clock
-reaches `start`. From then on, take the reading minus `start`, modulo `every` if `every` is not 0.
-The window is open while this number is less than `duration` (see `window`). This module does not
-depend on the robot.
+A fault is active while its *window* is open. A *clock* counts ticks, packets of the console, or
+ticks since the pedal went down. A clock rises by at most one per tick. It is 0 in tick 0, except
+that the count of packets is 1. Pedal time starts at 0 whenever the pedal goes down.
+
+A window opens when its clock reaches `start`. From then on, take the reading minus `start`, modulo
+`every` if `every` is not 0. The window is open while this number is less than `duration` (see
+`window`). The functions use NumPy and do not depend on the robot.
 """
 
 import dataclasses

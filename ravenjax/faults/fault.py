@@ -1,4 +1,4 @@
-"""Defines a fault as numbers, its state, and its window on the trigger's clock, for any robot."""
+"""Defines a fault as numbers, the state of a fault, and the rule by which a fault is active."""
 
 from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES

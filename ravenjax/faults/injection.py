@@ -1,8 +1,9 @@
-"""Injects faults into the signals at the seams of a tick; for any robot.
+"""Injects faults into the signals of a simulated robot, between two parts of its tick.
 
-Sites and channels are declared in `ravenjax.vocabulary.sites`. A campaign's `Setup.injection` names
-the sites that it uses, and only these add code to the tick. At a site, each fault slot selects its
-channel, applies its effect once, and writes the result back. Every other channel keeps its bits.
+Fault sites and channels are declared in `ravenjax.vocabulary.sites`. The setting `Setup.injection`
+of a campaign names the sites with faults, and only these sites add code to the tick. At a site,
+each fault slot selects its channel, applies its effect once, and writes the result back. Every
+other channel keeps its bits.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""A vector environment of Gymnasium with faults on its actions and observations."""
+"""Wraps a vector environment of Gymnasium, to inject faults into its actions and observations."""
 
 from __future__ import annotations
 

@@ -1,16 +1,16 @@
-"""Expands a campaign's group that names hazards into plain groups, one for each case.
+"""Expands a group of a campaign file that names hazards into ordinary groups, one for each case.
 
     [[group]]
     name = "library"
     hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
     start_ms = 1200             # optional, like arm, value, duration_ms: replaces the library's
 
-Groups without `hazards` are left unchanged. The plain groups are checked like any other group.
+Groups without `hazards` are left unchanged. The new groups are checked like any other group.
 
 In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
-both acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
--green at the end of its name. `arm` overrides this with one arm or a list of arms. Sites without an
-arm get one group.
+both arms acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
+-green at the end of its name. The key `arm` overrides this with one arm or a list of arms. Fault
+sites without an arm get one group.
 """
 
 import itertools

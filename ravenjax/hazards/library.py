@@ -1,8 +1,8 @@
-"""Reads the hazard library: one TOML file per layer, with one row per hazard.
+"""Reads the hazard library: one TOML file per layer of the robot, with one entry per hazard.
 
-A row states what was published (target, kind, values, timing, expected outcome, impact, source).
-Its cases state how the simulator runs the hazard; a row without cases states why it cannot. The
-terms are explained in `data/terms.toml`.
+An entry contains what was published: target, kind, values, timing, expected outcome, impact and
+source. Its *cases* define how the hazard is simulated. An entry without cases gives the reason. The
+file `data/terms.toml` explains the terms.
 """
 
 import tomllib

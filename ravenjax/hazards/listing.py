@@ -1,4 +1,4 @@
-"""Describes hazards in words: rows of a list, and the full description of one hazard."""
+"""Describes hazards in words, in a table or in full."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Finds the hazards that a campaign's group represents, and their titles, from its name alone.
+"""Finds the hazards that a group of runs represents, and their titles, from the name of the group.
 
-Reports only have the name, so nothing else may be needed.
+A report has no other information than this name.
 """
 
 import re

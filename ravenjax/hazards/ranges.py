@@ -1,7 +1,7 @@
-"""Normal range of each channel, measured in fault-free runs.
+"""Reads the normal range of each fault channel, measured in fault-free runs.
 
-`data/normal_ranges.csv` holds the ranges. They come from fault-free runs of every generated motion
-at teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
+`data/normal_ranges.csv` contains the ranges. They come from runs of every generated motion at
+teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
 """
 
 import csv

@@ -1,9 +1,8 @@
-"""Functions for the values of a campaign's keys: distributions to draw from, and positions in a
-phase.
+"""Functions that declare how a key of a campaign varies, for campaigns in Python.
 
-Each function returns the table that a campaign file would hold: `uniform(0, 1)` is `{ uniform = [0,
-1] }`. The numbers are checked with the campaign, by the same rules as in a file. A plain list is a
-list of values.
+A key may be drawn from a distribution, or start in a phase of the operation. Each function returns
+the table that a campaign file contains: `uniform(0, 1)` is `{ uniform = [0, 1] }`. The numbers are
+checked with the campaign, by the same rules as in a file. A plain list is a list of values.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The class Campaign: declared in Python or read from a TOML file, checked at once, and run."""
+"""The class Campaign: a campaign that is declared in Python or read from a TOML file, checked, and
+run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes the HTML cards that a notebook shows for a campaign and for its results."""
+"""Makes the HTML with which a notebook shows a campaign or its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Shows how faults propagate: many runs as a table, or one run as a figure."""
+"""Shows how errors propagate from a fault to a failure: many runs as a table, or one run as a
+figure."""
 
 from __future__ import annotations
 

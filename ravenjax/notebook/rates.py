@@ -1,4 +1,4 @@
-"""Computes rates of events over the distinct faults of a result, counted as in the report."""
+"""Computes rates of events in a result, counting each distinct fault once, as in the report."""
 
 from collections.abc import Sequence
 

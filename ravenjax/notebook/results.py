@@ -1,4 +1,4 @@
-"""The class CampaignResults: the results of a campaign, counted as in the report."""
+"""The class CampaignResults: tables, rates and figures of the results of a campaign."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Small linear algebra on single numbers that drops literal zeros and ones.
+"""Linear algebra on small vectors and matrices that leaves out literal zeros and ones.
 
 Vectors are `Vec`s. Matrices are `Vec`s of row `Vec`s, of any size. A Python `0`, `1` or `-1` among
-the factors is structure, not data: `0 * x` is `0` and `0 + x` is `x`. Products with sparse
-constants therefore trace to nothing.
+the factors is treated as part of the program, not as data: `0 * x` is `0` and `0 + x` is `x`. Such
+products therefore add no code to the compiled tick.
 """
 
 from functools import reduce

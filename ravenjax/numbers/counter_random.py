@@ -1,12 +1,12 @@
 """Generates random numbers by counter: a (key, tick, channel) gives the same number on every
 engine.
 
-A run's noise therefore does not depend on its batch, chunk or worker. A run and its golden run
-share a key, so they share every draw. Only 32-bit integer multiplications, xors and shifts are
-used, so the stream is bit-identical wherever it is computed.
+A run's noise therefore does not depend on the order in which runs are computed. A run and its
+golden run have the same key, so they have the same random numbers. Only 32-bit integer
+multiplications, xors and shifts are used, so the numbers have the same bits on every machine.
 
-Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018;
-exact bias 0.174), applied to the key, then to the counter.
+The function `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018; exact bias 0.174) is
+applied to the key, then to the counter.
 """
 
 import math

@@ -1,14 +1,15 @@
-"""Harms that a campaign defines, as expressions in the notation of signal temporal logic.
+"""Defines harms as expressions of signal temporal logic, such as those in a campaign file.
 
     depth > 2 and once[0:100](speed > 50)
 
 An expression is true if its *robustness* is positive (Donze and Maler 2010). The robustness of a
 comparison is the distance of its signal from the limit, in the unit of the signal. `and` takes the
-smallest robustness of its operands, `or` the largest, and `not` changes the sign. A window `[a:b]`
-is in ms. `once` takes the largest robustness in a window of the past, and `historically` the
-smallest; without a window they take the whole past. `eventually` and `always` do the same for a
-window ahead. An expression that looks ahead is evaluated when all of its windows are over. No
-window reaches beyond the beginning of the run.
+smallest robustness of its operands, `or` the largest, and `not` changes the sign.
+
+A window `[a:b]` is in ms. `once` takes the largest robustness in a window of the past, and
+`historically` the smallest; without a window they take the whole past. `eventually` and `always` do
+the same for a window in the future. Such an expression is evaluated when all of its windows are
+over. No window reaches beyond the beginning of the run.
 """
 
 import ast

@@ -1,12 +1,11 @@
 """Imports JAX at its first use, so that code that needs no JAX runs without it.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
-and `from jax import lax`. Within `at_once()`, functions of NumPy take the place of `jnp` and `lax`.
-Code of the tick then runs on plain numbers, without JAX. `at_once(array)` computes with the library
-of that array.
+and `from jax import lax`. Within `at_once()`, `jnp` and `lax` call functions of NumPy. The code of
+the tick then computes plain numbers, without JAX. `at_once(array)` uses the library of that array.
 
-NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine are the
-exception: they are those of `trigonometry`, the same on every host.
+NumPy's results have the types and the bits that XLA gives on a CPU. Only sine and cosine differ:
+they are those of `trigonometry`, with the same bits on every machine.
 """
 
 import contextlib

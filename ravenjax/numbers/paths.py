@@ -1,9 +1,9 @@
-"""Names the numbers of a parameter record by paths, as in `motor_control.green.kp.shoulder`.
+"""Names the numbers of a parameter record by paths, such as `motor_control.green.kp.shoulder`.
 
-Each part of a path is a field of a record or named tuple. Where a field holds one entry per arm,
-the next part may be the name of an arm; without it the path means all arms. Where a field holds one
-number per joint or axis, the next part may be the name of a joint or axis; without it the path
-means all of them.
+Each part of a path is a field of a record or named tuple. If a field has one entry per arm, the
+next part may be the name of an arm; without this part the path means all arms. If a field has one
+number per joint or axis, the next part may be the name of a joint or axis; without this part the
+path means all of them.
 """
 
 import dataclasses

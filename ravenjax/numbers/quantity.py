@@ -1,12 +1,12 @@
-"""Describes the numbers of parameter records: unit, range and meaning, declared once at each field.
+"""Describes the parameters of a robot: unit, range and meaning of each field of a record.
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
-Records with many numbers are `describe_fields` by a TOML file beside their module.
+For records with many numbers, `describe_fields` reads these from a TOML file beside the module.
 
-A range keeps out values without meaning (negative mass, a packet every 0 cycles), values that
-single precision cannot hold, and slips of the unit (degrees for radians). Within its range a
-parameter may make the robot as bad as a campaign wants it.
+A range excludes values without meaning (negative mass, a packet every 0 cycles), values that single
+precision cannot represent, and wrong units (degrees for radians). Within its range a parameter may
+describe even a very bad robot.
 """
 
 import dataclasses

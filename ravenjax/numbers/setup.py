@@ -1,8 +1,8 @@
-"""Static choices that select the code of a tick: number widths, faults, cues, detectors.
+"""Settings that select the compiled code of a simulation: number types, faults, cues, detectors.
 
-Everything that a campaign may vary is a traced number in the robot's `TickParams`. The choices of
-this module are hashable, and each different `Setup` is compiled separately. A robot adds its own
-choices in a subclass.
+A campaign's parameters are inputs of the compiled code (`TickParams`). The settings of this module
+are not: each different `Setup` is compiled separately. They are hashable. A robot adds settings in
+a subclass.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Takes records, tuples, lists and dicts apart and rebuilds them, in JAX's order, without JAX.
+"""Flattens nested records, tuples, lists and dicts and rebuilds them, in JAX's order, without JAX.
 
 `None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """

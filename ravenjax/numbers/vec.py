@@ -1,9 +1,9 @@
-"""Number types of a tick: single numbers, `Vec`s of them, and records of single numbers.
+"""Defines the types of numbers in a tick of the simulation: single numbers, vectors and records.
 
-Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
-with elementwise arithmetic. A `record` is a frozen dataclass that is registered as a JAX pytree and
-whose leaves are single numbers. Code in these types reads like the equations, needs no axes, and
-traces to a straight list of scalar operations.
+Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of single
+numbers with elementwise arithmetic. A `record` is a frozen dataclass of single numbers that is
+registered as a JAX pytree. Code in these types reads like the equations, needs no axes, and
+compiles to a sequence of scalar operations.
 """
 
 from __future__ import annotations

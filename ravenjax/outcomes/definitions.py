@@ -1,4 +1,4 @@
-"""Gives the words of a verdict with a campaign's own numbers."""
+"""Explains the words of a verdict in sentences that contain the limits of a campaign."""
 
 from typing import NamedTuple
 

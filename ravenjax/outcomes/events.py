@@ -1,6 +1,7 @@
 """Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-Stop rules, report and search share them, on Parquet files, Arrow tables and DataFrames.
+Stop rules, reports and searches use the same events. They work on Parquet files, Arrow tables and
+DataFrames.
 """
 
 from __future__ import annotations

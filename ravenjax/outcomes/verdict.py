@@ -1,6 +1,6 @@
-"""Computes response, hazard and verdict of each run from the engines' counts, with NumPy.
+"""Computes response, hazard and verdict of each run from an engine's output, with NumPy.
 
-The package's docstring defines these words.
+The docstring of `ravenjax.outcomes` defines these words.
 """
 
 from collections.abc import Iterable, Mapping

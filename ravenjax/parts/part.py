@@ -1,8 +1,9 @@
-"""Runs a user's file in the tick: loads its code, reads its parameters, and checks each step.
+"""Runs a user's Python file in each tick: loads its code, reads its parameters, and checks its
+steps.
 
-The code runs while it is traced. Each mistake becomes one error that names file and line. Mistakes
-are: an exception in the file, a branch on a value, an array in place of a single number, or a state
-that changes its structure or types.
+The code runs while JAX traces it. Each mistake becomes one error that names file and line. Mistakes
+are an exception in the file, a branch that depends on a value, an array in place of a single
+number, and a state that changes its structure or types.
 """
 
 from __future__ import annotations

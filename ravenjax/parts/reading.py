@@ -1,6 +1,6 @@
-"""Runs the code of a user's file, and collects what it takes from its own folder.
+"""Runs the code of a user's Python file, and collects the files of its folder that the code reads.
 
-The part's content is the user's file and these files. Campaigns store a hash of this content.
+Campaigns store a hash of the user's file and of these files.
 """
 
 import builtins

@@ -1,9 +1,10 @@
 """Computes confidence intervals of a rate k/n.
 
-Wilson is for display and Clopper-Pearson for guarantees, because it never covers less than
-promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science
-16, 2001). They assume that the n trials are independent. Repeats of a deterministic run are not, so
-count distinct faults, or resample clusters (`bootstrap.units`).
+Use Wilson's interval for display. Use Clopper and Pearson's for guarantees, because it never covers
+less than promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta,
+Statistical Science 16, 2001). They assume that the n trials are independent. Repeats of a
+deterministic run are not independent, so count distinct faults, or resample clusters
+(`bootstrap.units`).
 """
 
 import math

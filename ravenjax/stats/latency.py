@@ -1,8 +1,7 @@
-"""Analyses delays to an event that may never come. A run that ends without the event is censored,
-not dropped.
+"""Analyses delays to an event that may never happen, such as an alarm.
 
-Censoring is assumed to be uninformative: a run that a stop ended early would have continued like
-the others.
+A run that ends without the event is censored, not dropped. Censoring is assumed to be
+uninformative: a run that a stop ended early would have continued like the others.
 """
 
 from typing import NamedTuple

@@ -1,6 +1,4 @@
-"""Tests many hypotheses at once, with p-values adjusted so that a guarantee holds for all of them
-together.
-"""
+"""Adjusts the p-values of several tests, so that a guarantee is valid for all tests together."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

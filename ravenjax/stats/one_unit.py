@@ -1,8 +1,9 @@
-"""Estimates the rate of one more unit, drawn like the observed ones.
+"""Estimates the rate of events in one new unit, drawn like the observed units.
 
-The share that a unit's trials show differs from its rate by chance. The beta-binomial model
-(Skellam, JRSS B 10, 1948) separates the two: rates of units are beta distributed, and trials are
-binomial. Its mean and the square root of its intra-class correlation have uniform priors. They are
+A unit is a draw with several trials, such as an operator with several operations. The share of
+events in its trials differs from its rate by chance. The beta-binomial model (Skellam, JRSS B 10,
+1948) separates the two: rates of units are beta distributed, and trials are binomial. The prior of
+the mean is uniform, and so is that of the square root of the intra-class correlation. Both are
 integrated over a grid, so that an interval is wide if chance explains the differences.
 """
 

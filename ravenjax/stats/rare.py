@@ -1,8 +1,8 @@
-"""Estimates the probability of an event that is too rare for plain sampling.
+"""Estimates the probability of an event that is too rare for plain Monte Carlo sampling.
 
-A limit state g maps unit-cube points [n, d] to margins [n]. The event is margin <= 0. Each
-coordinate is the quantile of an independent input. g is called with batches and must give the same
-margin for the same point.
+The event is defined by a function g, a limit state. It maps points of the unit cube [n, d] to
+margins [n]. The event is margin <= 0. Each coordinate is the quantile of an independent input. g is
+called with batches of points and must always give the same margin for the same point.
 """
 
 import math

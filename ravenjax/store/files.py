@@ -1,4 +1,4 @@
-"""Writes files atomically, so that a reader sees a whole file or none, and reads their JSON."""
+"""Writes files atomically, so that a reader sees a complete file or none, and reads JSON files."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Manages a campaign's result folder: manifest.json and parts/.
+"""Creates, opens and extends the result folder of a campaign: manifest.json and parts/.
 
-The folder is checked before anything is computed. A campaign can be resumed after any interruption.
+The folder is checked before any run is computed. A campaign can be resumed after any interruption.
 """
 
 from __future__ import annotations

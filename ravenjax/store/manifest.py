@@ -1,9 +1,10 @@
-"""manifest.json of a result folder: what was computed, by which code, on which device; and
-parts.jsonl, the record of each finished part.
+"""Reads and writes manifest.json and parts.jsonl of a result folder.
 
-A part is recorded by one line at the end of parts.jsonl, so that recording takes the same time
-however many parts there are. An incomplete line, left by a crash, and all lines after it are
-ignored. Such parts are found on disk, checked and recorded again.
+manifest.json states what was computed, by which code and on which device. parts.jsonl has one line
+for each finished Parquet file (*part*) of the result table. Lines are only appended, so that
+recording a part takes the same time however many parts there are. A crash may leave an incomplete
+line. This line and all later lines are ignored; their parts are found on disk, checked and recorded
+again.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Parquet parts of the result table. Each holds a range of rows and is written completely or not at
-all.
+"""Reads and writes the Parquet files that together are the result table of a campaign: its *parts*.
+
+Each part contains a range of rows. It is written completely or not at all.
 """
 
 from __future__ import annotations

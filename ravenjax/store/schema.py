@@ -1,8 +1,8 @@
 """Defines the result table: one row per run, with input columns and outcome columns.
 
-Each column has a name, the smallest type that holds it, a unit and a meaning, listed in
+Each column has a name, the smallest type that can store it, a unit and a meaning, listed in
 columns.csv.j2. results/README.md describes them in prose. The names of repeated columns (fault
-slots, cues, checks, arms, varied parameters) follow from a `Shape`.
+slots, cues, checks, arms, varied parameters) depend on a `Shape`, which counts them.
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""Columns of words as pandas Categorical, so that no row is a Python string."""
+"""Stores columns of words compactly, as categories of pandas or Arrow instead of Python strings."""
 
 from __future__ import annotations
 

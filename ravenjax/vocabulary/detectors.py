@@ -1,4 +1,4 @@
-"""Names the kinds of detectors: observers that compute a score and change nothing.
+"""Lists the kinds of detectors. A detector computes a score from signals and changes nothing.
 
 `ravenjax.stages.detectors` computes the scores.
 """

@@ -1,9 +1,9 @@
-"""Names the reasons why a run has no valid outcome: which number first became infinite or NaN.
+"""Lists the reasons why a run has no valid outcome: which number first became infinite or NaN.
 
 A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
 infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the
-software continues with them, as its original does. They fail the run only if they reach the robot
-or its observers.
+software continues with them, as the original software does. They fail the run only if they reach
+the robot or its observers.
 """
 
 import tomllib

@@ -1,4 +1,4 @@
-"""Source code of users' files that a campaign names and that are traced into the tick."""
+"""Defines the record of a user's Python file that a campaign names: its name, path and content."""
 
 import dataclasses
 

@@ -1,5 +1,4 @@
-"""Defines the seams of a robot: the signals from one part of the tick to the next, and their
-numbers.
+"""Defines the seams of a robot: the signals between two parts of its tick.
 
 A fault acts at a fault site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam.
 Most seams are also fault sites. A robot declares its seams in the order of its tick.

@@ -1,6 +1,6 @@
-"""Describes the signals of a robot that users' files may read.
+"""Defines the signals of a robot that users' checks and detectors may read.
 
-A robot declares those signals that a monitor can use (`Robot.signals`).
+A robot declares the signals that a monitor can use in `Robot.signals`.
 """
 
 import dataclasses

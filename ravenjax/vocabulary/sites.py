@@ -1,8 +1,9 @@
-"""Defines a fault site for any robot: a seam of the robot's tick, with channels.
+"""Defines the fault sites of a robot: signals with numbered channels into which faults are
+injected.
 
-A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
-declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in
-`setup.arms`.
+A robot declares its sites in its own order. `ravenjax.faults` gets the signal of a site. The
+declaration has the path of each channel inside the signal. `ARM` in a path stands for the arm's
+index in `setup.arms`.
 """
 
 import dataclasses

@@ -1,4 +1,5 @@
-"""Fits a robot's parameters to the first half of a log, and judges them on the second half."""
+"""Fits a robot's parameters to the first half of a log, and measures the prediction error on the
+second half."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -1,10 +1,11 @@
-"""Fits parameters to a log by Gauss-Newton on long stretches of closed loop, and estimates their
-covariance.
+"""Fits a robot's parameters to a log of joint positions by the Gauss-Newton method.
 
-The residual is measured minus replayed joints, divided by its noise: the part that no change of the
-parameters removes. Residuals are correlated in time. Each joint's sum of squares is therefore
-weighted by its number of independent samples, from the integrated autocorrelation time. Priors are
-normal distributions, and each adds one squared residual.
+A replay simulates the robot and its controller with trial parameters, over long stretches of the
+log. A residual is a measured joint position minus the replayed one, divided by the noise. The noise
+is the error that remains with the best parameters. Residuals are correlated in time. Each joint's
+sum of squares is therefore weighted by its number of independent samples, which follows from the
+autocorrelation. Priors are normal distributions; each adds one squared residual. The module also
+estimates the covariance of the fitted parameters.
 """
 
 from collections.abc import Callable

@@ -1,25 +1,27 @@
-"""Reads the log of one arm: desired and measured joints on the clock of the control cycle.
+"""Reads a log of one robot arm: desired and measured joint positions in each control cycle.
 
-A table (.csv, .parquet) has one row per sample. Its columns are named by joint, shoulder to grasp2.
-A log may leave joints out. Columns are used in this order of preference.
+A table (.csv, .parquet) has one row per sample. Names of columns end in the name of a joint, from
+shoulder to grasp2. A log may leave joints out. If a table has several of these pairs of columns,
+the first pair is used.
 
-- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m.
-- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad.
-- `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
-  robot's PD law, for joints without an integral.
+- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joint positions, rad or m.
+- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motor angles, rad.
+- `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joint positions are computed by
+  inverting the robot's PD law. This works for joints without an integral term.
 
-A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The column of times is
-`time_s`, or has another unit; without it the samples are `period_ms` apart. If there is a column
-`runlevel`, only the longest stretch in run level pedal-down is used.
+A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The times are in a
+column `time_s`, or in one with another unit. Without such a column, samples are `period_ms` apart.
+If there is a column `runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one of these topics.
+A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of these
+topics.
 
 - raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
-  publishes the measurements of one arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). Therefore this module assigns to each arm the measurements that follow
-  the arm's setpoint.
+  publishes the measurements of each arm under the other arm's name (branch crtk,
+  src/raven/local_io.cpp). This module therefore pairs desired positions with the measured positions
+  that follow them.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
-"""Defines the parameters that a log can estimate: numbers of `LoopParams` with their prior
-distributions. Writes calibrated robots as TOML, for `[parameters] from` of a campaign.
+"""Defines the robot parameters that a calibration can estimate from a log, with their prior
+distributions.
+
+The module also writes a calibrated robot as a TOML file. A campaign reads the file by `[parameters]
+from`.
 """
 
 from collections.abc import Mapping, Sequence

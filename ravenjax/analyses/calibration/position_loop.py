@@ -1,9 +1,9 @@
-"""Computes one cycle of a Raven's position loop on the virtual robot: encoders, PID on motor
-angles, DAC, mechanics.
+"""Simulates one control cycle of a Raven arm that follows desired joint positions.
 
-All replays of a recorded robot use this loop. The controller is raven2's. It reads motor angles
-from encoders, optionally with the low-pass filter of the fork of 2015, and truncates DAC commands
-to whole numbers.
+A cycle consists of motor encoders, a PID controller of motor angles, the DAC, motors and arm.
+Replays of recorded robots use this simulation. The controller is that of the software raven2. It
+truncates DAC commands to whole numbers. The low-pass filter of a modified raven2 of 2015 is
+optional.
 """
 
 from collections.abc import Callable

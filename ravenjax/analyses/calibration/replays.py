@@ -1,9 +1,9 @@
-"""Replays one log with many parameters side by side, on the fastest engine of the machine's
-processor.
+"""Replays a log of joint positions with many sets of robot parameters at once.
 
-This module has the form of `ravenjax.engines.interface.Loop`, so every engine can run it. The
-motion's seven columns are the desired joints, one row per cycle. The output series holds the joint
-positions that are computed from the motors' encoders.
+A replay simulates an arm whose controller follows the log's desired joint positions. This module
+defines the functions of `ravenjax.engines.interface.Loop`, so every engine can run replays. The
+input has seven columns of desired joint positions, one row per control cycle. The output contains
+the joint positions computed from simulated motor encoders.
 """
 
 import dataclasses

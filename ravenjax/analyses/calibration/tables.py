@@ -1,4 +1,4 @@
-"""Makes the tables and figures of a calibration: following errors, parameters, intervals."""
+"""Makes the tables and figures of a calibration: following errors, fitted parameters, intervals."""
 
 from collections.abc import Sequence
 from pathlib import Path

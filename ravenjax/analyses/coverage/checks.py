@@ -1,9 +1,9 @@
-"""Diagnostic coverage: the share of harmful faults that a check detects.
+"""Computes the diagnostic coverage of checks: the share of harmful faults that a check detects.
 
 IEC 61508-4 defines diagnostic coverage as the rate of detected dangerous failures divided by the
-rate of all dangerous failures. Here a fault is dangerous if its run has an unintended motion. If a
-check makes a fault harmless, the fault is not dangerous. Run without the check, or let the check
-only watch, to see what the fault would have done.
+rate of all dangerous failures. In this module a fault is dangerous if its run has an unintended
+motion. A fault that a check makes harmless is therefore not dangerous. To learn what such a fault
+would have done, run the campaign without the check, or with a check that only watches.
 """
 
 import itertools

@@ -1,9 +1,9 @@
-"""Finds pairs of faults that do together what neither fault does alone.
+"""Finds pairs of faults that harm together although neither fault harms alone, and the reverse.
 
-The campaign has runs with two faults, and runs with each of them alone. A minimal *cut set* is a
-set of faults that harm together, while no smaller part of the set harms. A cut set of order 1 is a
-single harmful fault, one of order 2 a pair. Faults can also cancel: a pair may be harmless although
-one of its faults harms alone. A fault tree cannot show such a pair.
+The campaign has runs with two faults, and runs with each of these faults alone. A minimal *cut set*
+is a set of faults that harm together, while no smaller subset harms. A cut set of order 1 is a
+single harmful fault, a cut set of order 2 is a pair. Faults can also cancel: a pair may be harmless
+although one of its faults harms alone. A fault tree cannot represent such a pair.
 """
 
 from collections import Counter

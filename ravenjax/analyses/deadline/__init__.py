@@ -1,4 +1,5 @@
-"""Finds the point of no return of each harmful fault: until when an action still prevents it."""
+"""Finds the point of no return of harmful faults: the last tick in which an action prevents
+harm."""
 
 from pathlib import Path
 

@@ -1,8 +1,9 @@
-"""Finds the deadlines of all faults and actions: on a grid of ticks, then by bisection.
+"""Finds the last tick in which an action still prevents the harm of a fault: the deadline.
 
-The grid shows whether an action fails at one tick and succeeds at a later one. The bisection begins
-at the last tick of the grid at which the action prevents the harm. Runs of the bisection end
-`HORIZON_MS` after the action. A run of full length confirms each deadline.
+Each action is first simulated at the ticks of a coarse grid. The grid shows whether an action fails
+at one tick and succeeds at a later one. A bisection then starts at the last tick of the grid at
+which the action prevents the harm. Runs of the bisection end `HORIZON_MS` after the action. A run
+of full length confirms each deadline.
 """
 
 import contextlib

@@ -1,6 +1,7 @@
-"""Writes the shapes of the robot and its surroundings as JSON, for a page that draws them.
+"""Writes the shapes of the robot and of its surroundings as JSON, for a page that draws them in
+3-D.
 
-The page computes the poses of the bodies from joint positions and the model's tree of bodies.
+The page computes the pose of each body from joint positions and from the robot's kinematic tree.
 """
 
 # MuJoCo's compiled module carries no types.

@@ -1,4 +1,4 @@
-"""Writes an HTML page with which a browser simulates a campaign's robot, without a network."""
+"""Writes an HTML page in which a browser simulates faults of a campaign, without a network."""
 
 import base64
 import json

@@ -1,25 +1,26 @@
-"""Compiles a campaign's tick to WebAssembly, and returns it as JSON with all data to run it on a
+"""Compiles a campaign's tick to WebAssembly and packs the code with its data as JSON for an HTML
 page.
 
 Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
-in base64. `static/engine.js` reads the object of `describe_program`:
+in base64. The script `static/engine.js` reads the object that `describe_program` returns:
 
 - arms, ticks (ms of a run), cue (haptic set of the verdict), slots (faults of a run), observe_ms
-- parameters: what a reader may change, in the order of a run's inputs
-- channels: where faults act; a fault's code is the channel's place in this list, from 1
-- effects: code; a network effect also has the channel at which it is injected, the effect there and
-  its value
+- parameters: numbers that a reader may change, in the order of the program's inputs
+- channels: places where faults act. The code of a channel is its position in this list, from 1.
+- effects: code of each effect. A network effect also has the channel, effect and value with which
+  it is injected.
 - triggers, fields (types of a fault's numbers), forever (length of an endless window)
-- motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
-- programs: outcomes, replay, and acted (outcomes with one fault slot more, which holds an action).
-  Each is a module with the places of its numbers in memory, in bytes. It imports
-  env.__linear_memory only. width: robots side by side in a vector. series: numbers that a golden
-  run stores in each tick, and a faulty run reads. outputs, of replay: words written in each tick
-  after the series.
-- actions: number of each action that `acted` may take; none for a robot without actions
-- harm_limit_mm: motion after the robot stopped that is harm, too; null if the campaign's own harm
-  replaces the limit
-- verdict: the words of outcomes, and what each check counts as
+- motion, motions: the campaign's own motion, "" for a recording; float32 columns one after the
+  other
+- programs: `outcomes`, `replay`, and `acted` (outcomes with one additional fault slot for an
+  action). Each program is a module with the positions of its numbers in memory, in bytes. It
+  imports only env.__linear_memory. width: robots side by side in a vector. series: numbers that a
+  golden run stores in each tick and a faulty run reads. outputs, of replay: words written in each
+  tick after the series.
+- actions: number of each action that `acted` accepts; none for a robot without actions
+- harm_limit_mm: motion after the robot stopped that also counts as harm; null if the campaign's own
+  harm replaces the limit
+- verdict: the words of outcomes, and the category of each check
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """

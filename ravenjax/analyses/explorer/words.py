@@ -1,4 +1,4 @@
-"""Writes as JSON what a page shows: names of sites, effects and checks, ranges, and runs."""
+"""Writes the texts of an explorer page as JSON: sites, effects, checks, ranges and runs."""
 
 import contextlib
 import json

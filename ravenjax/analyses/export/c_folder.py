@@ -1,7 +1,7 @@
-"""Writes a folder with the C library of a robot: header, object, shared library, example.
+"""Writes a folder with a robot as a C library: header, object file, shared library and an example.
 
-The object needs no C compiler, because it is emitted like the engines' code. Linking it into a
-shared library needs the system's compiler. Without one, a program links the object itself.
+The object file needs no C compiler, because LLVM emits it, as for the engines. The shared library
+needs the system's linker. Without a linker, a program can use the object file.
 """
 
 import shutil

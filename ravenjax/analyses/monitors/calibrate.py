@@ -1,4 +1,4 @@
-"""Computes fault-free operations and writes the folder of a monitor."""
+"""Calibrates a monitor on fault-free operations and writes the monitor's folder."""
 
 import dataclasses
 import fnmatch

@@ -1,7 +1,8 @@
-"""Calibrates a monitor on scores of operations: some operators determine the scale of each score,
-some the threshold, and some test the monitor.
+"""Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
-The number of an operator decides its use, so additional operators do not change earlier ones.
+Some operators determine the scale of each score, some the threshold, and some test the monitor. The
+number of an operator determines this use. Additional operators therefore do not change the use of
+earlier operators.
 """
 
 import math

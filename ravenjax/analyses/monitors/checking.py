@@ -1,9 +1,9 @@
-"""Tests whether fresh fault-free operations still resemble those of a monitor's calibration.
+"""Tests whether new fault-free operations still resemble those on which a monitor was calibrated.
 
 The test uses only the first operation of each operator, result folder or log. Later operations
-share the operator's motion or the robot, so they are not independent of the first. Each term's
-score is tested separately, and so is the joint score. Holm's method keeps the error rate of all
-tests together at the stated level.
+share the operator's motion or the robot, so they are not independent of the first. The score of
+each term of the monitor is tested separately, and so is the largest score. Holm's method keeps the
+error rate of all tests together at the stated level.
 """
 
 import csv

@@ -1,10 +1,10 @@
-"""Generates a monitor as a Python file for campaigns and as C99 for a robot's own software.
+"""Generates a monitor's source code: Python for campaigns, and C99 for the software of a robot.
 
-Both files come from the same terms. They read every number as a float, and NaN as 0. Reading NaN as
-0 also keeps an engine from fusing the read with the subtraction that follows. The C code does the
-same operations as the Python file in the same order, and rounds each result to float. It only
-subtracts, divides and compares, so a compiler has no sum of products to fuse. Therefore every
-compiler with IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
+Both files compute the same bits. They read every number as a float, and NaN as 0. Reading NaN as 0
+also prevents an engine from fusing the read with the next subtraction. The C code does the same
+operations in the same order as the Python file, and rounds each result to float. It only subtracts,
+divides and compares, so a compiler cannot fuse a product with a sum. Therefore every compiler with
+IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,5 @@
-"""Represents a calibrated monitor as data: terms with their scales, and a threshold."""
+"""Defines a calibrated monitor as data: scores of signals, the scale of each score, and a
+threshold."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
-"""Computes many fault-free operations and keeps only their scores. Each operator has a different
-motion, and each operation of an operator has a different robot.
+"""Simulates many fault-free operations and returns the scores of candidate checks for each
+operation.
 
-A fault-free run equals its golden run, so a detector's input does not depend on a golden run. Each
-operation is therefore computed once, without a comparison, and only its row of outcomes is kept.
-Memory does not grow with the number of operations, and a GPU computes all robots of an operator
-side by side.
+Each operator has a different motion. Each operation of an operator has a different robot.
+
+A fault-free run equals its golden run, so each operation is computed once. Only its row of outcomes
+is stored. Memory therefore does not grow with the number of operations. A GPU computes all robots
+of an operator in parallel.
 """
 
 import dataclasses

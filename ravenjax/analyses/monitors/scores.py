@@ -1,12 +1,12 @@
-"""Defines the scores of candidate checks as data: a signal of the robot, a formula, and a scale.
+"""Defines the scores that candidate checks compute from a signal of the robot.
 
-- `bound`: |x| over its scale.
-- `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
-- `residual`: |x - y| over its scale, for two signals.
+- `bound`: |x| divided by its scale.
+- `rate`: |x - x a millisecond ago| divided by its scale; 0 in the first millisecond.
+- `residual`: |x - y| divided by its scale, for two signals.
 
-If a score has several channels, each channel is divided by its scale, and the largest result is the
-score. NaN is read as 0. The module `code` writes a score as a Python file that a campaign can use
-as a detector (`ravenjax.stages.detectors`).
+If a signal has several channels, each channel is divided by its scale, and the score is the largest
+quotient. NaN is read as 0. The module `code` writes a score as a Python file that a campaign can
+use as a detector (`ravenjax.stages.detectors`).
 """
 
 from __future__ import annotations

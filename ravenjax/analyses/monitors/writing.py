@@ -1,4 +1,4 @@
-"""Writes and reads the folder of a monitor."""
+"""Writes and reads the folder that contains a calibrated monitor."""
 
 import dataclasses
 import tomllib

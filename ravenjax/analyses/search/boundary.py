@@ -1,12 +1,13 @@
-"""Runs searches of kind "boundary": finds the smallest harmful fault for each sign and each
-combination (*cell*) of the group's lists.
+"""Finds the smallest harmful value of a fault (searches of kind "boundary").
 
-The search handles all cells side by side. It scans the range, then bisects every bracket, with one
-batch per step. An ordinary campaign runs both ends of every bracket again and must give the same
-outcomes.
+A group of faults may contain lists. Each combination of their values is called a *cell*. The search
+finds the smallest harmful value in each cell, for both signs. It computes all cells in parallel,
+with one batch of runs per step. It scans the range, then bisects every interval at whose ends the
+outcomes differ. An ordinary campaign repeats the runs at both ends of every final interval and must
+give the same outcomes.
 
 The scan shows which cells have no single threshold. A cell that is never or always harmful is
-censored. If harm begins and ends more than once along the range, the report says so.
+censored. If harm begins and ends more than once along the range, the report states this.
 """
 
 import dataclasses

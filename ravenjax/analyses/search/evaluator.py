@@ -1,8 +1,9 @@
-"""Computes outcomes of a search's points. The template is planned and compiled once.
+"""Computes the outcomes of the runs that a search requests. The campaign's code is compiled once.
 
-A point always gives the same run. The run's id is a hash of its content, as in a campaign. So its
-random draws (effect "random", noise) equal those of a campaign with the same row. A point that was
-run before, also by an earlier start of the search (`journal`), is not run again.
+A *point* is a set of values for a run's inputs. A point always gives the same run: the run's id is
+a hash of its content, as in a campaign. Random draws (effect "random", noise) therefore equal those
+of a campaign with the same row. The file `journal` stores computed points, so that no point is
+computed twice, even after an interruption.
 """
 
 import contextlib

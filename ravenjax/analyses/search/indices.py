@@ -1,6 +1,8 @@
-"""Runs searches of kinds "sobol" and "morris": finds which inputs decide an outcome, for each case.
+"""Measures which inputs determine an outcome, for each case (searches of kinds "sobol" and
+"morris").
 
-The figure shows Sobol's indices, or mean and deviation of Morris's elementary effects.
+The figure shows Sobol's indices, or the mean and the standard deviation of Morris's elementary
+effects.
 """
 
 import math

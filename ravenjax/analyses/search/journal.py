@@ -1,10 +1,9 @@
-"""Stores the runs of a search as they finish, so that the same command continues after an
-interruption.
+"""Stores finished runs of a search, so that the same command continues an interrupted search.
 
-A search consists of batches. Each batch depends on the outcomes of earlier batches. Only runs are
-stored. After an interruption, the search repeats the same batches. It reads finished runs from the
-journal and computes the others. The journal has numbered parts, like a campaign (`store.parts`).
-When the search is done, `rows.parquet` holds all runs in one file.
+A search consists of batches. Each batch depends on the outcomes of earlier batches. After an
+interruption, the search repeats the same batches. It reads finished runs from this store and
+computes the others. The store consists of numbered files, like the parts of a campaign
+(`store.parts`). At the end of the search, `rows.parquet` contains all runs.
 """
 
 import contextlib

@@ -1,8 +1,9 @@
-"""Runs searches of kind "rare": estimates the probability of a rare event under the file's
-distributions, for each combination of its lists.
+"""Estimates the probability of a rare event (searches of kind "rare").
 
-Subset simulation and plain Monte Carlo sample the same unit cube. If plain Monte Carlo finds the
-event often enough, both methods must agree. Otherwise plain Monte Carlo gives an upper bound.
+The inputs of runs have the distributions of the search file. Each combination of the file's lists
+is estimated separately. Subset simulation and plain Monte Carlo sample the same unit cube. If plain
+Monte Carlo finds the event often enough, both methods must agree. Otherwise plain Monte Carlo gives
+an upper bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """

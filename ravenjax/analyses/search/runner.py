@@ -1,5 +1,6 @@
-"""Runs a search file, or continues an interrupted search, and writes search.json, search.md,
-search.html and the figure.
+"""Runs a search file or continues an interrupted search, and writes its report.
+
+The report consists of search.json, search.md, search.html and a figure.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Chooses the executor that computes the chunks of a campaign: this process, or a Ray cluster."""
+"""Chooses what computes a campaign: this process, or a Ray cluster."""
 
 from ravenjax.campaign.executors.protocol import Executor, Local
 from ravenjax.errors import UserError, describe_unknown_name

@@ -1,10 +1,12 @@
-"""Defines the executor interface: it takes chunks of a plan and delivers each finished part, in any
-order. Executor `local` computes in this process, whose engine uses every core or every GPU.
+"""Defines executors: objects that compute the chunks of a campaign and deliver the results.
 
-A chunk is a range of rows, and its *part* is the file with their results. The bytes of a part do
-not depend on where it was computed. Only the coordinator, the process that the user started, writes
-to the result folder; workers send it the bytes of finished parts. Therefore no worker needs access
-to the folder, a worker that dies cannot damage it, and all disk errors occur in one process.
+A chunk is a range of rows of the result table, and its *part* is the file with their results. The
+executor `local` computes in this process, on all cores or all GPUs. Parts may be delivered in any
+order. The bytes of a part do not depend on where it was computed.
+
+Only the coordinator, the process that the user started, writes to the result folder. Workers send
+it the bytes of finished parts. Therefore no worker needs access to the folder, a worker that dies
+cannot damage the folder, and all disk errors occur in one process.
 """
 
 from __future__ import annotations

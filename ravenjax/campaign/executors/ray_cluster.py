@@ -1,14 +1,14 @@
-"""Executor `ray`: computes chunks as tasks on a Ray cluster (`pip install 'ravenjax[ray]'`).
+"""Computes the chunks of a campaign on a Ray cluster (`pip install 'ravenjax[ray]'`).
 
-A worker gets the campaign's `Head` once. For each chunk the worker then gets the chunk's rows of
-the plan, about 100 B per run. Workers do not plan. Parts come back to the coordinator as bytes
-through Ray's object store. Therefore the cluster needs no shared file system, and a task that Ray
-runs twice has no side effects. Each run takes about 200 B of the coordinator's network in both
-directions together.
+A chunk is a range of runs. Each worker process receives the campaign's compiled-code settings once
+(`Head`). For each chunk it then receives the inputs of its runs, about 100 B per run. It returns
+the finished Parquet file as bytes through Ray's object store. Therefore the cluster needs no shared
+file system, and a task that Ray runs twice has no side effects. A run needs about 200 B of the
+coordinator's network in both directions together.
 
-Ray repeats a task whose worker or node died, or whose node stopped answering. If no chunk finishes
-for a long time, the workers are replaced as well. If a chunk still fails, the executor delivers all
-others and then reports the failed one. The same command, started again, computes only this chunk.
+Ray repeats a task whose worker or node died or does not answer. If no chunk finishes for a long
+time, the workers are replaced as well. If a chunk still fails, the executor delivers all others and
+then reports the failed chunk. The same command, started again, computes only this chunk.
 """
 
 from __future__ import annotations

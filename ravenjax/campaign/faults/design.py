@@ -1,9 +1,10 @@
 """Expands a campaign into its fault table: one row per run, one column per input of a run.
 
-The expansion is deterministic. A group's draws depend only on the campaign's seed and on the
-group's name and design, not on other groups, on chunk size or on storage order. `run_id` is a hash
-of the row's content and of all settings of the campaign, so equal runs have equal ids, in whatever
-row. All work is done by columns, because a campaign may have millions of runs.
+The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
+group's name and design. They do not depend on other groups, on chunk size or on storage order. The
+`run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs therefore
+have equal ids, in whatever row. The code computes whole columns, because a campaign may have
+millions of runs.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Converts fault onsets that a file gives by a phase of the operation into milliseconds."""
+"""Converts the start of a fault, given as a phase of the operation, into milliseconds."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Computes run ids: 64-bit hashes of everything that decides a run's outcome, as 16 hex digits.
+"""Computes run ids: 64-bit hashes of all inputs of a run, as 16 hexadecimal digits.
 
 The name and value of each column are hashed with a key of the campaign. The sum of these hashes is
 hashed again, so the order of columns does not matter. Empty values (NaN, or an empty word) are left

@@ -1,4 +1,4 @@
-"""Samples a design: the position of each run of a group on each axis."""
+"""Samples the design of a group: which value each run has for each variable key."""
 
 import math
 import warnings

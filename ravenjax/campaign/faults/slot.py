@@ -1,7 +1,7 @@
-"""Makes the columns of one fault slot for many runs, in a form in which equal faults have equal
+"""Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
 columns.
 
-Fields that an effect does not use are NaN or 0. A network effect has the channel that it acts on.
+Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
 Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
 """
 

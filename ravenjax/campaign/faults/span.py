@@ -1,4 +1,5 @@
-"""Computes when the faults of a run can first act, and when they have ended."""
+"""Computes the first tick in which the faults of a run may act, and the tick in which they have
+ended."""
 
 from collections.abc import Iterator, Mapping
 

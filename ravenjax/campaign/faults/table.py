@@ -1,4 +1,4 @@
-"""Converts the fault table to an engine's inputs: `Injection`, and arrays with one row per run."""
+"""Converts a table of faults to arrays for an engine, with one row per run."""
 
 import math
 

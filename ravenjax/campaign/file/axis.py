@@ -1,7 +1,7 @@
-"""Defines an axis of a campaign: one value, a list of values, or a distribution to draw from.
+"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
 
-A list may also be written `{ list = [..] }`. Then its values are levels of the design, and not the
-numbers of a vector.
+A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
+numbers of one vector.
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
-"""Checks the parameters that a campaign varies against the ranges that its robot's records declare.
+"""Checks that the parameters in a campaign file lie within the ranges that the robot declares.
 
-The check imports the modules of the robot's tick, which is slow. A campaign's parameters are
-therefore checked when the campaign is planned, not when its file is read.
+The check imports the modules of the robot's tick, which is slow. Parameters are therefore checked
+when the campaign is planned, not when its file is read.
 """
 
 import functools

@@ -1,7 +1,8 @@
-"""Defines the model of a whole campaign file: all sections, derived values, and what a robot may
-add.
+"""Defines the pydantic model of a whole campaign file, with values that follow from several
+sections.
 
-`loading` reads a file and `semantics` checks rules that involve several sections.
+A robot may add sections. `loading` reads a file, and `semantics` checks rules that involve several
+sections.
 """
 
 from __future__ import annotations

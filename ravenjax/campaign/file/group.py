@@ -1,4 +1,5 @@
-"""Defines the keys of a group of runs in a file, as pydantic models: its faults and its design."""
+"""Defines the keys of the table [[group]] of a campaign file as pydantic models: faults and
+design."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Finds and reads TOML files, and makes error messages that name a key's line.
+"""Reads TOML files and finds the line of a key, for error messages.
 
-tomllib does not provide line numbers, so this module finds them.
+The standard library's tomllib does not report line numbers.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Applies overrides such as `--set key.path=value` to a campaign file's tables."""
+"""Changes values of a campaign file from the command line, as in `--set campaign.limit=100`."""
 
 import tomllib
 from collections.abc import Sequence

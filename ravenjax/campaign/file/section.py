@@ -1,6 +1,5 @@
-"""Defines the base class of a campaign file's tables: a pydantic model that Python code can also
-construct.
-"""
+"""Defines the base class of all tables of a campaign file: a pydantic model that Python code can
+also construct."""
 
 import dataclasses
 import os

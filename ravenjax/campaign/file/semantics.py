@@ -1,6 +1,6 @@
-"""Checks rules of a campaign that involve two sections or the fault sites of its robot.
+"""Checks rules of a campaign file that involve several sections, or the fault sites of the robot.
 
-`bounds` checks parameters.
+The module `bounds` checks ranges of parameters.
 """
 
 import itertools

@@ -1,8 +1,8 @@
 """Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
-The schema comes from the models that check a file in `loading`. It contains keys, types, ranges of
-single values, and allowed words. Only `ravenjax check` checks rules for several keys, and ranges of
-parameters.
+The schema contains keys, types, ranges of single values, and allowed words. It comes from the
+models with which `loading` checks a file. Only `ravenjax check` checks rules for several keys, and
+ranges of parameters.
 """
 
 import copy

@@ -1,4 +1,4 @@
-"""Shows for `ravenjax check` what a campaign would run. It expands and checks the campaign only."""
+"""Shows what a campaign file would run, for `ravenjax check`, without running anything."""
 
 import itertools
 from collections.abc import Iterator

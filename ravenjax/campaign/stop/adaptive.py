@@ -1,7 +1,8 @@
-"""Runs a campaign with a rule [stop]: it ends at the first look with sufficiently precise rates.
+"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough.
 
-The decisions depend only on finished rows. Therefore an interrupted campaign repeats the same
-decisions and gives the same bytes. `decisions.jsonl` in the result folder records each look.
+The rates are examined at looks that were planned in advance. The decisions depend only on finished
+runs. Therefore a resumed campaign makes the same decisions and writes the same bytes.
+`decisions.jsonl` in the result folder records each look.
 """
 
 import functools

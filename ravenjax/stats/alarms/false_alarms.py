@@ -1,8 +1,8 @@
-"""Computes false alarms per hour.
+"""Computes false alarms per hour of fault-free operation.
 
 A percentile of samples does not show how often a detector disturbs, because alarms come in bursts.
-So a run counts once, by its highest score. The rate is per hour of fault-free operation, or until
-the alarm if it ends the run.
+A run therefore counts at most once, if its highest score exceeds the threshold. If an alarm ends
+the run, only the time until the alarm counts.
 """
 
 import math

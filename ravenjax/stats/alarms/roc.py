@@ -1,8 +1,8 @@
-"""Measures how well a score separates harmful runs from harmless ones, by ROC and precision-recall
+"""Measures how well a score separates harmful from harmless runs, by ROC and precision-recall
 curves.
 
-A run alarms at a threshold if its score is at least the threshold. A score of -inf never alarms.
-Labels are bool, True for a run that should alarm.
+A run has an alarm at a threshold if its score is at least the threshold. A score of -inf never
+gives an alarm. Labels are bool: True for a run that should have an alarm.
 """
 
 from collections.abc import Callable

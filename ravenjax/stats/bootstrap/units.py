@@ -1,15 +1,16 @@
-"""Bootstraps statistics of independent units, plainly and by stratum.
+"""Bootstraps statistics of independent units, optionally by stratum.
 
-A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
-recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
-is a subset of the units that the design fixes. Units are resampled only within their stratum.
+A *unit* was chosen independently of the other units, such as a kind of fault, an operator or a
+recording. The rows of a unit resemble each other. The unit is the highest level that was sampled. A
+*stratum* is a subset of the units that the design fixes. Units are resampled only within their
+stratum.
 
-The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws
-n - 1 of the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a
-mean is then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by
-(n - 1) / n, which matters for few units. A stratum of one unit contains no information on the
-variance between units, so it is joined to others (collapsed strata: Wolter, Introduction to
-Variance Estimation, 2007, 2.5).
+The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws n - 1 of
+the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a mean is
+then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by (n - 1) /
+n, which matters for few units. A stratum of one unit contains no information on the variance
+between units, so it is joined to other strata (collapsed strata: Wolter, Introduction to Variance
+Estimation, 2007, 2.5).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Compares two variants run by run, over the same faults and random numbers."""
+"""Compares two settings run by run, over the same faults and random numbers."""
 
 import math
 

@@ -1,19 +1,19 @@
-"""Tests whether fresh fault-free operations still resemble those of the calibration.
+"""Tests whether new fault-free operations still resemble those of a calibration.
 
-Null hypothesis: fresh units were drawn like the calibration's, all independent, so that each order
-of their scores is equally likely. A fresh score then has a conformal p-value that is uniform (Vovk,
-Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests hold for any
-distribution:
+A unit is an independent draw, such as an operator. Null hypothesis: new units were drawn like those
+of the calibration, all independent, so that each order of their scores is equally likely. A new
+score then has a conformal p-value that is uniform (Vovk, Gammerman, Shafer, Algorithmic learning in
+a random world, 2005). Two tests are valid for any distribution:
 
-- Kolmogorov-Smirnov between fresh and calibration scores, exact: it detects any change of their
-  distribution.
-- A martingale that bets against uniform p-values as they come: the simple jumper (Vovk et al.,
-  Conformal and probabilistic prediction, PMLR 152, 2021). By Ville's inequality
-  its largest value exceeds 1/level with a probability of at most the level, however long one looks.
+- The exact Kolmogorov-Smirnov test between new scores and calibration scores. It detects any
+  change of their distribution.
+- A martingale that bets against uniform p-values in their order of arrival: the simple jumper
+  (Vovk et al., Conformal and probabilistic prediction, PMLR 152, 2021). By Ville's inequality
+  its largest value exceeds 1/level with a probability of at most the level, at any time.
 
-The tests are combined by Bonferroni. Each unit contributes one operation, because operations that
-share an operator or a robot are not independent. A single robot with many operations is one draw of
-a robot.
+The tests are combined by Bonferroni's inequality. Each unit contributes one operation, because
+operations of the same operator or robot are not independent. A single robot with many operations is
+one draw of a robot.
 """
 
 from typing import Any, NamedTuple

@@ -1,21 +1,23 @@
-"""Finds the least threshold that keeps a false-alarm rate with confidence, from operations of
-sampled units.
+"""Finds the smallest alarm threshold whose false-alarm rate is below a target, with stated
+confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
 exceeds the threshold. The sampled units are operators, each with some robots. A unit's loss is the
-mean over its operations (`target`), in 0..1, and losses of units are independent.
+mean over its operations (`target`), in 0..1, and losses of units are independent. The risk of a
+threshold is the expected loss of a new unit.
 
-A threshold is rejected unless the hypothesis that its risk is above the target is refuted at 1 -
-confidence. Risk falls with the threshold. So the least threshold for which it and all higher ones
-are accepted keeps the target with that confidence. This holds over the draw of the units and for
-any distribution of the scores (Bates et al., J. ACM 68, 2021, theorem 1).
+The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
+accepted if the test rejects this hypothesis. Risk falls with the threshold. So the smallest
+threshold for which it and all higher thresholds are accepted keeps the target with that confidence.
+This is true over the draw of the units and for any distribution of the scores (Bates et al., J. ACM
+68, 2021, theorem 1).
 
-The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
-needs fewer units the less they differ. With one operation per unit, each counted whole, the test is
-exact. It then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among
-n as the binomial tail allows. Units with several operations are clusters and are counted as units.
-Dunn, Wasserman, Ramdas (JASA 118, 2023) call it subsampling to take one operation of each;
-`one_each` does this.
+The test is by betting (`excess_p`). It is valid for losses of any distribution and needs fewer
+units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
+then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
+binomial tail allows. Units with several operations are clusters and are counted as units.
+`one_each` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA
+118, 2023).
 """
 
 from __future__ import annotations

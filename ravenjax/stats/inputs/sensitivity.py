@@ -1,9 +1,9 @@
 """Measures which inputs cause an output's variance: Sobol indices, and Morris' cheaper screening.
 
-Designs are points of the unit cube [runs, d]. The caller runs the model on them as a batch. Each
-input is the quantile of its own distribution at that coordinate, and inputs are assumed to be
-independent. Output rows must keep the design's order. For a binary outcome use a margin or a
-probability, because a 0/1 output needs many more runs.
+Designs are points of the unit cube [runs, d]. The caller runs the model on all points. A coordinate
+is the quantile of an input's distribution, and inputs are assumed to be independent. Rows of the
+output must have the order of the design. For a binary outcome use a margin or a probability,
+because a 0/1 output needs many more runs.
 """
 
 from typing import NamedTuple

@@ -1,16 +1,15 @@
-"""Decides when to stop: looks are registered in advance, and intervals hold for any stopping
-decision.
+"""Decides at planned looks whether a study may stop, with intervals that remain valid.
 
-A user who looks at m sample sizes and stops at a convenient one has m chances to be wrong. So the
-sizes that each stratum may ever have are fixed before the first run, one for each look. Every
-interval has confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's inequality,
-the intervals of all rates in all strata at all sizes hold together with the wanted confidence. This
-includes sizes that the data themselves chose, by stopping or by giving one stratum more draws than
-another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
+A user who looks at m sample sizes and stops at a convenient one has m chances to be wrong.
+Therefore the sizes that each stratum may ever have are fixed before the first run, one for each
+look. Every interval has confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's
+inequality, the intervals of all rates in all strata at all sizes are valid together with the wanted
+confidence. This includes sizes that depend on the data, because the study stopped or gave one
+stratum more draws than another. Each interval is exact (Clopper, Pearson, Biometrika 26, 1934).
 
-The rate of the whole table is that of strata weighted by their sizes. Its interval is the
+The rate of all strata together is weighted by their sizes. Its interval is the
 effective-sample-size Wilson interval of `stratified_rate`, at 1 - (1 - confidence) / (looks x
-rates). It is approximate, as that one is.
+rates). This interval is approximate.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
 drawn without replacement. Its intervals are therefore wider than necessary.

@@ -1,7 +1,6 @@
-"""Checks a result folder: parts are complete, each row occurs once, and values are possible for a
-run.
+"""Checks a result folder: its files are complete, each run occurs once, and values are plausible.
 
-Each check is one line of a table: what was checked, and each error in words.
+Each check is one row of the printed table: what was checked, and the errors that were found.
 """
 
 import re

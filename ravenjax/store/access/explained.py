@@ -1,4 +1,5 @@
-"""Stores later analyses of a result folder's runs, such as `ravenjax explain`, in Parquet files."""
+"""Stores additional analyses of a campaign's runs, such as those of `ravenjax explain`, as Parquet
+files."""
 
 from pathlib import Path
 

@@ -1,10 +1,10 @@
-"""Finds the fault-free runs that are stored in a campaign's result folder. Rates of false cues are
-computed from them.
+"""Finds the fault-free runs in a campaign's result folder, from which rates of false cues are
+computed.
 
-A result folder may contain a folder FOLDER with one result folder per additional motion. `ravenjax
-fault-free` computes them. Results of any fault-free campaign with the same robot, cues and
-detectors may also be put there. The golden runs of a campaign are often a few seconds of one
-motion, which do not determine a rate of false cues per hour.
+The golden runs of a campaign are often a few seconds of one motion. They are too short for a rate
+of false cues per hour. `ravenjax fault-free` therefore computes additional motions, each with its
+own result folder inside the campaign's folder `fault_free`. Results of any fault-free campaign with
+the same robot, cues and detectors may also be put there.
 """
 
 import json

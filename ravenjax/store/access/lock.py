@@ -1,8 +1,9 @@
-"""Allows one writer per result folder; a second one is refused with the name of the first.
+"""Prevents two processes from writing to a result folder at the same time.
 
-The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
-it. The file only names the holder. On NFS, Linux passes `flock` to the server. On a file system
-without locks, the name decides: a folder is refused if its holder is on another host or still runs.
+The second process is refused, with the name of the first. The lock is that of the operating system
+(`flock` on `DIR/.lock`), so it ends with the process that locked the folder. The file only stores
+the name of this process. On NFS, Linux passes `flock` to the server. On a file system without
+locks, the file decides: a folder is refused if the named process is on another host or still runs.
 """
 
 import contextlib

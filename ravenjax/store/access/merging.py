@@ -1,8 +1,8 @@
-"""Merges the shards of a campaign into one result folder, as if it had been computed in one place.
+"""Merges the shards of a campaign into one result folder, as if one machine had computed all runs.
 
-Parts are hard-linked if the file system allows it, else copied. Each is checked before and after.
-The manifest is written last. The target folder counts as one more shard, so the same command can be
-repeated after an interruption, or with further shards.
+Files are hard-linked if the file system allows this, else copied. Each file is checked before and
+after. The manifest is written last. The target folder counts as one more shard, so the same command
+can be repeated after an interruption, or with further shards.
 """
 
 import os

@@ -1,9 +1,9 @@
-"""Queries a folder's result table, which need not fit in memory, as a read-only DuckDB relation.
+"""Queries the result table of a folder by SQL, with DuckDB. The table need not fit in memory.
 
-Every query reads from the view `results`, one row per run. Its columns are those of `schema`, and
-`row`, the number of the run. Data that exceeds the given memory is spilled to a temporary folder,
-which is deleted at the end. Only the parts that the manifest names are read, and each is first
-checked against its checksum.
+Every query reads from the view `results`, one row per run. Its columns are those of
+`ravenjax.store.schema`, and `row`, the number of the run. Data that exceeds the given memory is
+written to a temporary folder, which is deleted at the end. Only the files that the manifest names
+are read, after their checksums are compared.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reads a console profile: a TOML file, or a bundled one by name."""
+"""Reads a console profile: a TOML file, or the name of a bundled profile."""
 
 import functools
 import tomllib

@@ -1,11 +1,13 @@
 """Reads bags of ROS 1 and ROS 2 and MCAP files with the rosbags library, and writes recordings as
 bags.
 
-A recording is session.mcap or the trace of a run. It is written as a bag of ROS 1 (.bag) or of ROS
-2 (a folder), with the same topics, types and times. In ROS 1 a header has a sequence number, which
-is 0, and there is no rcl_interfaces/Log; `/ravenjax/events` has the same events. A trace begins at
-time 0, which ROS 1 takes for "no time": its players omit such messages. Therefore all times of a
-trace are one second later in a bag of ROS 1.
+A recording is session.mcap of a training session, or the trace of a run. It is written as a bag of
+ROS 1 (.bag) or of ROS 2 (a folder), with the same topics, types and times.
+
+In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
+`/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 interprets as "no
+time": its players omit such messages. Therefore all times of a trace are one second later in a bag
+of ROS 1.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""Reads all complete records of an MCAP file that may be truncated or damaged, and counts the lost
-bytes.
+"""Reads an MCAP file that may be truncated or damaged, and counts the lost bytes.
 
-The library's seeking reader needs the index at the end of a file, and its other reader stops at the
-first damaged byte. This module reads record by record with the library. A record whose content does
-not match its length or checksum is skipped and counted, and reading continues at the next complete
-chunk.
+The seeking reader of the mcap library needs the index at the end of a file. Its other reader stops
+at the first damaged byte. This module reads record by record. A record whose content does not match
+its length or checksum is skipped and counted, and reading continues at the next complete chunk.
 
-`recover_records` rewrites a truncated file with the index that other tools need.
+`recover_records` rewrites a truncated file with the index that other programs need.
 """
 
 import io

@@ -1,4 +1,4 @@
-"""Makes, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
+"""Creates, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
 
 from collections.abc import Mapping
 from typing import Any, Literal

@@ -1,10 +1,9 @@
-"""Lists every time series of one run with name, axes, unit and meaning, and writes them as CSV or
-xarray.
+"""Lists every time series of a run with name, axes, unit and meaning, and writes CSV files and
+datasets.
 
-The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond: for example
-`runlevel`, and `gold/jpos` for a series of an arm. They are listed in the order in which they are
-stored. Traces, CSV files and datasets take units and meanings from here. The list is in
-time_series.csv.
+The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond. For example,
+`runlevel` is a series of the robot and `gold/jpos` a series of an arm. They have the order in which
+they are stored. The list is in time_series.csv.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Topics of MCAP logs that traces and sessions share: names, types and messages.
+"""Defines the topics of MCAP files that traces of runs and training sessions share.
 
 Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in frame 0 of their arm,
 `armN_frame0`. CRTK's `armN_base` is a different frame. If the orientation of a tip is unknown, the
 message is a point instead of a pose.
 
-Names and sizes of a log's messages do not change from tick to tick. Therefore rosbags encodes one
-message of each topic, with marks in place of times and numbers. NumPy then replaces the marks by
-the times and numbers of every tick.
+The names in a message and its size are the same in every tick. Therefore rosbags encodes one
+message of each topic, with placeholders for times and numbers. NumPy then replaces the placeholders
+by the values of every tick.
 """
 
 import functools

@@ -1,4 +1,5 @@
-"""Defines the keys of [operator] for recordings: how a recording becomes a motion."""
+"""Defines the keys of [operator] in a campaign file that describe a recording of an operator's
+hands."""
 
 import dataclasses
 from typing import Any, Literal

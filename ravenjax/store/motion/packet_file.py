@@ -1,5 +1,7 @@
-"""Reads a recorded stream of a console's packets as a motion: its increments, summed from the pose
-after homing.
+"""Reads a recorded stream of a console's packets as a motion of the operator's hands.
+
+A packet contains an increment of the pose of the tip. The motion is the sum of the increments, from
+the pose after homing.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are

@@ -1,5 +1,6 @@
-"""Resamples a recording to one row per millisecond, using the file's stamps or the stated rate,
-with an optional filter.
+"""Resamples a recording of an operator's hands to one row per millisecond.
+
+The times are those of the file, or follow from a stated rate. A low-pass filter is optional.
 """
 
 import contextlib

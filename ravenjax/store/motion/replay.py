@@ -1,5 +1,6 @@
-"""Converts a recording into a motion of the hands that has the campaign's length and that the arms
-can reach.
+"""Converts a recording of an operator's hands into a motion that the simulated arms can follow.
+
+The motion has the length of the campaign and only poses that the arms can reach.
 """
 
 import dataclasses

@@ -1,8 +1,9 @@
-"""Resamples samples at arbitrary times to one per millisecond, with an optional low-pass filter.
+"""Resamples samples at arbitrary times to one sample per millisecond, with an optional low-pass
+filter.
 
-Interpolation goes through every sample. Between two samples a piecewise cubic (PCHIP) is monotonic:
-it has no corners and stays within the recorded values. For a curve with a second derivative of at
-most M, the error is at most M h**2 / 2, where h is the distance of samples.
+The interpolating curve contains every sample. Between two samples the piecewise cubic (PCHIP) is
+monotonic: it has no corners and stays within the recorded values. For a curve with a second
+derivative of at most M, the error is at most M h**2 / 2, where h is the distance of samples.
 """
 
 import itertools

@@ -1,7 +1,8 @@
-"""Reads tables and bags of robots and hands as columns with the names of this package.
+"""Reads tables and bags of robots and of operators' hands, with uniform names of columns.
 
-The package's docstring lists columns and topics. Replays of operators and the calibration of robots
-read their files here, with the same checks of numbers, units and times.
+The manual page `docs/how-to/recordings.md` lists columns and topics. Replays of operators and the
+calibration of robots read their files with this module, so numbers, units and times are checked
+alike.
 """
 
 from __future__ import annotations

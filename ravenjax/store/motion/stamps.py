@@ -1,5 +1,6 @@
-"""Determines when the rows of a recording were sampled: the column of times, its unit, and whether
-it is plausible.
+"""Determines the time of each row of a recording, from the column of times and its unit.
+
+Implausible times are refused.
 """
 
 from collections.abc import Iterable

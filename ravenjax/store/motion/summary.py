@@ -1,4 +1,4 @@
-"""Summary of a recording and of the motion made from it, for the manifest, the terminal and the
+"""Summarises a recording and the motion made from it, for the manifest, the terminal and the
 report.
 
 The texts are in summary.j2.

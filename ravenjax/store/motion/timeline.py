@@ -1,4 +1,5 @@
-"""Computes the row of a recording at each millisecond of a run, and when the pedal is down."""
+"""Computes which row of a recording applies in each millisecond of a run, and when the pedal is
+down."""
 
 import dataclasses
 import math

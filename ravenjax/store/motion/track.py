@@ -1,4 +1,5 @@
-"""The content of a recording before any conversion, and checks that its units are plausible."""
+"""Stores the content of a recording before any conversion, and checks that its units are
+plausible."""
 
 import dataclasses
 import math

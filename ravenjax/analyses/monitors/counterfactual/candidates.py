@@ -1,4 +1,5 @@
-"""Defines a counterfactual's options, and turns candidate checks into a campaign's detectors."""
+"""Defines the options of `ravenjax counterfactual`, and converts candidate checks into
+detectors."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Finds the set of checks that would have detected evading faults, and confirms it in a new run."""
+"""Finds the checks that would have detected evading faults, and confirms them in a new run."""
 
 import math
 import tempfile

@@ -1,5 +1,7 @@
-"""Runs fault-free motions and the campaign, with all candidates as detectors. Keeps the largest
-score of each motion, and the time from each alarm to the harm.
+"""Measures how candidate checks respond to fault-free motions and to the faults of a campaign.
+
+All candidates run as detectors. The module stores each candidate's largest score in each fault-free
+motion, and the time from each of its alarms to the harm.
 """
 
 import itertools

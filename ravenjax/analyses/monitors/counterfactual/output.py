@@ -1,7 +1,8 @@
-"""Writes a counterfactual: the table of candidates, the figure, and the set as a campaign.
+"""Writes the results of `ravenjax counterfactual`: a table of candidate checks, a figure and a
+campaign.
 
-The figure shows the share of faults that are detected at least a given number of milliseconds
-before harm.
+The campaign contains the selected checks. The figure shows the share of faults that are detected at
+least a given number of milliseconds before harm.
 """
 
 from pathlib import Path

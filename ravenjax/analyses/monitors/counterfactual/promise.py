@@ -1,10 +1,10 @@
-"""Selects a set of candidates, sets its margin, and states its coverage and false alarms.
+"""Selects a set of candidate checks and estimates its coverage and its false-alarm rate.
 
-The set raises an alarm if a candidate exceeds its scale times the set's margin. The margin is the
-smallest of `MARGINS` whose expected false-alarm rate on one more motion is at most the target. This
-is conformal risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that were not
-used to choose scales or candidates. The *stated* numbers come from motions with no other use, and
-from faults that were not used for the selection.
+The set raises an alarm if the score of a candidate exceeds the candidate's scale times the set's
+margin. The margin is the smallest of `MARGINS` whose expected false-alarm rate in a new motion is
+at most the target. The method is conformal risk control (Angelopoulos, Bates, Fisch, Lei, Schuster,
+2022) on motions that were not used to choose scales or candidates. The reported numbers come from
+motions with no other use, and from faults that were not used for the selection.
 """
 
 from collections.abc import Sequence

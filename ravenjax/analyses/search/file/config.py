@@ -1,4 +1,4 @@
-"""Defines the section [search] of a search file, with one model for each kind of search."""
+"""Defines the section [search] of a search file as pydantic models, one for each kind of search."""
 
 from __future__ import annotations
 

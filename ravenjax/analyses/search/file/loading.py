@@ -1,7 +1,7 @@
 """Reads a search file: a campaign file with a section [search] and exactly one group.
 
-The group is the template of the search's runs. `ravenjax.campaign.loading` reads everything but
-[search]. The errors of both parts are reported together.
+The search varies the faults of this group. `ravenjax.campaign.loading` reads the other sections.
+One error reports all mistakes of the file.
 """
 
 from collections.abc import Sequence

@@ -1,13 +1,12 @@
-"""Parses outcomes that a search can use: a number of the result table, or whether an event
-happened.
+"""Parses the outcome that a search examines: a number of the result table, or an event.
 
 A text has one of these forms:
 
-- `peak_model_deviation_mm`: the number of a column;
-- `evades`: an event of `ravenjax.outcomes.events`, under the rules of the search's campaign;
-- `jump_code`: an event, the truth value of a column;
-- `peak_model_deviation_mm >= 3`: an event, a number against a bound; also <=;
-- `response = stopped`: an event, the word of a column.
+- `peak_model_deviation_mm`: a number, from the column of this name;
+- `evades`: an event of `ravenjax.outcomes.events`, with the limits of the search's campaign;
+- `jump_code`: an event, from a column of truth values;
+- `peak_model_deviation_mm >= 3`: an event, if the number is at least the limit; also <=;
+- `response = stopped`: an event, if the column has this word.
 """
 
 import contextlib

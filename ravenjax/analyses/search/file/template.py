@@ -1,9 +1,8 @@
-"""Treats the one group of a search file as a template of runs: lists are its cases, distributions
-its inputs.
+"""Makes the runs of a search from the one group of its file.
 
-A *case* is one combination of the lists; designs "grid" and "zip" make the combinations. An *input*
-is a fault's number or a parameter that has a distribution in the file. A *point* is a case with a
-value for each input. It is one run of an ordinary campaign with these values.
+The lists of the group define *cases*: each case is one combination of their values (designs "grid"
+and "zip"). An *input* is a number of a fault, or a parameter, that has a distribution in the file.
+A *point* is a case with a value for each input. Each point is one run of an ordinary campaign.
 """
 
 from pathlib import Path

@@ -1,8 +1,7 @@
-"""Reads and writes session.json, which describes a training session, beside session.mcap and
-hazards.csv.
+"""Reads and writes session.json, the description of a training session.
 
-The file is replaced atomically, so that a reader never sees an incomplete one. "ended" is null
-until the session is over.
+The file lies beside session.mcap and hazards.csv. It is replaced atomically, so that a reader never
+sees an incomplete file. "ended" is null until the session is over.
 """
 
 import json

@@ -1,8 +1,7 @@
-"""A training session's recording, session.mcap: written during the session, and readable even if
-truncated.
+"""Writes and reads session.mcap, the recording of a training session.
 
-The profile is ros2 with CDR. For each arm (arm1 is gold, arm2 green) it holds the following
-topics, `STANDARD_HZ` times a second.
+The profile is ros2 with CDR. The file has these topics for each arm (arm1 is gold, arm2 green),
+with `STANDARD_HZ` messages a second.
 
     /armN/measured_js, setpoint_js,    sensor_msgs/JointState
         true_js, model_js              joints measured, desired, true, of the nominal model
@@ -11,14 +10,15 @@ topics, `STANDARD_HZ` times a second.
     /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
     /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
 
-Every millisecond there is a flat message on /ravenjax/signals, with every channel of the session as
-float32, unchanged. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in
-words on /ravenjax/log (rcl_interfaces/Log). The time of a message is the session's start plus one
+Every millisecond there is a flat message on /ravenjax/signals, with every signal of the session as
+float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on
+/ravenjax/log (rcl_interfaces/Log). The time of a message is the start of the session plus one
 millisecond per row. Its sequence number is the number of the row, so that lost rows leave a gap
-instead of shifting the others.
+instead of shifting later rows.
 
-A block of rows is one chunk, which is passed to the operating system at once. A killed recorder
-loses only what it had not yet written. What a power failure loses depends on the operating system.
+The file is readable even if it is truncated. A block of rows is one chunk, which is passed to the
+operating system at once. If the process is killed, only the current block is lost. What a power
+failure loses depends on the operating system.
 """
 
 import json

@@ -1,13 +1,12 @@
-"""Writes one run's full time series as an MCAP file: profile ros2, CRTK topic names, standard
-messages.
+"""Writes the time series of one run as an MCAP file with the topics and message types of ROS 2.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`; /tf carries
-the frames.
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`. The topic /tf
+has the frames.
 
     world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
-Series are those of `time_series`, each optional. These are the topics of each arm.
+These are the topics of each arm. A topic is missing if its series is.
 
     /armN/measured_js, setpoint_js, true_js, model_js    sensor_msgs/JointState
     /armN/measured_cp, setpoint_cp, true_cp, model_cp    geometry_msgs/PoseStamped
@@ -17,8 +16,9 @@ Series are those of `time_series`, each optional. These are the topics of each a
 
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
 are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on /ravenjax/log
-(rcl_interfaces/Log). Every series without a topic, [T] or [T, k], becomes one or k named float64
-fields of the flat message on /ravenjax/signals. So do the true tip and the golden run's tip.
+(rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
+fields of the flat message on /ravenjax/signals. The true tip and the golden run's tip are fields of
+this message, too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
