@@ -26,18 +26,19 @@ def coverage(
 ) -> None:
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 
-    Counts checks, detectors and the cue, each alone and together: faults that they detect at all,
-    before the harm, and, if `ravenjax deadline` has computed the deadlines, in time for a stop.
+    The table has a row for each check, each detector and the cue, and for all of them together. It
+    counts the faults that are detected at all, and those that are detected before the harm. If
+    `ravenjax deadline` has computed deadlines, it also counts detections in time for a stop.
 
     Parameters
     ----------
     of
-        list the harmful runs instead, with the time at which this check, or set of checks, detects
-        each
+        instead, list the harmful runs with the time at which this check or set of checks detects
+        the fault
     pairs
-        compare runs with two faults with those that have one of them instead
+        instead, compare runs with two faults with runs that have only one of them
     most
-        with --pairs: pairs of each kind that are listed; default 5
+        with --pairs: number of pairs of each kind to list; default 5
     out
         folder of the files; default FOLDER/coverage
     """
@@ -49,7 +50,7 @@ def coverage(
     from ravenjax.store import files, manifest
 
     if pairs and of is not None:
-        raise UserError("--runs and --pairs ask for different lists: give one of them")
+        raise UserError("--runs and --pairs print different lists: give only one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
     place = out or folder / "coverage"
@@ -58,7 +59,7 @@ def coverage(
             return _pairs(runs, place, most or 5, as_json)
         found = checks.measure_coverage(runs, read_deadlines(folder))
         if of is not None:
-            columns = ("run", "site", "fault", "harm, ms", "detected, ms", "detected")
+            columns = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
             listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
             return console.print_tables([listing], as_json)
     files.require_writable(place)

@@ -14,11 +14,12 @@ def deadline(
     engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Find the point of no return of each harmful fault: until when an action prevents the harm.
+    """Find the point of no return of each harmful fault: the last time at which an action prevents
+    the harm.
 
-    The actions are a lifted pedal, a pressed E-stop, a stop by the software, a held command, and a
-    cue that the operator follows. Beside each deadline is the time at which a signal first shows
-    the fault. The tables are in FOLDER/deadline, and the next report of the folder has them, too.
+    The actions are a lifted pedal, a pressed E-stop, a stop by the software, a frozen command, and
+    an operator who follows the cue. Each deadline is compared with the time at which a signal first
+    shows the fault. The tables are in FOLDER/deadline and in the next report of the folder.
 
     Parameters
     ----------
@@ -33,15 +34,15 @@ def deadline(
     from ravenjax.store import files, manifest
     from ravenjax.store.access import explained
 
-    def tell(text: str) -> None:
+    def print_progress(text: str) -> None:
         if not as_json:
             console.print_text(text, console.err)
 
     record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
     files.require_writable(path.parent)
-    table = finding.find_deadlines(folder, engine, group, tell)
+    table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
-        words = "No fault does harm: there is nothing to prevent."
+        words = "No fault causes harm, so there is no deadline to find."
         return (
             console.emit_json({"harmful": 0, "sentences": [words]})
             if as_json

@@ -29,12 +29,12 @@ def trace(
     engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
+    """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
     Parameters
     ----------
     worst
-        trace the N worst runs instead of named ones
+        trace the N worst runs instead of runs that you name
     out
         folder of the traces; default FOLDER/traces
     """
@@ -45,7 +45,8 @@ def trace(
 
     if bool(run_ids) == (worst is not None):
         raise UserError(
-            "which runs? Give run ids or indices, such as `ravenjax trace DIR 17`, or --worst N"
+            "expected the runs to trace: run ids or indices, such as `ravenjax trace DIR 17`, or"
+            " --worst N"
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
@@ -53,7 +54,7 @@ def trace(
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):
         console.print_note(
-            f"{folder} was computed by another version of the code; a run may come out otherwise"
+            f"{folder} was computed by another version of the code, so a run's outcome may differ"
         )
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
@@ -149,7 +150,7 @@ def explain(
     as_json: AsJson = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
-    detect it.
+    have detected the fault.
 
     Without run ids, --worst and --group, all runs with a fault are explained and summarised, if
     any fault evades the checks.
@@ -157,11 +158,11 @@ def explain(
     Parameters
     ----------
     worst
-        explain the N worst runs instead of named ones
+        explain the N worst runs instead of runs that you name
     group
-        explain every run with a fault of this group, together
+        summarise all runs with a fault of this group
     out
-        folder of what is written; default FOLDER/explained
+        folder for the written files; default FOLDER/explained
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError
@@ -171,7 +172,7 @@ def explain(
 
     if sum((bool(run_ids), worst is not None, group is not None)) > 1:
         raise UserError(
-            "which runs? Give run ids or indices, or --worst N, or --group NAME, one of them"
+            "expected only one selection of runs: run ids or indices, --worst N, or --group NAME"
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
@@ -179,7 +180,7 @@ def explain(
         return console.emit_json([]) if as_json else None
     together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
     if together == []:
-        words = "No fault evades the checks: there is no silent harm to explain."
+        words = "No fault evades the checks, so there is nothing to explain."
         return (
             console.emit_json({"evading": 0, "sentences": [words]})
             if as_json
@@ -198,8 +199,8 @@ def explain(
     if others := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.print_note(
-            f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are"
-            f" stored, by engine {record.engine} and {code} version of the code"
+            f"{folder}: {others} of {len(explanation.ticks)} runs now have another outcome than the"
+            f" stored one, which engine {record.engine} and {code} version of the code computed"
         )
     if together is None:
         _one_by_one(place, record, explanation, as_json)
