@@ -28,7 +28,7 @@ from ravenjax.store import manifest
 
 FALSE_CUES = "false cues"
 EVENTS = {name.replace("_", " "): name for name in comparison.RATES} | {"evading": "evades"}
-"""Events of a margin in points, and the names of their rates in a comparison."""
+"""Maps an event of a margin in percentage points to the name of its rate in a comparison."""
 _MARGIN = re.compile(
     r"\s*(?P<event>[a-z ]+?)\s*(?P<change>[+-]\d+(\.\d+)?)\s*(?P<unit>points|/h)\s*"
 )
@@ -36,7 +36,7 @@ Verdict = Literal["pass", "fail", "undecided"]
 
 
 class Margin(NamedTuple):
-    """How far the rate of an event may rise (positive) or fall (negative)."""
+    """The largest accepted rise (positive) or fall (negative) of an event's rate."""
 
     event: str
     change: float  # percentage points, or per hour
@@ -50,6 +50,7 @@ class Judgement(NamedTuple):
     """The verdict on one margin. change: second minus first, in the unit of the margin."""
 
     margin: Margin
+    # The rates in both results, in words.
     first: str
     second: str
     change: Estimate
@@ -58,7 +59,7 @@ class Judgement(NamedTuple):
     @property
     def measured(self) -> str:
         """The change in words, with its interval."""
-        bounds = "no interval: enumerated faults"
+        bounds = "no interval, because the faults are enumerated"
         if math.isfinite(self.change.low):
             bounds = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
         return f"{self.change.value:+,.4g}{' points' * (self.margin.unit != '/h')} ({bounds})"
@@ -72,15 +73,16 @@ class Gate(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """1 if a margin is exceeded, else 2 if one is undecided, else 0."""
+        """Exit code: 1 if a margin is exceeded, else 2 if a verdict is undecided, else 0."""
         verdicts = {judgement.verdict for judgement in self.judgements}
         return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
 
 
 def parse_margin(text: str) -> Margin:
-    """Return the margin of a text such as "evades +0.5 points". Raises UserError."""
+    """Parse a margin such as "evades +0.5 points". Raise UserError for any other form."""
     example = (
-        f'write an event, a signed number and its unit: "evades +0.5 points", "{FALSE_CUES} +2/h"'
+        "expected an event, a signed number and a unit, such as"
+        f' "evades +0.5 points" or "{FALSE_CUES} +2/h"'
     )
     found = _MARGIN.fullmatch(text)
     if found is None:
@@ -89,16 +91,17 @@ def parse_margin(text: str) -> Margin:
     events = (FALSE_CUES,) if margin.unit == "/h" else tuple(EVENTS)
     if margin.event not in events:
         raise UserError(
-            f"--margin {text!r}: event {margin.event!r} is unknown with the unit {margin.unit}:"
-            f" expected {', '.join(events)}{suggest_name(margin.event, events)}"
+            f"--margin {text!r}: no event {margin.event!r} has the unit {margin.unit}; expected"
+            f" one of {', '.join(events)}{suggest_name(margin.event, events)}"
         )
     return margin
 
 
 def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
-    """Judge the results in `second` beside those in `first`; list at most `most` changed runs.
+    """Judge whether the results in `second` are worse than those in `first` by more than margins.
 
-    Raises UserError for results that cannot be compared, and StoreError.
+    most: largest number of changed runs to list. Raise UserError for results that cannot be
+    compared, and StoreError.
     """
     compared = comparison.compare_folders(first, second, most)
     if not compared.pairs.compared:
@@ -121,7 +124,7 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
 
 
 def judge_change(change: Estimate, margin: float) -> Verdict:
-    """Judge a change whose direction of harm is the sign of the margin."""
+    """Compare a change with its margin. The change is harmful in the direction of the margin."""
     sign = math.copysign(1.0, margin)
     low, high = sorted((sign * change.low, sign * change.high))
     if not math.isfinite(change.low):
@@ -137,7 +140,7 @@ def _false_cues(folder: Path) -> AlarmRate:
         rate = runs.motions().cue_rate(record.verdict_cue)
     if rate is None:
         raise UserError(
-            f"{folder}: has no fault-free motion with the pedal down, so no false cues can be"
-            f" counted. Compute some: ravenjax fault-free {folder} HOURS"
+            f"{folder}: has no fault-free motion with the pedal down, so false cues cannot be"
+            f" counted. Compute fault-free motion: ravenjax fault-free {folder} HOURS"
         )
     return rate

@@ -19,17 +19,18 @@ from ravenjax.robots.raven2.dynamics import arm_model, body_shapes, scene_views
 from ravenjax.store import files
 
 STEPS = 65535
-"""Steps of a coordinate over the extent of a body's shapes: for 1 m, a step is 15 um."""
+"""Number of steps of a coordinate over the size of a shape. For 1 m, a step is 15 um."""
 KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
 
 
 def describe_figure() -> dict[str, Any]:
-    """Return JSON of the bodies in the model's order, parents first, and of the cameras.
+    """Return the robot's bodies in the model's order, parents first, and the cameras, as JSON
+    values.
 
-    A body has: parent (index, -1: none), position (m) and quaternion (w first) in its parent,
-    `joint` (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh has: colour (sRGB, 0
-    to 1), `low` and `size` (m) of a box, `corners` and `faces` (base64 of little-endian uint16 [n,
-    3]). A corner is at low + size * corner / STEPS.
+    A body has: parent (index, -1: none), position (m) and quaternion (w first) relative to its
+    parent, `joint` (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh has: colour
+    (sRGB, 0 to 1), `low` and `size` (m) of its bounding box, `corners` and `faces` (base64 of
+    little-endian uint16 [n, 3]). A corner is at low + size * corner / STEPS.
     """
     model = arm_model.operating_scene()
     joints = {
@@ -76,7 +77,7 @@ def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]
 
 
 def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
-    # Corners become whole numbers of STEPS within the mesh's box, which keeps pages small.
+    # Corners are stored as uint16 positions within the bounding box, which keeps pages small.
     mesh = body_shapes.merged_mesh(model, geoms)
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     corners = np.asarray(mesh.vertices, float)

@@ -16,7 +16,7 @@ INDEX = "index.html"
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """An entry of the index: the file name of a campaign's page, or the reason why it has none."""
+    """An entry of the index: a campaign and its page, or the reason why it has no page."""
 
     campaign: str
     robot: str
@@ -27,11 +27,11 @@ class Card:
 
 
 def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
-    """Write the pages of campaign files and their index, and return the index entries.
+    """Write a page for each campaign file and an index page, and return the entries of the index.
 
-    Without any files, all bundled campaigns are written. A campaign that cannot become a page gets
-    an entry with the reason. Raises UserError for a source that is not a campaign, for two
-    campaigns of one name, and if no campaign can become a page.
+    The default is all bundled campaigns. If a campaign cannot be simulated in a page, its entry has
+    the reason. Raise UserError for a source that is not a campaign, for two campaigns with the same
+    name, and if no page can be written.
     """
     configs = [
         loading.load_campaign(source, runs=False)
@@ -41,14 +41,14 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(
-            f"two campaigns are named {', '.join(twice)}: each page of a gallery needs its"
-            " own name; leave one out"
+            f"two campaigns have the name {', '.join(twice)}, but each page of a gallery needs"
+            " another name; leave one of the campaigns out"
         )
     folder.mkdir(parents=True, exist_ok=True)
     cards = [_card(config, folder) for config in configs]
     if not any(card.file for card in cards):
         raise UserError(
-            "none of these campaigns can become a page: "
+            "no page can be written for any of these campaigns: "
             + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
         )
     files.write_text(folder / INDEX, page.fill("index.html.j2", cards=cards))

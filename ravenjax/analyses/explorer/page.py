@@ -16,7 +16,7 @@ from ravenjax.document import html
 from ravenjax.store import files, manifest
 
 PREFIX = "page/"
-"""Prefix of names in the import map, which gives addresses to bare names only."""
+"""Prefix of the names of modules in the import map. An import map needs names that are no paths."""
 _IMPORT = re.compile(
     r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
 )
@@ -26,11 +26,11 @@ SUFFIX = ".explore.html"
 
 
 def build_page(source: str | Path, out: Path | None = None) -> Path:
-    """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
-    its path.
+    """Write the page of a campaign file, of a bundled campaign, or of a result folder.
 
-    `out`: the path; by default the folder's `explore.html`, or `NAME.explore.html` in the current
-    folder for a campaign. Raises UserError and StoreError.
+    `out`: path of the page. The default is `explore.html` in a result folder, and
+    `NAME.explore.html` in the current folder for a campaign. Return the path. Raise UserError and
+    StoreError.
     """
     folder = Path(source)
     if folder.is_dir():
@@ -46,7 +46,7 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """Return the page as text. `table`: value of `words.list_runs`. Raises UserError."""
+    """Return the page as HTML. `table`: runs of a result folder, from `words.list_runs`."""
     parts = resources.files("ravenjax.analyses.explorer")
     data = {
         "campaign": words.describe_campaign(config),
@@ -67,7 +67,7 @@ def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> 
 
 
 def fill(template: str, **values: Any) -> str:
-    """Return a template of this folder with these values."""
+    """Render a template of this package with these values."""
     return (
         html.template_environment("ravenjax.analyses.explorer")
         .get_template(template)
@@ -76,11 +76,11 @@ def fill(template: str, **values: Any) -> str:
 
 
 def import_map(folder: Traversable) -> str:
-    """Return JSON of an import map with every JavaScript module of the folder. A page opened from a
-    file cannot import modules by address.
+    """Return an import map with every JavaScript module of the folder, as JSON.
 
-    The map names each module's text as a data URL. Imports of `./name.js`, and
-    `import.meta.resolve` of it, are replaced by such names.
+    A page that is opened from a file cannot import modules from other files. The map therefore
+    contains each module as a data URL. In the modules, imports of `./name.js` and
+    `import.meta.resolve` are replaced by names of the map.
     """
     modules = {}
     for file in sorted(folder.iterdir(), key=lambda file: file.name):

@@ -54,24 +54,29 @@ from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
 
 WORDS = resources.read_tables(__file__, "words.toml")
-"""Lists of parameters and series, and names that a reader understands without the manual."""
+"""Lists of the parameters and series that a page contains, and plain names for sites and units."""
 
 MOTION_BYTES = 3_000_000
-"""Largest size of all motions of a page; a longer operation has only the campaign's own motion."""
+"""Largest size of all motions of a page, bytes. If they are larger, a page contains only the
+campaign's motion.
+"""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """Return the campaign's plan with a program that is open to all changes. Raises UserError."""
+    """Return the campaign's plan with all parameters of `words.toml` as inputs of the program.
+
+    Raise UserError for a campaign that a page cannot simulate.
+    """
     ready = plan.make_plan(config)
     if config.campaign.noise:
-        raise UserError("a page cannot draw noise for each run: turn campaign.noise off")
+        raise UserError("a page cannot draw noise for each run: write campaign.noise = false")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
-            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: give"
-            " one of its groups a [[group.fault]]; a page offers its site and effects"
+            f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: write"
+            " a [[group.fault]], whose site and effects the page then offers"
         )
-    # A page draws the lengths of packets once, for all its runs.
+    # A page draws the durations of packets once, for all its runs. So random keys are set to 0.
     values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
     covered = {
         full for path in values for full in paths.named_numbers(program.params, program.setup, path)
@@ -85,8 +90,7 @@ def question_plan(config: CampaignConfig) -> Plan:
         covered.update(of_path)
         dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
         values[path] = np.full(ready.runs, own, dtype)
-    # The program's own ends would freeze lanes. A page stops them from outside, as generated code
-    # is stopped.
+    # The program does not end runs itself. The page stops it.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
     setup = dataclasses.replace(
@@ -140,7 +144,7 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode()
 
 
-# --- what may be asked ---
+# --- choices of the reader ---
 
 
 def motion_name(config: CampaignConfig) -> str | None:
@@ -153,7 +157,10 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def list_motions(ready: Plan) -> dict[str, Any]:
-    """Return the campaign's motion, and those that may replace it on a small page."""
+    """Return the campaign's motion and the motions that may replace it, as base64 columns.
+
+    Other motions are left out if the page would become too large.
+    """
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
@@ -169,7 +176,7 @@ def list_motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    # The columns of another generated motion; None if the robot would have to start elsewhere.
+    # Returns the columns of another generated motion, or None if it starts at another pose.
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
@@ -187,7 +194,7 @@ def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
 
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
-    # What the page needs to offer a parameter: its value, its type and its range.
+    # Returns what a page shows about a parameter: path, value, type, range and meaning.
     program, robot = ready.program, ready.config.robot
     own = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
     limits = next(iter(bounds.allowed_values(robot, path)), None)
@@ -203,7 +210,7 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
 
 
 def _channels(ready: Plan) -> list[dict[str, Any]]:
-    # The channels of the campaign's faults, each with the effects that the page may offer.
+    # Returns the channels of the campaign's faults, each with the effects that the page offers.
     injection = ready.program.setup.injection
     effects = {use.site: use.effects for use in injection.sites}
     rows = []
@@ -219,7 +226,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _effects() -> dict[str, dict[str, Any]]:
-    # Codes of effects. An effect of the network acts as a plain effect on one channel.
+    # Returns the code of each effect. A network effect is a plain effect on one channel.
     return {
         name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
         for name, effect in EFFECTS.items()
@@ -234,7 +241,7 @@ def _examples(ready: Plan) -> list[dict[str, Any]]:
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
-    # Words, checks and rules from which the page derives the verdict of a run.
+    # Returns the words, checks and limits from which the page computes the verdict of a run.
     robot = config.robot
     rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
     words = ("responses", "told", "untold", "hazards", "cues", "halt_ms")
@@ -262,7 +269,8 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    # The numbers of the robot's actions, and the program that takes one of them at any tick.
+    # Returns the number of each action of the robot, and the program in which an action starts at
+    # any tick. Both are empty for a robot without actions.
     part = ready.config.robot.part("campaign")
     if not hasattr(part, "acted"):
         return {}, {}
@@ -275,7 +283,7 @@ def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    # The program that recomputes one run with its time series, for the animation.
+    # Returns the program that computes one run with its time series, for the animation.
     outputs, signals = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + signal] for signal in signals]
@@ -286,12 +294,11 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the time series of `words.toml` with the factor of each number, and the signals behind
-    all these numbers.
+    """Return the time series of `words.toml`, and the index of the signal behind each number.
 
-    They are found by asking the robot for the series of signals that are 1 one at a time: a number
-    that is a multiple of one signal then shows it. Numbers computed from several signals are left
-    out; a page computes them itself.
+    A number of a series may be a multiple of one signal. To find the signal and the factor, the
+    robot's function `series` is called with rows in which one signal is 1 and all others are 0.
+    Numbers that depend on several signals are left out; the page computes these.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
@@ -321,7 +328,7 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
 
 
 def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
-    # A program as WebAssembly, and the layout of the memory that it reads and writes.
+    # Returns a program as WebAssembly, and the layout of its memory.
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),

@@ -26,11 +26,11 @@ from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
 UNASKED = ("periodic", "random", "lose")
-"""Effects without a control on the page. Random numbers depend on the row."""
+"""Effects that the page does not offer. Random effects depend on a run's row in its campaign."""
 
 
 def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
-    """Return JSON of everything that the page's words, controls and commands need."""
+    """Return what a page shows of a campaign, as JSON: texts, sites, effects, checks and limits."""
     robot, arms, cues = config.robot, config.campaign.arms, config.haptics.cues()
     return {
         "name": config.campaign.name,
@@ -81,7 +81,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
 
 
 def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
-    # What the page shows of a channel: unit, whole numbers or not, limits and normal range.
+    # Returns what the page shows about a channel: unit, type, limits and normal range.
     usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {
@@ -96,7 +96,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    # The range of values that the campaign gives each site and effect: the page's slider.
+    # Returns the range of the page's slider for each site and effect: the campaign's values.
     values = defaultdict[str, list[float]](list)
     for group in config.group:
         for run in group.run or [None]:
@@ -116,13 +116,13 @@ def _varied(config: CampaignConfig) -> list[str]:
 
 
 def _toml(config: CampaignConfig) -> str:
-    """Return the campaign's file without cues, groups and varied parameters, which a page adds.
-    Files that it reads lie beside it.
+    """Return the campaign file as TOML without cues, groups and varied parameters.
 
-    If a page may exchange the motion, its name is the first line of [operator].
+    The page adds these. Paths become names of files, so the files must lie beside the campaign. If
+    the page may change the motion, its name is the first line of [operator].
     """
-    apart = {"group", "stop", "haptics", "cross"}
-    content = config.model_dump(exclude_defaults=True, exclude=apart)
+    page_adds = {"group", "stop", "haptics", "cross"}
+    content = config.model_dump(exclude_defaults=True, exclude=page_adds)
     tables = json.loads(json.dumps(content, default=lambda path: path.name))
     varied = _varied(config)
     tables["parameters"] = {
@@ -136,17 +136,17 @@ def _toml(config: CampaignConfig) -> str:
 # --- the table of a result folder ---
 
 MOST = 20_000
-"""Largest number of table rows in a page. The first rows are taken."""
+"""Largest number of runs in a page. A page contains the first runs of a result."""
 _FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
 FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
 
 
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
-    """Return JSON of a result table for a page.
+    """Return the runs of a result folder for a page, as JSON.
 
-    Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
-    in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
-    cannot compute are left out (see `_asked`).
+    Keys: folder (its name), cue (number of the haptic set of the verdict), runs (number of runs in
+    the folder), rows (number of runs in the page, at most MOST), columns (name -> list), evading
+    (share of evading faults). Runs that a page cannot compute are left out (see `_computable`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.table_columns(record.shape)]
     columns = {
@@ -161,7 +161,7 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     columns = {name: column for name, column in columns.items() if column in names}
     further = [name for name in names if re.fullmatch(_FURTHER, name)]
     frame = Results(record.shape, folder).frame([*columns.values(), *further])
-    first = frame.loc[_asked(frame)].head(MOST)
+    first = frame.loc[_computable(frame)].head(MOST)
     return {
         "folder": folder.name,
         "cue": cue,
@@ -182,8 +182,8 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
         return tables.headline_counts(runs, record)["evaded"]._asdict()
 
 
-def _asked(frame: pd.DataFrame) -> pd.Series:
-    # True for runs whose fault a page can set: one fault, one window from a time on.
+def _computable(frame: pd.DataFrame) -> pd.Series:
+    # True for runs that a page can simulate: one fault with one window that starts at a time.
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)

@@ -31,24 +31,24 @@ from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.outcomes.events import Rules
 
 FOLDER = "verified"
-"""Subfolder of the search for the campaign with both sides of every bracket."""
+"""Subfolder for the campaign that repeats the runs at both ends of every bracket."""
 SHOWN = ("run", "response", "peak_model_deviation_mm", "peak_golden_deviation_mm")
-"""Columns of both sides' runs that a cell's record has."""
+"""Columns of these runs that the result of a cell contains."""
 
 Asked = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Maps (cell [n], number [n]) to [n]: 1 yes, 0 no, NaN no valid answer."""
+"""Function that returns for cells [n] and values [n]: 1 harm, 0 no harm, NaN no valid outcome."""
 
 CROSSING, NEVER, ALWAYS, INVALID = "crossing", "never", "always", "invalid"
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchRange:
-    """The range of numbers that is searched."""
+    """The range of values in which the smallest harmful value is searched."""
 
     low: float
     high: float
-    log: bool  # True if equal ratios, rather than equal differences, are equivalent
-    # A bracket is narrow enough at this share of its lower end (log), or of the whole range.
+    log: bool  # True for a logarithmic scale
+    # Accepted width of a bracket, as a share of its lower end (log) or of the whole range.
     tolerance: float
 
     def spread(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
@@ -69,20 +69,21 @@ class SearchRange:
 
 @dataclasses.dataclass(frozen=True)
 class Brackets:
-    """The point at which the answer becomes yes, for each cell."""
+    """The interval in which values become harmful, for each cell."""
 
-    # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID if an answer was not valid.
+    # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID if an outcome was not valid.
     state: np.ndarray
-    # [cells], largest number below the crossing with a no; NaN without one.
-    low: np.ndarray
-    high: np.ndarray  # [cells], smallest number with a yes; NaN without one
-    # Of each cell, the intervals of the scan in which the answer changes.
+    low: np.ndarray  # [cells], largest harmless value below the boundary; NaN if there is none
+    high: np.ndarray  # [cells], smallest harmful value; NaN if there is none
+    # For each cell, the intervals of the scan at whose ends the outcomes differ.
     changes: tuple[tuple[tuple[float, float], ...], ...]
-    steps: int  # number of steps after the scan
+    steps: int  # number of steps of the bisection
 
     @property
     def monotone(self) -> np.ndarray:
-        """Return whether the answer stays yes after the first yes of the scan; bool [cells]."""
+        """Return whether all values of the scan after the first harmful one are harmful; bool
+        [cells].
+        """
         single = [
             len(changes) <= (state != ALWAYS)
             for state, changes in zip(self.state, self.changes, strict=True)
@@ -91,10 +92,10 @@ class Brackets:
 
 
 def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
-    """Return the smallest number for which `asked` returns 1, for every cell.
+    """Find the smallest value for which `asked` returns 1, for every cell.
 
-    `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
-    are tried first, evenly over the range.
+    `whole`: bool [cells], True if only whole numbers are possible. `scan`: number of values that
+    are tried first, evenly spaced over the range. A bisection follows.
     """
     cells = len(whole)
     tried = within.spread(np.full(cells, within.low), np.full(cells, within.high), scan)
@@ -106,7 +107,7 @@ def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: in
     while len(active := np.flatnonzero((state == CROSSING) & ~within.narrow(low, high, whole))):
         steps += 1
         tried = within.spread(low[active], high[active], 3)
-        # A bracket of whole numbers more than one apart contains another one.
+        # If whole numbers are more than 1 apart, a whole number lies between them.
         inner = np.clip(np.rint(tried[1]), low[active] + 1.0, high[active] - 1.0)
         tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
@@ -116,7 +117,10 @@ def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: in
 
 
 def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the state, and the first change from no to yes, of each column."""
+    """Return state, low and high of `Brackets` for each column of answers [values, cells].
+
+    `tried`: the values [values, cells] in ascending order.
+    """
     yes = answer == 1.0
     first = np.argmax(yes, axis=0)
     cells = np.arange(answer.shape[1])
@@ -129,7 +133,7 @@ def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float], ...]:
-    # Pairs of neighbouring values between which the answer changes.
+    # Returns pairs of neighbouring values with different answers.
     at = np.flatnonzero(answer[1:] != answer[:-1])
     return (
         tuple((float(tried[i]), float(tried[i + 1])) for i in at)
@@ -139,7 +143,7 @@ def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float]
 
 
 def due(template: Template, search: Boundary) -> int:
-    """Return the approximate number of runs."""
+    """Return the approximate number of runs of a search."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
@@ -148,7 +152,10 @@ def due(template: Template, search: Boundary) -> int:
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
-    """Return the numbers of search.json. Verifies both sides of every boundary in a campaign."""
+    """Run the search and return its results for search.json.
+
+    A campaign repeats the runs at both ends of every bracket, as a test.
+    """
     axis = template.axis(0)
     low, high = map(float, axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
@@ -156,7 +163,8 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     case, sign = np.array(cells).T
 
     def points(cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Cells and sizes as case [n] and values [n, 1].
+        # Returns the points of cells [n] with fault values of these sizes [n]: case [n] and values
+        # [n, 1].
         return case[cell], (sign[cell] * size)[:, None]
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -200,12 +208,12 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     }
 
 
-def _along(told: Sequence[dict[str, Any]]) -> str | None:
-    # The key for the chart's x axis: a duration, or else the number with most values.
+def _along(cells: Sequence[dict[str, Any]]) -> str | None:
+    # Returns the key for the chart's x axis: a duration, or else the number with most values.
     numeric = {
-        name: len({cell[name] for cell in told})
-        for name in told[0]
-        if all(isinstance(cell[name], int | float) for cell in told)
+        name: len({cell[name] for cell in cells})
+        for name in cells[0]
+        if all(isinstance(cell[name], int | float) for cell in cells)
     }
     durations = [name for name in numeric if name.endswith("duration_ms")]
     return durations[0] if durations else max(numeric, key=numeric.__getitem__, default=None)
@@ -214,18 +222,19 @@ def _along(told: Sequence[dict[str, Any]]) -> str | None:
 def _require_outcomes(
     search: Boundary, folder: Path, rows: pd.DataFrame, rules: Rules, expected: np.ndarray
 ) -> None:
-    """Raise RuntimeError if the campaign of both sides of every bracket contradicts the search."""
+    """Raise RuntimeError if the campaign that repeats runs has other outcomes than the search."""
     contrary = outcome.parse_outcome(search.harm).values(rows, rules) != expected
     if contrary.any():
         raise RuntimeError(
-            f"the campaign in {folder} contradicts the search that it verifies: runs"
-            f" {rows['run_id'][contrary].tolist()}"
+            f"the campaign in {folder} repeats runs of the search, but has other outcomes in runs"
+            f" {rows['run_id'][contrary].tolist()}. Please report this error"
         )
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return one chart per value of the first list of the numbers of `find`, with the boundary
-    over `along`, and a series for each other case.
+    """Return charts of the boundary, from the results of `find`.
+
+    There is a chart for each value of the first list, and a curve for each other case.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
@@ -269,7 +278,7 @@ def _chart(title: str, cells: list[dict[str, Any]], numbers: dict[str, Any]) -> 
     unit = f", {searched['unit']}" if searched["unit"] else ""
     word = short_axis_name(searched["name"]).partition(",")[0]
     low, high = searched["low"], searched["high"]
-    # Room for the marks of cells without a boundary.
+    # Leaves room for the marks of cells without a boundary.
     top = high * 1.3 if searched["scale"] == "log" else high + 0.08 * (high - low)
     return Chart(
         title,

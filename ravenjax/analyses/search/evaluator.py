@@ -32,7 +32,10 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Computes outcomes: `evaluator(case [n], values [n, inputs])`, [n, outcomes]; NaN: failed."""
+    """Computes outcomes of points. Call it with case [n] and values [n, inputs].
+
+    The result is an array [n, outcomes], with NaN for failed runs.
+    """
 
     def __init__(
         self,
@@ -41,7 +44,11 @@ class Evaluator:
         engine: str = "auto",
         margins: bool = False,
     ) -> None:
-        """Plan the runs. `margins`: return margins of `wanted`, not 0 and 1. Raises UserError."""
+        """Prepare runs of a template whose outcomes are `wanted`.
+
+        `margins`: compute the distance of a number from its limit, not 0 and 1. Raise UserError for
+        outcomes that the campaign does not have.
+        """
         compile_cache.enable_cache()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
@@ -67,13 +74,15 @@ class Evaluator:
         self._asked = pd.Index(np.zeros(0, np.uint64))
 
     def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep runs in `journal`, and take over those that it holds. `due`: about how many."""
+        """Store runs in `journal`, and use the runs that it contains.
+
+        `due`: approximate number of runs of the search, for the progress.
+        """
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.parse_run_ids(rows.column("run_id").to_pylist())
-            new = np.flatnonzero(
-                self._known.get_indexer(ids) < 0
-            )  # after a kill, two files may hold the same runs
+            # If the process was killed, two files may contain the same runs.
+            new = np.flatnonzero(self._known.get_indexer(ids) < 0)
             self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
@@ -92,11 +101,11 @@ class Evaluator:
 
     @property
     def held(self) -> int:
-        """Return the number of known runs, including those of earlier starts."""
+        """Return the number of computed runs, including runs of earlier starts of the search."""
         return len(self._known)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """See the class."""
+        """Return the outcomes of points: see the class."""
         points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
         rows = design.table_columns(
             self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:])
@@ -111,7 +120,7 @@ class Evaluator:
         return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
 
     def rows(self) -> pa.Table:
-        """Return every requested run in the order of requests, wherever earlier starts ended."""
+        """Return the result table of all requested runs, in the order of the first requests."""
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
         return schema.conform_table(
             parts.concatenate_parts(self._tables).iloc[place].assign(index=numbers, pair=numbers),
@@ -119,7 +128,7 @@ class Evaluator:
         )
 
     def _run(self, rows: pd.DataFrame) -> None:
-        # Computes the rows as a campaign does, and notes each finished part in the journal.
+        # Computes the runs as a campaign does, and stores each finished part in the journal.
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [

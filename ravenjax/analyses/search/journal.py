@@ -19,14 +19,14 @@ ROWS = "rows.parquet"
 
 
 class Journal:
-    """Finished runs in a search's folder, to which no other process writes (see `store.lock`)."""
+    """The finished runs in the folder of a search. No other process may write into the folder."""
 
     def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
-        """Read the runs that the folder holds. A damaged part is set aside and reported.
+        """Read the finished runs of the folder. Damaged files are renamed and reported.
 
-        `identity`: hash of everything that decides outcomes. `rows_sha256`: of `rows.parquet`, if
-        an earlier start finished. Raises StoreError if the disk refuses or a part belongs to
-        another search.
+        `identity`: hash of everything on which outcomes depend. `rows_sha256`: hash of
+        `rows.parquet`, if the search has finished before. Raise StoreError if a file cannot be
+        read or written, or belongs to another search.
         """
         self.out, self._parts, self._identity = out, out / folder.PARTS, identity
         self.tables: list[pa.Table] = []
@@ -36,7 +36,7 @@ class Journal:
             if files.hash_file(rows) == rows_sha256:
                 self.tables.append(pq.read_table(rows))
             else:
-                self.notes += (f"{rows}: its content was changed; its runs are computed again",)
+                self.notes += (f"{rows}: the file was changed, so its runs are computed again",)
         files.require_writable(self._parts)
         recorded = {part.file: part for part in manifest.read_parts(out) or ()}
         there = parts.part_files(self._parts)
@@ -50,7 +50,7 @@ class Journal:
         self._next = max((parts.row_range(path)[1] + 1 for path in there), default=0)
 
     def add(self, rows: pa.Table) -> None:
-        """Store finished runs, rows of the result table. Raises StoreError if the disk refuses."""
+        """Store finished runs (rows of the result table). Raise StoreError if that fails."""
         numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
         self._next += len(rows)
         for name in ("index", "pair"):
@@ -60,14 +60,14 @@ class Journal:
         manifest.record_part(self.out, part)
 
     def conclude(self, rows: pa.Table) -> str:
-        """Write `rows.parquet` and return its sha256. Raises StoreError if the disk refuses."""
+        """Write all runs to `rows.parquet`. Return its sha256. Raise StoreError if that fails."""
         files.write_aside(
             self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd")
         )
         return files.hash_file(self.out / ROWS)
 
     def forget(self) -> None:
-        """Remove the parts, whose rows are in `rows.parquet` too, as far as possible."""
+        """Delete the numbered files, if possible. Their runs are in `rows.parquet`, too."""
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():
                 path.unlink()
