@@ -125,7 +125,7 @@ class FastForwardPlan:
         return self._plan.ends < self.last_end[self._plan.golden]
 
     def early_ends(self, number: int) -> np.ndarray:
-        """Return the different ends of a golden run's runs before its last end, int64, ascending."""
+        """Return the different ends of a golden run's runs, without the last, int64, ascending."""
         first, last = np.searchsorted(self._sorted[0], [number, number + 1])
         ends = np.unique(self._sorted[1][first:last])
         return ends[ends < self.last_end[number]]

@@ -40,20 +40,20 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 class Prepared(NamedTuple):
-    """Result of `prepare(config, varied, injection, precision)` of a robot's part `campaign`.
+    """Result of the function `prepare(config, varied, injection, precision)` of a robot.
 
-    varied: path -> values [runs] of the parameters that differ between runs, NaN where a run has
-    the robot's value; injection: `ravenjax.numbers.setup.Injection`; precision:
+    varied: path -> values [runs] of the parameters that differ between runs; NaN means the robot's
+    value. injection: `ravenjax.numbers.setup.Injection`. precision:
     `ravenjax.numbers.setup.Precision`.
     """
 
     loop: Loop
-    setup: Setup  # as the robot defines it
-    # The robot's parameters, plain numbers, including what the file sets for all runs.
+    setup: Setup
+    # The robot's parameters as plain numbers, with the values that the file sets for all runs.
     params: Any
-    columns: tuple[np.ndarray, ...]  # of the operator's motion, [ticks] or longer
-    # The same motion, as the robot represents it.
+    columns: tuple[np.ndarray, ...]  # columns of the operator's motion, [ticks] or longer
+    # The same motion in the robot's own type.
     motion: Any = None
     operator: MotionSummary | None = None  # summary of a recorded motion
-    # Parameters that follow from a run's id, and what each draws: every run has its own draw.
+    # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str] = {}

@@ -46,38 +46,38 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"parameters": {"plant.friction_scale": 1}}, "1 is already the robot's value"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
-        ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: ends no run"),
-        ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 is no limit"),
+        ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: has no effect"),
+        ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 limits nothing"),
         ({}, {"haptics": {"threshold_mm": [2, 3, 2]}}, "haptics: set 2 is the same as set 0"),
         ({}, {"detector": [TWICE]}, "detector[0].threshold: has a number twice"),
-        ({}, {"stop": {"half_width": 0.1, "looks": [1]}}, "stop.looks: the only look comes at"),
-        ({}, {"campaign": {"noise": True}, "parameters": SILENT}, "nothing is drawn in group 'g'"),
-        ({"wraps": True}, {}, "group[0].fault[0].wraps: no value is beyond the 16 bits"),
-        ({"effect": "periodic", "period_ms": 2}, {}, "fault[0].value: leaves the number"),
-        ({"value": [0, 9]}, {}, "fault[0].value: leaves the number as it is, or within one count"),
-        ({"effect": "scale", "value": 1}, {}, "fault[0].value: leaves the number"),
-        ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: leaves"),
-        ({"site": "encoder", "effect": "drift", "value": 0.01}, {}, "fault[0].value: leaves"),
-        ({"site": "jvel"}, {}, "fault[0].site: nothing in the robot reads it: 1 of 1 runs of g"),
-        ({"start_ms": 100}, {}, "the window closes before the robot is in pedal-down"),
-        ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the window does not open before"),
-        ({"start_ms": 1999, "duration_ms": 64}, {}, "up to 63 of 64 ms lie beyond the run's end"),
+        ({}, {"stop": {"half_width": 0.1, "looks": [1]}}, "stop.looks: the only look is at"),
+        ({}, {"campaign": {"noise": True}, "parameters": SILENT}, "has no effect in group 'g'"),
+        ({"wraps": True}, {}, "group[0].fault[0].wraps: has no effect"),
+        ({"effect": "periodic", "period_ms": 2}, {}, "fault[0].value: changes"),
+        ({"value": [0, 9]}, {}, "fault[0].value: changes the signal by at most one count"),
+        ({"effect": "scale", "value": 1}, {}, "fault[0].value: changes"),
+        ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: change"),
+        ({"site": "encoder", "effect": "drift", "value": 0.01}, {}, "fault[0].value: changes"),
+        ({"site": "jvel"}, {}, "fault[0].site: nothing in the robot reads this"),
+        ({"start_ms": 100}, {}, "the fault ends before the robot is in pedal-down"),
+        ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the fault does not begin before"),
+        ({"start_ms": 1999, "duration_ms": 64}, {}, "up to 63 of 64 ms are after"),
         ({**MASS, "effect": "offset", "value": [-0.5, -2]}, {}, "mass_scale becomes -1, expected"),
         ({**MASS, "effect": "scale", "value": 1e3}, {}, "mass_scale becomes 1000, expected"),
         (MASS, {"parameters": {"plant.mass_scale": 99}}, "plant.gold.mass_scale becomes 198"),
-        ({**MASS, "effect": "overwrite", "value": 1}, {}, "fault[0].value: leaves the number"),
-        ({**MASS, "value": 1}, {"parameters": {"plant.mass_scale": 2}}, "fault[0].value: leaves"),
+        ({**MASS, "effect": "overwrite", "value": 1}, {}, "fault[0].value: changes"),
+        ({**MASS, "value": 1}, {"parameters": {"plant.mass_scale": 2}}, "fault[0].value: changes"),
         ({}, {"reaction": {"delay_ms": 1000}}, "reaction.delay_ms: an action after the first cue"),
         ({}, {"reaction": {}, "parameters": {"reaction.felt_force": [0, 1]}}, "1 of 2 runs of g"),
         ({}, {"reaction": {"slow_to": 0.5}}, "reaction.slow_to: nothing reads it"),
         (MASS, {"campaign": {"dac_words": "wrap"}}, "campaign.dac_words: nothing reads it"),
         ({}, {"campaign": {"level": "beginner"}, "parameters": POLICY}, "campaign.level: decides"),
-        ({}, {"campaign": {"seed": 3}}, "campaign.seed: nothing in the campaign is drawn"),
+        ({}, {"campaign": {"seed": 3}}, "campaign.seed: has no effect"),
         ({}, {"campaign": {"duration_s": 0.1}, "group": [{"name": "a"}]}, "1 of 1 runs of a"),
         ({}, {"operator": {"motion": "still", "seed": 3}}, "operator.seed: motion 'still' is the"),
         ({}, {"parameters": {"plant.mass_scale": 2}, "group": [OWN_MASS]}, "no run has this value"),
-        ({}, {"detector": [TWICE, {**TWICE, "name": "b"}]}, "detector[1]: is the same as"),
-        ({"every_ms": 1500}, {}, "fault[0].every_ms: the window does not open again"),
+        ({}, {"detector": [TWICE, {**TWICE, "name": "b"}]}, "detector[1]: differs from"),
+        ({"every_ms": 1500}, {}, "fault[0].every_ms: the fault is not repeated"),
         ({"start_ms": 1500, "duration_ms": [500, 600, "end"]}, {}, "group: 2 of 3 runs have"),
     ],
 )  # fmt: skip
@@ -86,8 +86,8 @@ def test_what_cannot_act_is_noted(fault, sections, said):
 
 
 def test_the_same_fault_or_hazard_twice_is_noted():
-    assert "fault[1].site: is the same fault" in of(more=(FAULT,))
-    assert "group[0].hazards: C09 is there twice" in of(
+    assert "fault[1].site: the run has the same fault twice" in of(more=(FAULT,))
+    assert "group[0].hazards: C09 is listed twice" in of(
         group=[{"name": "a", "hazards": ["C09", "C09"]}]
     )
 

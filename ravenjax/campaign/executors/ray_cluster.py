@@ -42,7 +42,7 @@ from ravenjax.store import manifest
 RETRIES = 3
 """How often Ray repeats a task whose worker or node died."""
 CORES = 4
-"""Number of cores of a task if the user gives no number of tasks; fewer if all nodes are smaller."""
+"""Cores of a task, if the user gives no number of tasks and a node has so many."""
 WRITERS = 4
 """Largest number of files that are written in parallel."""
 SILENT_S = 600.0
@@ -83,7 +83,7 @@ def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
 
 
 def _computed_by(plan: Plan, device: str) -> dict[str, str]:
-    """Return code hash, kind of device and package versions, on which the bits of results depend."""
+    """Return code hash, kind of device and package versions, which determine results."""
     code = manifest.code_hash(plan.config.robot)[:16]
     # An engine names several devices as '2 x A'. Their kind must agree, not their number.
     kind = device.partition(" x ")[2] or device
@@ -91,7 +91,7 @@ def _computed_by(plan: Plan, device: str) -> dict[str, str]:
 
 
 class Worker:
-    """Computes chunks of one campaign in a Ray worker process. The first chunk compiles the code."""
+    """Computes chunks of a campaign in a Ray worker process. The first chunk compiles the code."""
 
     def __init__(self, head: Head) -> None:
         """Raise UserError if this process has other code, device or versions than the user's."""

@@ -13,7 +13,7 @@ FILE = "decisions.jsonl"
 
 
 def write_looks(folder: Path, looks: Sequence[Look]) -> None:
-    """Write all looks so far, atomically. Raises StoreError if the disk refuses."""
+    """Write all looks so far, atomically. Raise StoreError if the file cannot be written."""
     text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_text(folder / FILE, text)
 
@@ -32,7 +32,7 @@ def read_looks(folder: Path) -> list[Look]:
         why = str(error).splitlines()[0]
         raise StoreError(
             f"{path}: cannot be read ({why}). Delete it and start the same `ravenjax run`"
-            " again, which derives it from the parts."
+            " again, which computes this file from the results."
         ) from error
 
 
