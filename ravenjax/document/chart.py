@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 EMPTY = np.zeros(0)
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
-"""Fraction of a step curve's height below which steps may be merged. No larger step is lost."""
+"""Steps of a curve that are smaller than this fraction of its height may be merged."""
 
 
 def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
-    """Return at most about `most` round numbers from low to high.
+    """Return about `most` round numbers from low to high, or fewer.
 
-    If the ends are not round themselves, the list has one number below and one above them.
+    If the ends are not round numbers, the list contains one number beyond each end.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
@@ -32,7 +32,7 @@ def round_values(low: float, high: float, most: int, *, log: bool = False) -> li
 
 @dataclasses.dataclass(frozen=True)
 class ChartAxis:
-    """One axis: what it shows, and how its values are written."""
+    """One axis of a chart: its title, its range, and the format of its values."""
 
     title: str
     low: float
@@ -44,7 +44,7 @@ class ChartAxis:
     unit: str = ""
     # A value that is marked, such as zero if values lie on both sides of it.
     line: float | None = None
-    # Names of the places 0, 1, 2 ..., the first on top. They replace the numbers.
+    # Names of the positions 0, 1, 2 ..., which replace the numbers. The first is on top.
     names: tuple[str, ...] = ()
 
     def label(self, value: float) -> str:
@@ -53,7 +53,7 @@ class ChartAxis:
         return f"{text}{NARROW}%" if self.share else text
 
     def words(self, value: float) -> str:
-        """Return a number with its unit, with one decimal more than a tick of its size."""
+        """Return a number with its unit, in words or digits; a dash if it is not finite."""
         if not np.isfinite(value):
             return DASH
         if self.share:
@@ -100,11 +100,11 @@ class Curve:
         start: float | None = None,
         end: float | None = None,
     ) -> Curve:
-        """Return a step curve [n] reduced to distinguishable points: the first, the last, and each
-        at which curve or band leaves the interval of RESOLUTION around the previous point.
+        """Return a step curve without points that cannot be distinguished from the point before.
 
-        `start`: points with smaller x are drawn at `start`, because a logarithmic axis has no zero;
-        the last of them holds. `end`: the last value is held until `end`. x must not decrease.
+        The first and the last point are kept. x [n] must not decrease. `start`: smallest x, because
+        a logarithmic axis has no zero; the curve has there the value of the last point with smaller
+        x. `end`: the last value is continued to `end`.
         """
         across = np.asarray(x, float)
         values = np.stack([np.asarray(part, float) for part in (y, low, high) if np.size(part)])
@@ -121,7 +121,7 @@ class Curve:
         return Curve(name, colour, across, *values, step=True)
 
     def at(self, x: float) -> tuple[float, float, float]:
-        """Return value and band at x; NaN outside of the curve and without a band."""
+        """Return the value at x and the ends of its band; NaN outside of the curve."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
         place = int(np.searchsorted(self.x, x, side="right")) - 1
@@ -136,7 +136,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Dots:
-    """Marks, with intervals where they exist; arrays [marks]."""
+    """Marks of a chart, perhaps with intervals; arrays [marks]."""
 
     name: str
     colour: str
@@ -225,7 +225,7 @@ class Chart:
         return [table for table in tables if table.rows]
 
     def _curve_numbers(self, curves: Sequence[Curve]) -> Numbers:
-        # The table beside the chart: each curve at up to seven round places of the x axis.
+        # Returns the table below the chart: each curve at up to seven round values of x.
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
         ends = (axis.low, axis.high)
         places = [

@@ -23,20 +23,21 @@ from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
-"""Widths of the drawings for a page, px. The style sheet shows one of them."""
+"""Widths of the two drawings of a chart, px. The style sheet shows the one that fits the page."""
 ABOUT = 76
 """Height of titles and ticks, px."""
 BAND, FAINT, MANY = 0.16, 0.07, 3
-"""Opacity of a band. FAINT applies if more than MANY bands overlap."""
+"""Opacity of a band. With more than MANY bands in a chart it is FAINT."""
 LONGEST = 0.05
-"""Largest number of letters of a name beside an axis, per px of the width. Longer names are cut;
-the table of numbers has the full names.
+"""Largest number of letters of a name beside an axis, per px of the width. Longer names are
+truncated; the table of numbers has the full names.
 """
 PX_PER_INCH, LETTERS, NAME = 100, 14, 2.3
-"""In print: scale of a chart's height, letters of a title per inch, inches per name of the legend.
+"""In print: px of a chart's height per inch, letters of a title per inch, and width of a name in
+the legend, inches.
 """
 PRINTED = 0.6
-"""Size of dots and lines in print, relative to a page."""
+"""Size of dots and lines in print, relative to their size on a page."""
 _PAPER, _GRID = "#ffffff", STYLE["grid.color"]
 _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
     INK: "ink",
@@ -68,7 +69,7 @@ def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Mark
 
 
 def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
-    # An SVG whose colours are CSS variables, so that it follows a light or dark page.
+    # Returns an SVG whose colours are CSS variables, so that it follows a light or dark page.
     width, height = WIDTHS[kind], chart.height + ABOUT
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
@@ -91,7 +92,7 @@ def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
 
 
 def with_own_ids(svg: str, prefix: str) -> str:
-    """Return SVG whose ids are unique on a page, by a prefix."""
+    """Return an SVG with a prefix before each id, so that ids are unique on a page."""
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
     svg = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', svg)
     return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", svg)
@@ -100,10 +101,7 @@ def with_own_ids(svg: str, prefix: str) -> str:
 def print_figure(
     charts: Sequence[Chart], width: float, columns: int = 1, title: str = ""
 ) -> Figure:
-    """Return charts as panels, for print, with a legend for each series of any of them.
-
-    `width` in inches.
-    """
+    """Return charts as panels of a figure for print, with one legend. width: inches."""
     heights = [
         0.9 + max(chart.height for chart in charts[first : first + columns]) / PX_PER_INCH
         for first in range(0, len(charts), columns)
@@ -131,9 +129,10 @@ def print_figure(
 
 
 def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
-    """Draw on empty axes. The caller adds legend and titles.
+    """Draw a chart on empty axes. The caller adds legend and titles.
 
-    `page`: add what the page's script needs, and draw curves that are hidden at first.
+    `page`: mark curves for the script of an HTML page, and draw hidden curves, too. `longest`:
+    largest number of letters of a name.
     """
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]

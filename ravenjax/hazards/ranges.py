@@ -41,11 +41,14 @@ def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
 
 
 def normal_range(site: str, channel: str, arm: str) -> ChannelRange:
-    """Return a channel's normal range; `arm` matters at sites of each arm. Raises UserError."""
+    """Return a channel's normal range. `arm` is used only for sites that each arm has.
+
+    Raise UserError for a channel without a known range.
+    """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured_ranges():
         raise UserError(
-            f"no normal range of channel {channel!r} at site {site!r}, arm {arm!r}: see `ravenjax"
-            " faults`"
+            f"the normal range of channel {channel!r} at site {site!r}, arm {arm!r} is unknown;"
+            " `ravenjax faults` lists all channels"
         )
     return measured_ranges()[key]

@@ -14,8 +14,8 @@ import math
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar
 
-GOLDEN = 0x9E3779B9  # 2^32 / golden ratio: consecutive ticks land far apart
-CHANNEL_STRIDE = 0x85EBCA6B  # odd, so that channels never coincide within 2^32 ticks of each other
+GOLDEN = 0x9E3779B9  # 2^32 / golden ratio, so that counters of consecutive ticks differ much
+CHANNEL_STRIDE = 0x85EBCA6B  # an odd number, so that channels have different counters
 
 
 def _u32(x: int) -> Scalar:
@@ -36,13 +36,13 @@ def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def random_uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a uniform float32 in [0, 1), made exactly from the upper 24 of the random bits."""
+    """Return a uniform float32 in [0, 1): the upper 24 of the random bits, divided by 2^24."""
     upper = lax.convert_element_type(random_bits(key, tick, channel) >> _u32(8), jnp.float32)
     return upper * 2.0**-24
 
 
 def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a standard normal float32 from one draw (Box and Muller); ends at 4.9 sigma."""
+    """Return a standard normal float32 (Box and Muller), at most 4.9 standard deviations."""
     word = random_bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)

@@ -46,7 +46,7 @@ def cos(x: Real) -> Real:
 
 
 def _sine(x: Real, quarters: int) -> Real:
-    """Return the sine of x plus some right angles."""
+    """Return the sine of x + quarters * pi/2."""
     turns = (x * 0.6366197723675814 + _INTEGER) - _INTEGER
     high, middle = x - turns * _PI_2[0], turns * _PI_2[1]
     angle = high - middle

@@ -280,7 +280,7 @@ WRONG = {
     "key": (
         STEP + "state, {'dleta': ()}",
         (
-            r"mine\.py:2: .*gives the key 'dleta' in hands, expected some of delta, grasp,"
+            r"mine\.py:2: .*returns the key 'dleta' in hands, expected some of delta, grasp,"
             r" pedal, pace\. Did .*'delta'"
         ),
     ),
