@@ -15,25 +15,25 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import Rate
 
 FEWEST = 5
-"""Number of units below which there is no interval, because they do not show how units differ."""
+"""Smallest number of units for an interval; fewer do not show how much units differ."""
 GRID = 31
-_NEGLIGIBLE = 12.0  # difference of log likelihood from its maximum
+_NEGLIGIBLE = 12.0  # log likelihoods that are lower than the maximum by this are neglected
 
 
 class UnitRate(NamedTuple):
-    """Shares over all units, with the interval of one unit's rate."""
+    """The share of events over all units, with the interval of a new unit's rate."""
 
     rate: Rate
     units: int
-    # Standard deviation of the units' rates, the posterior's mean; NaN if it cannot be estimated.
+    # Posterior mean of the standard deviation of units' rates; NaN if it cannot be estimated.
     deviation: float
 
 
 def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
-    """Return the rate for k of n trials of each unit [units]. Units without trials are left out.
+    """Return the rate of events from k events in n trials of each unit [units].
 
-    The 95 % interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because
-    chance then explains any difference between units.
+    Units without trials are left out. The 95 % interval is NaN for fewer than FEWEST units. It is
+    NaN, too, if each unit has one trial, because chance then explains any difference.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
     hits, trials = hits[trials > 0], trials[trials > 0]
@@ -44,14 +44,16 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     mean, root, weight = _posterior(hits, trials)
     low, high = (_quantile(mean, root, weight, q) for q in (0.025, 0.975))
     deviation = np.nan
-    # Else the prior alone would decide how units differ.
+    # Without events, or with only events, the deviation would depend only on the prior.
     if 0 < total < among:
         deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(total, among, value, low, high), count, deviation)
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, root of the intra-class correlation and weight on a grid, [GRID**2] each."""
+    """Return the posterior on a grid: mean, square root of the intra-class correlation, and weight,
+    [GRID**2] each.
+    """
     total, among = hits.sum(), trials.sum()
     middle = np.log((total + 0.5) / (among - total + 0.5))
     expected = trials * (total + 0.5) / (among + 1.0)
@@ -66,9 +68,9 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     least = 1e-4 if likely[0] == coarse[0] else likely[0] * coarse[0] / coarse[1]
     roots = np.linspace(least, min(0.95, likely[-1] * coarse[1] / coarse[0]), GRID)
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
-    logarithm = _likelihood(hits, trials, mean, root) + np.log(
-        mean * (1.0 - mean)
-    )  # uniform prior in the mean
+    # The grid is uniform in the logit of the mean. The second term makes the prior uniform in the
+    # mean.
+    logarithm = _likelihood(hits, trials, mean, root) + np.log(mean * (1.0 - mean))
     weight = np.exp(logarithm - logarithm.max())
     return mean, root, weight / weight.sum()
 

@@ -12,9 +12,11 @@ from pathlib import Path
 SIGNALS: dict[str, str] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
 )
-"""The watched signals, with descriptions. The first that fails in a tick is reported."""
+"""The signals that are checked for infinite numbers and NaN, with descriptions, in the order in
+which they are checked.
+"""
 
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 
 CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
-"""Words of column `failed`; "": a valid outcome. Engines number their causes after these."""
+"""Words of the column `failed`; "" means a valid outcome."""

@@ -5,9 +5,9 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class OwnSource:
-    """The code of a user's file; static. Equal sources are equal code."""
+    """The code of a user's file; static. Equal objects have equal code."""
 
-    name: str  # name of the part in its campaign
+    name: str  # name of the check, detector or harm in its campaign
     path: str  # path of the file, for error messages
     text: str  # content of the file
     # (name, content) of each file in the same folder that it loads or imports

@@ -276,7 +276,7 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
 
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
-    "syntax": ("def step(params:\n", r"mine\.py:2: is no Python"),
+    "syntax": ("def step(params:\n", r"mine\.py:2: invalid Python"),
     "key": (
         STEP + "state, {'dleta': ()}",
         (

@@ -34,9 +34,7 @@ def test_newer_schema_is_refused_politely(tmp_path):
     path.write_text(
         path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}')
     )
-    told = (
-        rf"manifest.json: has result schema {newer}; this ravenjax reads {mine}.*is fine.*upgrade"
-    )
+    told = rf"manifest.json: has schema version {newer}, but this ravenjax reads {mine}.*upgrade"
     with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
 

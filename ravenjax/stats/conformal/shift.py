@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 JUMP = 0.01
-"""Share of the jumper's capital that changes its bet at each step, as in the authors' work."""
+"""Share of the capital that changes its bet at each step, as in the publication."""
 BETS = (-1.0, 0.0, 1.0)
 
 
@@ -31,14 +31,16 @@ class Shift(NamedTuple):
     p: float  # both tests together; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # largest value of the martingale
-    # Median rank of the fresh scores among the calibration's, 0..1; 0.5 if nothing changed.
+    # Median rank of the new scores among the calibration's, 0..1; about 0.5 if nothing changed.
     place: float
-    fresh: int  # units
-    calibration: int  # units
+    fresh: int  # number of new units
+    calibration: int  # number of units of the calibration
 
 
 def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
-    """Test scores of independent units, [calibration] and [fresh]. `seed` breaks ties at random."""
+    """Test whether scores of new units [fresh] have the distribution of those of the calibration
+    [calibration]. Units are independent. `seed` breaks ties at random.
+    """
     from scipy.stats import ks_2samp  # slow to import
 
     pooled = np.concatenate([calibration, fresh])
@@ -61,11 +63,10 @@ def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shi
 
 
 def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Return the conformal p-value of each fresh score among the calibration's and the earlier
-    fresh scores, [fresh].
+    """Return the conformal p-value of each new score, [fresh].
 
-    The values are independent and uniform on 0..1 under the null hypothesis, and small for high
-    scores.
+    A score is compared with the scores of the calibration and with earlier new scores. Under the
+    null hypothesis p-values are independent and uniform on 0..1. High scores have small p-values.
     """
     theta = np.random.default_rng([seed, 1]).random(len(fresh))
     before = np.sort(np.asarray(calibration, float))

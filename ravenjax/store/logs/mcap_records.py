@@ -27,16 +27,17 @@ from ravenjax.errors import StoreError
 from ravenjax.store.files import disk_errors, write_aside
 
 _HEAD, _FOOTER = 9, 29
-"""Bytes of a record's opcode and length, and of a whole footer."""
+"""Number of bytes of a record's opcode and length, and of a whole footer."""
 _RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""A record's opcode and length; a message's channel, number, and times of log and publication."""
+"""Layout of a record (opcode, length) and of a message (channel, number, log time, publish time).
+"""
 _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
-"""A chunk's opcode, length, times, size, checksum and compression."""
+"""Pattern of the beginning of a chunk: opcode, length, times, size, checksum and compression."""
 
 
 @dataclass
 class Scan:
-    """A file's records. The file is memory-mapped, so that a long one does not fill the memory."""
+    """The records of a file. It is memory-mapped, so that a large file does not fill the memory."""
 
     data: mmap.mmap = field(repr=False)
     profile: str = ""
@@ -45,12 +46,12 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     # Positions of chunks, and of messages outside chunks.
     places: list[int] = field(default_factory=list)
-    complete: bool = False  # the footer and the closing magic are present
-    # Bytes that belong to no complete record: damaged ones, and those after the last.
+    complete: bool = False  # the file has a footer and the magic bytes at its end
+    # Number of bytes in damaged records, and after the last complete record.
     lost_bytes: int = 0
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
-        """Yield every message, or those on these topics, in the order of the file."""
+        """Yield the messages of these topics, or all messages, in the order of the file."""
         wanted = {number for number, one in self.channels.items() if one.topic in topics}
         for place in self.places:
             record = _read_record(self.data, place)[0]
@@ -59,16 +60,20 @@ class Scan:
             elif isinstance(record, Message) and (not wanted or record.channel_id in wanted):
                 yield record
             if sys.platform == "linux":
-                self.data.madvise(mmap.MADV_DONTNEED)  # what was read leaves the memory
+                # This frees the memory of the pages that were read.
+                self.data.madvise(mmap.MADV_DONTNEED)
 
 
 def scan_records(path: Path) -> Scan:
-    """Scan a file, even a truncated one. Raises StoreError if it is unreadable or no MCAP file."""
+    """Scan the records of a file, which may be truncated.
+
+    Raise StoreError if the file cannot be read or is no MCAP file.
+    """
     with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise StoreError(
-                f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one,"
-                " whole or cut"
+                f"{path}: is no MCAP file, because it does not begin with the magic bytes; expected"
+                " an MCAP file, which may be truncated"
             )
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
@@ -121,17 +126,17 @@ def scan_records(path: Path) -> Scan:
 
 
 def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
-    """Return the record that begins at `place`, and where it ends.
+    """Return the record that begins at byte `place`, and the byte after its end.
 
-    Raises any exception if its bytes are inconsistent: a record that is written again must have the
-    same length.
+    Raise any exception if its bytes are inconsistent. As a check, the record is encoded again and
+    must have the same length.
     """
     end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
     record = _parse(data[place:end])
     again = RecordBuilder()
     record.write(again)
     if len(again.end()) != end - place:
-        raise ValueError("the record does not have the length that it states")
+        raise ValueError("the content of the record does not match its length")
     return record, end
 
 
@@ -140,9 +145,9 @@ def _parse(content: bytes) -> McapRecord:
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
-    """Yield opcode, the chunk's bytes, and where the record's content begins and ends.
+    """Yield (opcode, bytes of the chunk, begin and end of the content) of each record in a chunk.
 
-    Raises any exception if the chunk is damaged.
+    Raise any exception if the chunk is damaged.
     """
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     content, place = stream.read(size), 0
@@ -153,7 +158,10 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
-    """Yield a chunk's messages on the wanted channels, or all; ten times as fast as the library."""
+    """Yield the messages of a chunk on these channels, or all messages.
+
+    This is ten times as fast as the mcap library.
+    """
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
             channel, number, log_ns, publish_ns = _MESSAGE.unpack_from(content, begin)
@@ -163,50 +171,48 @@ def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
 
 
 class Recovered(NamedTuple):
-    """Result of a recovery."""
+    """Result of the recovery of a damaged file."""
 
-    path: Path  # of the new file
+    path: Path  # path of the new file
     messages: int
-    seconds: float  # from the first message to the last
-    # Bytes of the old file after its last complete record or in damaged chunks.
+    seconds: float  # time from the first message to the last
+    # Number of bytes of the old file after its last complete record, or in damaged chunks.
     lost_bytes: int
-    complete: bool  # whether the old file was complete
+    complete: bool  # True if the old file was complete
 
     def __str__(self) -> str:
         """Return a sentence for the command line."""
         if self.complete and not self.lost_bytes:
-            return (
-                f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; the file was whole"
-            )
+            return f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; nothing was lost"
         return (
             f"{self.path}: {self.seconds:.3f} s recovered, {self.messages} messages; "
-            f"{self.lost_bytes} bytes of an unfinished or damaged chunk are lost"
+            f"{self.lost_bytes} bytes of incomplete or damaged chunks are lost"
         )
 
 
 def recovered_path(path: Path) -> Path:
-    """Return the default output of `recover_records`: session.mcap -> session.recovered.mcap."""
+    """Return the default path of a recovered file: session.mcap -> session.recovered.mcap."""
     return path.with_name(f"{path.stem}.recovered{path.suffix}")
 
 
 def recover_records(path: Path, out: Path | None = None) -> Recovered:
     """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
-    Messages keep their order, times and numbers. `out` may equal `path`, which is then replaced
-    atomically. Raises StoreError if the file cannot be read, holds no complete message, or the disk
-    refuses.
+    Messages keep their order, times and numbers. If `out` is `path`, the file is replaced
+    atomically. Raise StoreError if the file cannot be read, contains no complete message, or the
+    new file cannot be written.
     """
     out = recovered_path(path) if out is None else out
     scanned = scan_records(path)
     if next(scanned.messages(), None) is None:
         raise StoreError(
-            f"{path}: holds no whole message, {scanned.lost_bytes} bytes of an unfinished chunk;"
-            " nothing can be recovered"
+            f"{path}: contains no complete message, but {scanned.lost_bytes} bytes of an"
+            " incomplete chunk; nothing can be recovered"
         )
     if not scanned.channels:
         raise StoreError(
-            f"{path}: the chunk that names its channels is damaged, and so is the index that"
-            " repeats them; nothing can be recovered"
+            f"{path}: the list of channels is damaged, at the beginning of the file and in its"
+            " index; nothing can be recovered"
         )
     times: list[int] = []
 

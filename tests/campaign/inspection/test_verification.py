@@ -176,9 +176,9 @@ def test_missing_and_double_rows(folder):
     problems = wrong(verification.verify_folder(folder, sample=0))
     assert (
         problems["rows"] == ["10 rows are missing: 10 to 19"]
-        and "no record names" in problems["parts"][0]
+        and "does not list this file" in problems["parts"][0]
     )
     double = write_part(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
     manifests.write_manifest(folder, record.model_copy(update={"parts": (*record.parts, double)}))
     (problem,) = wrong(verification.verify_folder(folder, sample=0))["rows"]
-    assert double.file in problem and "another part holds" in problem
+    assert double.file in problem and "another file contains" in problem

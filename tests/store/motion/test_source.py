@@ -43,12 +43,12 @@ def test_texts_are_read_in_every_layout(tmp_path, name, keys, options):
 
 def test_a_table_without_header_and_a_missing_column_say_what_to_write(tmp_path):
     path = csv(tmp_path / "a.csv", header=False)
-    refused(path, "the first line holds numbers", "time_s,gold_x_um", "operator.columns = [")
-    refused(path, "has 4 columns; expected numbers in the 2", columns=["time_s", "gold_x_mm"])
+    refused(path, "the first line contains numbers", "time_s,gold_x_um", "operator.columns = [")
+    refused(path, "has 4 columns; expected only numbers, in 2", columns=["time_s", "gold_x_mm"])
     path = csv(tmp_path / "b.csv")
     refused(path, "no column 'gold_x'", "Did you mean", columns={"gold_x_mm": "gold_x"})
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\n")
-    refused(path, "a pointer of Git LFS", "git lfs pull")
+    refused(path, "only a Git LFS pointer", "git lfs pull")
 
 
 def test_sensors_in_one_column(tmp_path):
@@ -122,7 +122,7 @@ def test_an_unknown_frame_and_a_stamp_of_zero(tmp_path):
     assert_circle(one)
     path = bags.pose_bag(tmp_path / "b.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, first_ns=0)
     assert (
-        "message 0 of /arm1/setpoint_cp has stamp 0, the next 1.7e+09 s"
+        "message 0 of /arm1/setpoint_cp has time 0, and the next message 1.7e+09 s"
         in (play(path).summary.notes[0])
     )
 

@@ -50,12 +50,12 @@ _CHANNELS = resources.read_tables(__file__, "log.toml")
 
 
 class SessionWriter:
-    """A recording in progress."""
+    """Writes the recording of a session while the session runs."""
 
     def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
         """names: names of a row's numbers, such as `gold/jpos/0`; header: content of session.json.
 
-        Raises StoreError if the file cannot be created.
+        Raise StoreError if the file cannot be created.
         """
         self.path = path
         with disk_errors(f"{path}: the recording cannot be written"):
@@ -68,7 +68,7 @@ class SessionWriter:
             arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
             for arm, one in (header.get("bases") or {}).items()
         }
-        # This also runs slow imports, which must not delay a recording that has begun.
+        # This call also runs slow imports before the recording begins.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals_topic([topics.field_name(name) for name in names], single=True)
         self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
@@ -77,11 +77,9 @@ class SessionWriter:
         self._file.flush()
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write rows float32 [n, names], numbered from `first`, and the events that occurred with
-        them.
+        """Write rows float32 [n, names] with numbers from `first`, and events in these rows.
 
-        On return they have been passed to the operating system. Raises StoreError if the disk
-        refuses.
+        They are passed to the operating system at once. Raise StoreError if writing fails.
         """
         self._next = first + len(rows)
         numbers = np.arange(first, self._next)
@@ -99,16 +97,16 @@ class SessionWriter:
             self._log.flush()
 
     def close(self) -> None:
-        """Write the index, so that the seeking readers of other tools can open the file.
+        """Write the index, which readers of other programs need, and close the file.
 
-        The session's description is at both ends of the file, because no row can be read without
-        it.
+        The description of the session is at both ends of the file, because rows cannot be read
+        without it.
         """
         self._log.finish(self._metadata)
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        # Converts rows to the topics that CRTK and ROS tools know.
+        # Converts rows to standard topics of CRTK and ROS.
         series = {}
         for arm in ARM_TOPICS:
             own = {
@@ -128,30 +126,29 @@ class SessionWriter:
 
 @dataclass(frozen=True, eq=False)
 class SessionLog:
-    """A recording that was read back."""
+    """The content of a session's recording."""
 
     header: dict[str, Any]  # session.json at the beginning of the session
     names: list[str]  # names of a row's numbers
     numbers: np.ndarray  # int64 [T], number of each row, with gaps where rows were lost
-    rows: np.ndarray  # float32 [T, the names that were kept]
+    rows: np.ndarray  # float32 [T, numbers that were read]
     events: list[dict[str, Any]]
-    complete: bool  # closed by its recorder, not truncated
-    # Bytes at the end, of an unfinished chunk, and damaged bytes.
+    complete: bool  # True if the file was closed normally and is not truncated
+    # Number of damaged bytes, and of bytes in an incomplete chunk at the end.
     lost_bytes: int
 
 
 def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
     """Read the recording of a session, as far as it is complete.
 
-    keeps: whether `rows` has the number of this name. Raises StoreError if it is not the recording
-    of a session.
+    keeps: returns whether to read the number of this name. Raise StoreError for another file.
     """
     content = mcap_records.scan_records(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
     if "channels" not in metadata:
         raise StoreError(
-            f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a"
-            " session's folder"
+            f"{path}: is no recording of a session, because it has no list of signals; expected"
+            f" {FILE} in the folder of a session"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
     columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
@@ -191,10 +188,9 @@ def _start_ns(header: Mapping[str, Any]) -> int:
 
 @cache
 def _event_kinds() -> dict[str, Any]:
-    """Return the sentence of each kind of event, and the severity of those that are not mere
-    information.
+    """Return the sentence of each kind of event of `ravenjax.train.protocol`, and its severity.
 
-    The kinds are those of `ravenjax.train.protocol`.
+    The default severity is "info".
     """
     return resources.read_tables(__file__, "events.toml")
 
@@ -205,7 +201,7 @@ def _sentence(kind: str) -> jinja2.Template:
 
 
 def event_text(event: Mapping[str, Any]) -> str:
-    """Return a sentence for an event; its keys and values if it is unknown or incomplete."""
+    """Return a sentence about an event, or its keys and values if it is unknown or incomplete."""
     try:
         return _sentence(event["kind"]).render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):

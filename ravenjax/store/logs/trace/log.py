@@ -35,7 +35,7 @@ from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = 64 * 1024
-"""Bytes of a chunk, which are a few ticks. A kill loses at most one chunk."""
+"""Size of a chunk, a few ticks, in bytes. If the process is killed, at most one chunk is lost."""
 TICK_NS = 1_000_000  # one control tick, ns
 BLOCK = 64  # ticks that are written together
 _ALSO_SIGNALS = {"tip", "golden_tip"}
@@ -53,10 +53,9 @@ def write_trace(
     """Write the time series of one run, one message per topic and millisecond, with the first tick
     at time 0.
 
-    metadata: run id, fault, ... bases: base of each arm; an arm without one has its base frame as
-    the root of its frames. events: each has "tick" (ms), "kind", "text" and "level", one of
-    topics.LEVELS. Raises StoreError if the series differ in their number of ticks or the disk
-    refuses.
+    metadata: run id, fault and so on. bases: base of each arm; without a base, the frame 0 of an
+    arm has no parent frame. events: dicts with "tick" (ms), "kind", "text" and "level", one of
+    topics.LEVELS. Raise StoreError if the numbers of ticks differ or the file cannot be written.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check_series(arrays, str(path))
@@ -83,7 +82,7 @@ def write_trace(
 
 
 def _signals(robot: Robot, arrays: Series) -> Iterator[tuple[Topic, np.ndarray]]:
-    # All series that have no standard topic, as one message with a field for each number.
+    # Yields one topic with all series without a standard topic. It has a field for each number.
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name, values in arrays.items():
