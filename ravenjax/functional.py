@@ -161,6 +161,7 @@ class Model:
             runs = math.prod(shape)
 
             def run(first: int) -> BlockResult:
+                # Computes the runs of one block, which begins at run `first`.
                 rows = min(kernel.lanes, runs - first)
                 lanes = first + np.minimum(np.arange(kernel.size(rows)), rows - 1)
                 params, faults = jax.tree.map(lambda leaf: leaf[lanes], inputs)

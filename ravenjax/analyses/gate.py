@@ -50,7 +50,7 @@ class Judgement(NamedTuple):
     """The verdict on one margin. change: second minus first, in the unit of the margin."""
 
     margin: Margin
-    # The rates in both results, in words.
+    # The rates in both results, as text.
     first: str
     second: str
     change: Estimate
@@ -58,7 +58,7 @@ class Judgement(NamedTuple):
 
     @property
     def measured(self) -> str:
-        """The change in words, with its interval."""
+        """The change with its interval, as text."""
         bounds = "no interval, because the faults are enumerated"
         if math.isfinite(self.change.low):
             bounds = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
@@ -135,6 +135,7 @@ def judge_change(change: Estimate, margin: float) -> Verdict:
 
 
 def _false_cues(folder: Path) -> AlarmRate:
+    # Returns the rate of false cues per hour of fault-free motion of a result folder.
     record = manifest.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, record)) as runs:
         rate = runs.motions().cue_rate(record.verdict_cue)

@@ -68,11 +68,11 @@ def enable_cache() -> None:
     A cache that the user has configured is not changed. Machines with different CPUs may share a
     home folder, so each kind of CPU has a separate cache folder.
     """
-    place = cache_folder(f"xla-{_machine()}")
+    folder = cache_folder(f"xla-{_machine()}")
 
     def use(jax: Any) -> None:
-        if place is not None and not jax.config.jax_compilation_cache_dir:
-            jax.config.update("jax_compilation_cache_dir", str(place))
+        if folder is not None and not jax.config.jax_compilation_cache_dir:
+            jax.config.update("jax_compilation_cache_dir", str(folder))
 
     lazy.when_loaded(use)
 
@@ -82,11 +82,12 @@ def object_cache() -> MutableMapping[str, bytes] | None:
 
     Return None if the cache is off. Raise UserError if the configured size is not a number.
     """
-    place = cache_folder("objects")
-    return None if place is None else Objects(place, _size_mb() * 1_000_000)
+    folder = cache_folder("objects")
+    return None if folder is None else Objects(folder, _size_mb() * 1_000_000)
 
 
 def _size_mb() -> int:
+    # Returns the largest size of the cache, which the user may set in an environment variable.
     text = os.environ.get(SIZE_VARIABLE, "").strip()
     if not text:
         return SIZE_MB

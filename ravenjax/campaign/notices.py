@@ -168,6 +168,7 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
 
 
 def _of_pedal(plan: Plan) -> Iterator[str]:
+    # Yields a notice if runs end before the pedal is down.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
         never = clocks.first_down(plan.program.ticks) >= plan.program.ticks
@@ -321,7 +322,7 @@ def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.n
 
 
 def _counted(plan: Plan, which: np.ndarray) -> str:
-    """Return in words the number of runs in each group that `which` (bool [runs]) marks."""
+    """Return as text the number of runs in each group that `which` (bool [runs]) marks."""
     groups = plan.rows["group"].cat
     sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
     named = (
@@ -360,6 +361,7 @@ def find_copies(plan: Plan) -> np.ndarray:
 
 
 def _of_copies(plan: Plan) -> Iterator[str]:
+    # Yields a notice if runs have the same inputs as others.
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
         yield (
             f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"

@@ -31,7 +31,7 @@ class Status:
     phase: str
     done: int  # number of finished runs, including those of earlier starts
     total: int
-    engine: str  # engine and device, in words
+    engine: str  # engine and device, as text
     compile_s: float = 0.0  # time of compilation, s
     run_s: float = 0.0  # time of computation so far, s
     progress: float = 0.0  # finished share of this start's work, 0 to 1
@@ -75,7 +75,7 @@ class Progress:
         on_progress: OnProgress | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """engine: engine and device, in words. total: number of runs of the campaign. rows: number
+        """engine: engine and device, as text. total: number of runs of the campaign. rows: number
         of runs that this start computes, each with `ticks` ticks.
         """
         earlier = total - rows

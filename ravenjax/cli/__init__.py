@@ -118,6 +118,7 @@ def main(tokens: list[str] | None = None) -> int:
 
 
 def _version() -> str:
+    # Returns the version of the installed package.
     from importlib.metadata import PackageNotFoundError, version
 
     try:

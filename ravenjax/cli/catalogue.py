@@ -93,7 +93,7 @@ def faults(
 
 
 def _channels(site: Site) -> str:
-    # Return the channels of a site in words, grouped by type and unit.
+    # Return the channels of a site as text, grouped by type and unit.
     kinds: dict[str, list[str]] = {}
     for channel in site.channels:
         kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
@@ -101,7 +101,7 @@ def _channels(site: Site) -> str:
 
 
 def _without_fault(site: Site, channel: Channel) -> str:
-    # Return the range of a channel in fault-free runs for each arm, in words; "" if unknown.
+    # Return the range of a channel in fault-free runs for each arm, as text; "" if unknown.
     from ravenjax.hazards import ranges
 
     spans = {

@@ -53,35 +53,36 @@ def coverage(
         raise UserError("--runs and --pairs print different lists: give only one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
-    place = out or folder / "coverage"
+    out_folder = out or folder / "coverage"
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
-            return _pairs(runs, place, most or 5, as_json)
+            return _pairs(runs, out_folder, most or 5, as_json)
         found = checks.measure_coverage(runs, read_deadlines(folder))
         if of is not None:
             columns = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
             listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
             return console.print_tables([listing], as_json)
-    files.require_writable(place)
+    files.require_writable(out_folder)
     text = found.harmful.drop(columns=["row", "distinct"]).to_csv(index=False)
-    files.write_text(place / "coverage.csv", text)
+    files.write_text(out_folder / "coverage.csv", text)
     if as_json:
         content = {key: getattr(found, key) for key in ("rows", "smallest", "notices")}
-        return console.emit_json({**content, "files": [place / "coverage.csv"]})
+        return console.emit_json({**content, "files": [out_folder / "coverage.csv"]})
     names = {"everything": checks.EVERYTHING, "every_site": tables.EVERY_SITE}
     console.print_tables(console.fill_listings("coverage.j2", found=found, **names), as_json)
     for notice in found.notices:
         console.print_note(notice)
-    return console.print_written([place / "coverage.csv"])
+    return console.print_written([out_folder / "coverage.csv"])
 
 
-def _pairs(runs: Runs, place: Path, most: int, as_json: bool) -> None:
+def _pairs(runs: Runs, out_folder: Path, most: int, as_json: bool) -> None:
+    # Prints which single faults and pairs of faults cause harm, and writes files about them.
     from ravenjax.analyses.coverage import pairs
     from ravenjax.store import files
 
     found = pairs.measure_pairs(runs)
-    files.require_writable(place)
-    paths = pairs.write_pairs(found, place)
+    files.require_writable(out_folder)
+    paths = pairs.write_pairs(found, out_folder)
     if as_json:
         singles = found.cut_sets()[0]
         listed = {"cut_sets_of_order_1": singles, "pairs": [pair.cells() for pair in found.pairs]}

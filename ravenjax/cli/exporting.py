@@ -56,6 +56,7 @@ def explore(
 
 
 def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    # Writes a page for each campaign, and a page that links them.
     if out is not None:
         raise UserError(
             "got --out and --gallery; leave out --out, because the pages of a gallery are named"

@@ -152,6 +152,7 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
 
 
 def _measure_realtime(seconds: float, as_json: bool) -> int:
+    # Prints how punctual ticks of 1 ms are on this machine. Returns the exit status.
     from ravenjax.train import timing
 
     measured = timing.measure_timing(seconds, lambda what: console.print_text(what, console.err))
@@ -164,6 +165,7 @@ def _measure_realtime(seconds: float, as_json: bool) -> int:
 
 
 def _jax_computes() -> str:
+    # Runs a small JAX program; returns the devices.
     import jax
     import jax.numpy as jnp
 
@@ -176,6 +178,7 @@ def _jax_computes() -> str:
 
 
 def _engine_chosen() -> str:
+    # Returns the engine for campaigns on this machine, and why no faster engine is used.
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
@@ -186,6 +189,7 @@ def _engine_chosen() -> str:
 
 
 def _model_loads() -> str:
+    # Loads the MuJoCo model of the Raven-II.
     import mujoco
 
     from ravenjax.bundled import resources
@@ -196,6 +200,7 @@ def _model_loads() -> str:
 
 
 def _campaigns_load() -> str:
+    # Checks all bundled campaign files.
     from ravenjax.bundled import resources
     from ravenjax.campaign import loading
 
@@ -213,6 +218,7 @@ def _results_writable() -> str:
 
 
 def _port_opens() -> str:
+    # Checks that the UDP port for console packets can be opened.
     import socket
 
     from ravenjax.robots.raven2.console.packet import UDP_PORT

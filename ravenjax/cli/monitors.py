@@ -283,6 +283,7 @@ def counterfactual(
 
 
 def _print_calibration(place: Path, result: Calibrated, as_json: bool) -> None:
+    # Prints the limits of a calibrated monitor and its guaranteed false-alarm rate.
     from ravenjax.analyses.monitors import writing
 
     _, record = writing.read_monitor(place)
@@ -305,6 +306,7 @@ def _print_calibration(place: Path, result: Calibrated, as_json: bool) -> None:
 
 @contextlib.contextmanager
 def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
+    # Shows a progress bar on the terminal. Yields a function that takes (done, total).
     from rich.progress import MofNCompleteColumn, Progress
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())

@@ -99,6 +99,8 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
+    # Returns a campaign with the recording as its operator, and whether to replay all of the
+    # recording.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
@@ -230,6 +232,7 @@ def calibrate(
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
+    # Prints the calibration of one log: following errors before and after, and the parameters.
     from ravenjax.analyses.calibration import tables
 
     joints = logged.log.joints

@@ -152,6 +152,7 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
 
 
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
+    # Yields the tables of a comparison of two result folders.
     changes = [
         (change.path, change.first or "–", change.second or "–")
         for change in (*found.configuration, *found.environment)

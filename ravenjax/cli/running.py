@@ -156,6 +156,7 @@ def check(
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
+    # Returns what `ravenjax run --json` prints at its end.
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
@@ -203,7 +204,7 @@ def fault_free(
     from ravenjax.report import wording
     from ravenjax.store.access.fault_free import FOLDER
 
-    place, screen = folder / FOLDER, console.err if as_json else console.out
+    motions_folder, screen = folder / FOLDER, console.err if as_json else console.out
 
     def began(there: float, path: Path) -> None:
         so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)} computed"
@@ -214,13 +215,14 @@ def fault_free(
             folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
         )
     if not as_json:
-        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {place}")
+        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {motions_folder}")
     page = write_report(folder, prints=not as_json) if report else None
     if as_json:
-        console.emit_json({"folder": place, "hours": there, "report": page})
+        console.emit_json({"folder": motions_folder, "hours": there, "report": page})
 
 
 def _summary(folder: Path, results: Results) -> None:
+    # Prints the verdicts of a finished or interrupted campaign.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.store import manifest

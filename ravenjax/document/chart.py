@@ -40,7 +40,7 @@ class ChartAxis:
     # Values are fractions, written in percent.
     share: bool = False
     log: bool = False
-    # Unit of numbers in words, such as "ms".
+    # Unit of the numbers, such as "ms".
     unit: str = ""
     # A value that is marked, such as zero if values lie on both sides of it.
     line: float | None = None
@@ -53,7 +53,7 @@ class ChartAxis:
         return f"{text}{NARROW}%" if self.share else text
 
     def words(self, value: float) -> str:
-        """Return a number with its unit, in words or digits; a dash if it is not finite."""
+        """Return a number with its unit as text; a dash if it is not finite."""
         if not np.isfinite(value):
             return DASH
         if self.share:
@@ -124,11 +124,11 @@ class Curve:
         """Return the value at x and the ends of its band; NaN outside of the curve."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
-        place = int(np.searchsorted(self.x, x, side="right")) - 1
+        index = int(np.searchsorted(self.x, x, side="right")) - 1
         value, low, high = (
             np.nan
             if not len(part)
-            else float(part[place] if self.step else np.interp(x, self.x, part))
+            else float(part[index] if self.step else np.interp(x, self.x, part))
             for part in (self.y, self.low, self.high)
         )
         return value, low, high
@@ -151,7 +151,7 @@ class Dots:
     size: tuple[float, ...] = ()
     # Labels beside the marks.
     texts: tuple[str, ...] = ()
-    # Descriptions of the marks, in words.
+    # Description of each mark.
     tips: tuple[str, ...] = ()
     diamond: bool = False
     visible: bool = True
@@ -228,21 +228,18 @@ class Chart:
         # Returns the table below the chart: each curve at up to seven round values of x.
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
         ends = (axis.low, axis.high)
-        places = [
-            place for place in round_values(*ends, 6, log=axis.log) if ends[0] <= place <= ends[1]
-        ]
+        places = [x for x in round_values(*ends, 6, log=axis.log) if ends[0] <= x <= ends[1]]
         if ends[1] not in places and any(
             len(curve.x) and curve.x[-1] >= ends[1] for curve in curves
         ):
             places.append(ends[1])
-        heads = [axis.words(place) for place in places]
+        heads = [axis.words(x) for x in places]
         heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
-        rows = [
-            (curve.name, *(self.y.spread(*curve.at(place)) for place in places)) for curve in curves
-        ]
+        rows = [(curve.name, *(self.y.spread(*curve.at(x)) for x in places)) for curve in curves]
         return Numbers(("", *heads), rows)
 
     def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
+        # Yields the rows of the text table that describes a chart's dots for screen readers.
         if not isinstance(mark, Dots):
             return
         none = np.full(len(mark.x), np.nan)

@@ -182,6 +182,7 @@ def _label(mark: Mark) -> str:
 
 
 def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
+    # Draws a curve and its band with matplotlib; yields the drawn elements.
     step: Any = {"step": "post"} if mark.step else {}
     style: Any = {"drawstyle": "steps-post"} if mark.step else {}
     if len(mark.low):
@@ -201,6 +202,7 @@ def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]
 
 
 def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
+    # Draws dots with intervals and labels with matplotlib; yields the drawn elements.
     look: Any = {"color": _colour(mark), "lw": 1.6 * scale, "alpha": 0.55, "zorder": 2}
     if len(mark.x_low):
         yield axes.hlines(mark.y, mark.x_low, mark.x_high, **look)

@@ -220,6 +220,7 @@ def _leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
 
 
 def _spread(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+    # Converts an argument to an array of the signal's shape.
     x = jnp.asarray(x, dtype=dtype)
     try:
         return jnp.broadcast_to(x, shape)

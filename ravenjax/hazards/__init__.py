@@ -2,5 +2,5 @@
 
 `library` reads and checks the hazards. `expansion` converts a campaign's group that names hazards
 into ordinary groups of runs. `ranges` reads the normal range of each channel. `listing` describes
-hazards in words.
+hazards as text.
 """

@@ -1,4 +1,4 @@
-"""Describes hazards in words, in a table or in full."""
+"""Describes hazards as text, in a table or in full."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -76,7 +76,7 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
 
 
 def _struck(struck: Struck) -> str:
-    # Describes a fault in words: effect, value, site, start and duration.
+    # Describes a fault as text: effect, value, site, start and duration.
     channels = " + ".join(struck.along) if struck.along else ", ".join(struck.channels)
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""

@@ -211,6 +211,7 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
     } | {("parameters", population.KEY)}
 
     def entered(place: tuple[str, ...], value: Any) -> Any:
+        # Returns the tables with `changed` applied to every text at one of the paths in `places`.
         if isinstance(value, dict):
             return {key: entered((*place, key), one) for key, one in value.items()}
         if isinstance(value, list):

@@ -64,6 +64,7 @@ def _page(template: str, **content: Any) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
+    # Returns the Jinja templates of the HTML cards, with their style sheet.
     from ravenjax.document import html
     from ravenjax.report import wording
 

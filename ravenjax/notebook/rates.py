@@ -29,24 +29,24 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     """
     keys = {name: _column(runs, name) for name in by}
     marks = [
-        f"({_event(runs, name, rules)})::BOOLEAN AS event{place}"
-        for place, name in enumerate(names)
+        f"({_event(runs, name, rules)})::BOOLEAN AS event{number}"
+        for number, name in enumerate(names)
     ]
     columns = [
-        *(f"{column} AS key{place}" for place, column in enumerate(keys.values())),
+        *(f"{column} AS key{number}" for number, column in enumerate(keys.values())),
         "count(*)",
         'list(DISTINCT f."group"::VARCHAR)',
-        *(f"count(*) FILTER (r.event{place})" for place in range(len(names))),
+        *(f"count(*) FILTER (r.event{number})" for number in range(len(names))),
     ]
     lines = runs.table.rows(
         f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN"
         f" {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
     )
     rows = []
-    for place, name in enumerate(names):
+    for number, name in enumerate(names):
         for line in lines:
             n, groups, *counts = line[len(by) :]
-            rate = tables.of_faults(runs, k := counts[place], n, groups)
+            rate = tables.of_faults(runs, k := counts[number], n, groups)
             rows.append((*line[: len(by)], name, k, n, rate.value, rate.low, rate.high))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
             rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])
@@ -62,6 +62,7 @@ def as_list(value: object, what: str) -> list[str]:
 
 
 def _event(runs: Runs, name: str, rules: Rules) -> str:
+    # Returns the SQL condition of an event, or raises UserError if the results do not contain it.
     if name not in events.EVENTS:
         raise UserError(describe_unknown_name("event", name, events.EVENTS))
     for column in events.event_columns([name], rules):

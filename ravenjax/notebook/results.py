@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 def _style() -> AbstractContextManager[None]:
+    # Returns a context in which matplotlib uses ravenjax's style.
     import matplotlib
 
     from ravenjax.document.figure_style import STYLE
@@ -218,6 +219,7 @@ class CampaignResults:
         )
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
+        # Draws a figure. absent: what the results lack if there is nothing to draw.
         with _style():
             figure = drawn(self._runs)
         if figure is None:
@@ -226,6 +228,7 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
+        # Opens the result table; it is closed when this object is deleted.
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)

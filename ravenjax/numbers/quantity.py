@@ -43,7 +43,7 @@ class Quantity:
 
     @property
     def range(self) -> str:
-        """The range in words: `1..1000 cycles, whole`"""
+        """The range as text: `1..1000 cycles, whole`"""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.low:.10g}..{self.high:.10g}{unit}" + (", whole" if self.whole else "")
 

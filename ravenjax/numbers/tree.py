@@ -59,6 +59,7 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
     places = itertools.count()
 
     def of(node: Any) -> Callable[[Sequence[Any]], Any]:
+        # Returns a function that builds a node again from the sequence of all numbers.
         branches = _branches(node)
         if branches is None:
             return operator.itemgetter(next(places))

@@ -28,7 +28,7 @@ class Rules(NamedTuple):
     built_in: str = "response"  # column with the response of the built-in checks alone
     # Number and name of each detector that presses the E-stop.
     stopping: tuple[tuple[int, str], ...] = ()
-    harms: tuple[str, ...] = ()  # harms that the campaign defines and that count, in words
+    harms: tuple[str, ...] = ()  # harms that the campaign defines and that count, as text
     limit_counts: bool = True  # unintended motion beyond the limit counts as harm
 
 
@@ -85,7 +85,7 @@ def event_sql(name: str, rules: Rules) -> str:
 
 
 def event_meaning(name: str, rules: Rules) -> str:
-    """Return the meaning of an event in words, with the limits of the campaign."""
+    """Return the meaning of an event as text, with the limits of the campaign."""
     note = describe_harms(rules) if "unintended motion" in EVENTS[name]["sql"] else ""
     meaning = EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
@@ -94,7 +94,7 @@ def event_meaning(name: str, rules: Rules) -> str:
 
 
 def describe_harms(rules: Rules) -> str:
-    """Return in words the harms that the campaign defines and that count; "" if there are none."""
+    """Return as text the harms that the campaign defines and that count; "" if there are none."""
     how = "or, counted as unintended motion," if rules.limit_counts else "in place of that motion,"
     return f"({how} {' or '.join(rules.harms)})" if rules.harms else ""
 

@@ -66,7 +66,7 @@ class InPlace(NamedTuple):
     """A value that a user's file may return for a key."""
 
     like: Any  # numbers with the expected structure and types
-    words: str  # the expected structure in words, for error messages
+    words: str  # the expected structure as text, for error messages
 
 
 # --- files ---
@@ -144,10 +144,10 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, SyntaxError) and is_own(error.filename):
-            place, trouble = f"{error.filename}:{error.lineno}", f"invalid Python ({error.msg})"
-            raise UserError(f"{place}: {trouble}") from None
+            location, trouble = f"{error.filename}:{error.lineno}", f"invalid Python ({error.msg})"
+            raise UserError(f"{location}: {trouble}") from None
         frames = [f for f in traceback.extract_tb(error.__traceback__) if is_own(f.filename)]
-        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
+        location = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
                 "has an if, a while, a comparison chain or a conversion that depends on a value of"
@@ -157,7 +157,7 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         else:
             first = next(iter(str(error).strip().splitlines()), "")
             trouble = f"raises {type(error).__name__}: {first}"
-        raise UserError(f"{place}: {where} {trouble}") from error
+        raise UserError(f"{location}: {where} {trouble}") from error
 
 
 # --- functions ---
@@ -245,9 +245,9 @@ class Part:
             if key not in like:
                 expected = f"expected some of {keys}{suggest_name(key, like)}"
                 raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
-            place = like[key]
-            new = self._like(key, place.like, value, width, place.words)
-            pairs = zip(tree.tree_leaves(value), tree.tree_leaves(place.like), strict=True)
+            declared = like[key]
+            new = self._like(key, declared.like, value, width, declared.words)
+            pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
             if not all(given is there for given, there in pairs):
                 numbers[key] = new
         return numbers
@@ -255,13 +255,13 @@ class Part:
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
         expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
-        if [place for place, _ in expected] != [place for place, _ in given]:
+        if [path for path, _ in expected] != [path for path, _ in given]:
             several = f"a Vec or a record of {len(expected)} numbers, with the structure in view"
             words = words or ("one number" if len(expected) == 1 else several)
             raise self._error(STEP, f"returns {format_value(values)} for {name}, expected {words}")
         numbers = []
-        for (place, wanted), (_, value) in zip(expected, given, strict=True):
-            what = f"{name}[{place}]" if place else name
+        for (path, wanted), (_, value) in zip(expected, given, strict=True):
+            what = f"{name}[{path}]" if path else name
             number, kind = self._number(STEP, what, value, width), _kind(wanted)
             if _kind(number) != kind:
                 expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
@@ -270,6 +270,7 @@ class Part:
         return tree.fill_tree(like, numbers)
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
+        # Checks a number that a user's file returned, and converts it to the setup's number type.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
             raise self._error(where, f"returns an array of shape {shape} for {what}, {expected}")
@@ -305,8 +306,8 @@ class Part:
     def _error(self, where: str, said: str) -> UserError:
         head = re.compile(rf"def {where.partition('(')[0]}\b")
         lines = enumerate(self.source.text.splitlines(), 1)
-        place = next((f":{number}" for number, line in lines if head.match(line)), "")
-        return UserError(f"{self.source.path}{place}: {where} {said}")
+        line_suffix = next((f":{number}" for number, line in lines if head.match(line)), "")
+        return UserError(f"{self.source.path}{line_suffix}: {where} {said}")
 
 
 def _kind(value: Any) -> str | None:

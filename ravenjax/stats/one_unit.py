@@ -78,6 +78,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
+    # Returns the log-likelihood of beta-binomial counts for each pair of mean and `root`.
     from scipy.stats import betabinom
 
     first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
@@ -90,6 +91,7 @@ def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
+    # Returns the `wanted` quantile of a mixture of beta distributions with these weights.
     from scipy.optimize import brentq
     from scipy.special import betainc
 

@@ -141,6 +141,7 @@ def subset_simulation(
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
+    # Evaluates the limit state function, whose value must exist at every point.
     margins = np.asarray(g(points), float)
     if np.isnan(margins).any():
         raise ValueError(

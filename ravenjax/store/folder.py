@@ -258,12 +258,12 @@ def set_aside(path: Path, name: str, why: str) -> str:
 
     Raise StoreError if the file cannot be moved.
     """
-    place = path / SET_ASIDE
-    target, number = place / name, 1
+    folder = path / SET_ASIDE
+    target, number = folder / name, 1
     while target.exists():
         number += 1
-        target = place / f"{name}.{number}"
+        target = folder / f"{name}.{number}"
     with disk_errors(f"{target}: cannot be written", f". {why}"):
-        place.mkdir(exist_ok=True)
+        folder.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
     return f"a file was moved to {target}, and its runs are computed again: {why}"

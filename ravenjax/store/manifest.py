@@ -94,7 +94,7 @@ class Manifest(BaseModel):
     # Unintended motion above which a run has a hazard, mm.
     limit_mm: float = LIMIT_MM
     engine: str
-    # Device that computed the runs, in words.
+    # Device that computed the runs, as text.
     device: str
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     # sha256 of the source files on which outcomes depend.
@@ -166,6 +166,7 @@ class Manifest(BaseModel):
         return sum(map(len, self.wanted))
 
     def _identity(self) -> dict[str, Any]:
+        # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
             include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
         )
@@ -180,13 +181,13 @@ class Manifest(BaseModel):
 
 
 def find_differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
-    """Return a line for each difference of nested values: 'path: A here, B asked for'."""
+    """Return a line for each difference of nested values: 'path: A here, B requested'."""
     all_changes = find_changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
         # The hash follows from the config, so it adds nothing.
         all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
-        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} asked for"
+        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} requested"
         for path, here, wanted in all_changes
     ]
 

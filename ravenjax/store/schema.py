@@ -191,6 +191,7 @@ def require_columns(shape: Shape, names: Sequence[str]) -> None:
 
 
 def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:
+    # Returns a message about missing and unknown columns.
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")

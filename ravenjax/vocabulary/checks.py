@@ -23,7 +23,7 @@ DOES: dict[Action, str] = {
     "limit": "limits without an alarm",
     "watch": "only watches",
 }
-"""Each action in words."""
+"""Description of each action."""
 _RESPONSES = dict(zip(DOES, ("stopped", "flagged", "limited", "silent"), strict=True))
 
 OWN = "own_"
@@ -58,7 +58,7 @@ class Check(NamedTuple):
 
     @property
     def does(self) -> str:
-        """The check's action in words."""
+        """Description of the check's action."""
         return DOES[self.action]
 
     @property

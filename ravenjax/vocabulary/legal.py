@@ -23,7 +23,7 @@ COUNTER = (-(2**23), 2**23 - 1)
 class Legal(NamedTuple):
     """The values that one effect may have at one channel; both ends are included."""
 
-    expected: str  # in words
+    expected: str  # description of the values, for error messages
     low: float = -math.inf
     high: float = math.inf
     whole: bool = False  # only whole numbers

@@ -26,7 +26,7 @@ class Robot:
     """The declaration of one robot."""
 
     name: str  # value of `[campaign] robot`
-    title: str  # name in words
+    title: str  # name for display
     package: str  # dotted name of the module or package with its code, for `part`
     arms: tuple[str, ...]  # all possible arms, in order
     joints: tuple[str, ...]  # joints of each arm, in order
@@ -75,7 +75,7 @@ class Robot:
         return _extended(self, (), site, channels) if channels else self
 
     def layer(self, site: str) -> str:
-        """Return a site's layer in words: usb_out -> "USB out, motors"; "other" if unknown."""
+        """Return a site's layer as text: usb_out -> "USB out, motors"; "other" if unknown."""
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def run_level(self, level: int) -> str:

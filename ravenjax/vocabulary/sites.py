@@ -22,7 +22,7 @@ class Field:
 
     low: float
     high: float
-    noun: str  # the type in words, for messages
+    noun: str  # name of the type in messages
     bits: int
 
 

@@ -77,7 +77,7 @@ def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):
             assert path.read_bytes() == (whole[0] / "parts" / path.name).read_bytes(), (
                 "the very parts of the whole"
             )
-    with pytest.raises(StoreError, match='shard: "2/2" here, null asked for'):
+    with pytest.raises(StoreError, match='shard: "2/2" here, null requested'):
         runner.run_campaign(tiny.config(), tmp_path / "2", "simd")
 
 

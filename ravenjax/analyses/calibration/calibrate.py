@@ -107,6 +107,7 @@ class Calibration:
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:
+        # Returns the value of each unknown parameter after its step. steps: in the fit's own scale.
         values = (
             parameters.moved_by(self.before[k], one, steps[k])
             for k, one in enumerate(self.unknowns)

@@ -320,6 +320,7 @@ def _samples(
     desired: np.ndarray,
     measured: np.ndarray,
 ) -> Samples:
+    # Returns positions [T, joints], rad and m, as a table with columns jpos_d_NAME and jpos_NAME.
     names = [f"{name}_{word}" for name in ("jpos_d", "jpos") for word in JOINTS]
     table = pd.DataFrame(np.hstack([desired, measured]), columns=names, index=messages.number)
     time_s = (messages.time_ns - begin_ns) * 1e-9

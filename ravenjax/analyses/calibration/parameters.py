@@ -126,6 +126,8 @@ def _number(params: Any, field: str, joint: int | None) -> Any:
 
 
 def _with(params: Any, names: list[str], joint: int | None, value):
+    # Returns a copy of the nested record `params` in which the field at the path `names` has a new
+    # value, or one joint's entry of that field.
     name, *rest = names
     inner = getattr(params, name)
     if rest:

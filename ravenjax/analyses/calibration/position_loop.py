@@ -170,6 +170,8 @@ def advance_cycle(
 
 
 def _low_passed(new: Vec, state: LoopState) -> Vec:
+    # Applies the velocity filter: a weighted sum of the new value and of earlier inputs and
+    # outputs.
     gains = (*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT)
     total = new * LOW_PASS_INPUT[0]
     for gain, past in zip(gains, (*state.readings, *state.outputs), strict=True):

@@ -49,7 +49,7 @@ class Source(NamedTuple):
 
     name: str
     kind: Kind
-    does: str  # its effect, in words
+    does: str  # its effect, as text
     sql: str  # time at which the source detects the fault of a run, ms; -1: never
     # True if the source reports a fault by itself. False for a check that limits without an alarm,
     # and for a check that also trips after another check stopped the robot. A detector reports at

@@ -33,7 +33,7 @@ class Single(NamedTuple):
 
     run: str
     site: str
-    fault: str  # in words
+    fault: str  # description of the fault
     harms: bool
     detected_by: Sequence[str]  # sources that report by themselves
 
@@ -71,7 +71,7 @@ class DoubleFaults(NamedTuple):
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of faults and pairs of each kind, by a description in words."""
+        """The number of faults and pairs of each kind, by the description of the kind."""
         kinds = Counter(pair.kind for pair in self.pairs)
         defeating = [pair for pair in self.pairs if pair.defeated]
         return {
@@ -161,7 +161,7 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
     )
 
 
-def write_pairs(found: DoubleFaults, place: Path) -> list[Path]:
+def write_pairs(found: DoubleFaults, out_folder: Path) -> list[Path]:
     """Write the table of pairs, and the cut sets as a drawn fault tree and in the Open-PSA format.
 
     Return the paths. Raise StoreError if a file cannot be written.
@@ -179,8 +179,8 @@ def write_pairs(found: DoubleFaults, place: Path) -> list[Path]:
     }
     texts[TABLE] = downloads.format_csv(pair.cells() for pair in found.pairs)
     for name, text in texts.items():
-        write_text(place / name, text)
-    return [place / name for name in texts]
+        write_text(out_folder / name, text)
+    return [out_folder / name for name in texts]
 
 
 def _pair(row: dict[str, Any], first: Single, second: Single) -> Pair:

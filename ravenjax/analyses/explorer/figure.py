@@ -51,6 +51,7 @@ def describe_figure() -> dict[str, Any]:
 
 
 def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) -> dict[str, Any]:
+    # Describes a body of the MuJoCo model for the page's 3D figure, relative to its parent body.
     return {
         "name": model.body(body).name,
         "parent": model.body_parentid[body] if body else -1,
@@ -64,6 +65,7 @@ def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) 
 
 
 def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]) -> dict[str, Any]:
+    # Describes a joint of the MuJoCo model for the page's 3D figure. joints: (arm, index) by joint.
     arm, index = joints[joint]
     return {
         "arm": arm,

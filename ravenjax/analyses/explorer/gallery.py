@@ -56,6 +56,7 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
 
 
 def _card(config: CampaignConfig, folder: Path) -> Card:
+    # Writes the page of one campaign and describes it; if no page is possible, it gives the reason.
     campaign, file, reason = config.campaign, f"{config.campaign.name}.html", ""
     try:
         files.write_text(folder / file, page.render_page(config))

@@ -70,6 +70,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
 
 
 def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
+    # Describes a fault site for the page's form.
     return {
         "site": site.name,
         "layer": layers[site.layer],

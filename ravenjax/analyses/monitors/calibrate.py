@@ -106,9 +106,9 @@ def operate_units(
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
     if missing := score_folder.list_missing(folder, units):
-        place = folder / "detectors"
-        with consent.given_for(place), interruption.held_back():
-            measured = with_measuring_detectors(config, wanted, segments, place)
+        detector_folder = folder / "detectors"
+        with consent.given_for(detector_folder), interruption.held_back():
+            measured = with_measuring_detectors(config, wanted, segments, detector_folder)
             for operator in OperationRunner(measured, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
                 on_operator(operator.operator + 1, units)
@@ -140,18 +140,18 @@ def varying_motions(config: CampaignConfig) -> tuple[str, ...]:
 
 
 def with_measuring_detectors(
-    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
+    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, detector_folder: Path
 ) -> CampaignConfig:
     """Return `config` with one detector for each score and segment.
 
-    Their Python files are written into the folder `place`.
+    Their Python files are written into the folder `detector_folder`.
     """
-    place.mkdir(parents=True, exist_ok=True)
+    detector_folder.mkdir(parents=True, exist_ok=True)
     raw = []
     for t, term in enumerate(wanted):
         for s in range(segments.count):
             name = f"t{t}_{s}"
-            path = (place / f"{name}.py").absolute()
+            path = (detector_folder / f"{name}.py").absolute()
             title = f"{term.words}, segment {s}"
             text = code.write_part([term], segments, title=title, segment=s)
             path.write_text(text, encoding="utf-8")

@@ -92,10 +92,10 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         name: np.nan_to_num(np.asarray(v, np.float32), nan=0.0, posinf=np.inf, neginf=-np.inf)
         for name, v in inputs.items()
     }
-    place = np.zeros(len(live), int)
+    segment_of_tick = np.zeros(len(live), int)
     if monitor.segments.field:
         edges = np.asarray(monitor.segments.edges, np.float32)
-        place = np.searchsorted(edges, numbers[monitor.segments.field], "right")
+        segment_of_tick = np.searchsorted(edges, numbers[monitor.segments.field], "right")
     out = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
     for k, term in enumerate(monitor.terms):
         own = numbers[name_read(term, term.signal)]
@@ -107,7 +107,7 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         # NaN is read as 0, as in the generated file.
         size = np.nan_to_num(np.abs(own), nan=0.0, posinf=np.inf)
         for segment in range(monitor.segments.count):
-            out[k, segment] = size[live & (place == segment)].max(initial=0.0)
+            out[k, segment] = size[live & (segment_of_tick == segment)].max(initial=0.0)
     return out.ravel()
 
 
@@ -133,8 +133,8 @@ def _of_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
     # Refuses operations with other scores than the calibration's, or with the same operators.
-    place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
-    before, design = score_folder.read_design(own), score_folder.read_design(place)
+    scores_folder, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
+    before, design = score_folder.read_design(own), score_folder.read_design(scores_folder)
     for key in ("signals", "segments", "code"):
         if design.get(key) != before.get(key):
             raise UserError(
@@ -146,7 +146,7 @@ def _of_operations(
             f"{source}: has the operators of the calibration, so it cannot test the calibration."
             " Simulate new operators with `ravenjax monitor operate`"
         )
-    peaks = score_folder.read_scores(place)
+    peaks = score_folder.read_scores(scores_folder)
     origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
     return _table(monitor, peaks.unit, peaks.hours, peaks.score, origin)
 
@@ -229,6 +229,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFr
 def _table(
     monitor: Monitor, unit: np.ndarray, hours: np.ndarray, peak: np.ndarray, origin: str
 ) -> pd.DataFrame:
+    # Returns a table with a row per operation: operator, duration, and the scores of the monitor.
     columns = writing.score_columns(monitor, peak)
     table = pd.DataFrame({"unit": unit, "hours": hours, **columns})
     table.attrs["origin"] = origin
@@ -236,6 +237,7 @@ def _table(
 
 
 def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) -> None:
+    # Raises UserError if two sources contain operations of the same operators.
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
         origin = one.attrs["origin"]
@@ -248,6 +250,7 @@ def _require_different(sources: Sequence[Path], some: Sequence[pd.DataFrame]) ->
 
 
 def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> None:
+    # Raises UserError if the operations are not as long as those of the calibration.
     wanted = record["promise"]["operation_s"]
     if abs(seconds - wanted) > 1e-6:
         raise UserError(

@@ -30,9 +30,9 @@ from ravenjax.store import files, manifest
 SCORE = "score"
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
-"""File with a table [[detector]] that a campaign can copy, with the monitor and its threshold."""
+"""File with a table [[detector]] for a campaign file: the monitor's file name and its threshold."""
 ENGINE = "simd"
-"""Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
+"""Engine that computes the test vector: a CPU engine, whose arithmetic equals that of C code."""
 
 
 def write_monitor(
@@ -116,17 +116,19 @@ def _term(table: dict[str, Any]) -> Score:
 
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
-    """Return the scores with which new operations are compared: of the first operation of each
-    operator who was not used for scales.
+    """Return reference scores, with which `ravenjax monitor` compares those of new operations.
+
+    There is one row for the first operation of each operator who was not used to scale the scores.
     """
-    some = peaks.one_each()
-    rest = ~calibration.assign_uses(some.unit).scale
-    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.score)}).loc[rest]
+    first = peaks.one_each()
+    unscaled = ~calibration.assign_uses(first.unit).scale
+    scores = {"operator": first.unit, **score_columns(monitor, first.score)}
+    return pd.DataFrame(scores).loc[unscaled]
 
 
 def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns of `peak` [operations, terms * segments] by name, and their joint score
-    as SCORE.
+    """Return columns [operations] by name: SCORE, the joint score, and one for each term of the
+    monitor in each segment. peak: largest scores [operations, terms * segments].
     """
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
@@ -143,7 +145,7 @@ def _csv(table: pd.DataFrame) -> str:
 
 
 def _short(value: float) -> float:
-    """Return the same float32 in nine digits."""
+    """Round to nine digits, from which the bits of a float32 can be restored."""
     return float(f"{value:.9g}")
 
 
@@ -152,6 +154,7 @@ def _float32(value: Any) -> float:
 
 
 SECONDS = 3.0
+"""Duration of the run whose signals become the test vector, s."""
 FAULT = {
     "site": "usb_out",
     "effect": "overwrite",
@@ -160,7 +163,7 @@ FAULT = {
     "duration_ms": 100,
 }
 """Fault of the test vector, for a robot with this site. It is large enough to cause an alarm."""
-_NAME, _SAME_LANES = "monitor", 2
+_NAME, _CONSECUTIVE = "monitor", 2
 
 
 def compute_test_vector(
@@ -207,7 +210,8 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    # Returns a campaign with one short run, whose signals become the test vector.
+    # Returns a campaign with one short run, whose signals become the test vector. The detector
+    # waits for 2 consecutive scores, because it then stores its last score, which is recorded.
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:
@@ -232,7 +236,7 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
         {
             "name": _NAME,
             "file": str(file),
-            "consecutive": _SAME_LANES,
+            "consecutive": _CONSECUTIVE,
             "threshold": [monitor.threshold],
         }
     ]

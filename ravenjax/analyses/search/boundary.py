@@ -35,7 +35,7 @@ FOLDER = "verified"
 SHOWN = ("run", "response", "peak_model_deviation_mm", "peak_golden_deviation_mm")
 """Columns of these runs that the result of a cell contains."""
 
-Asked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Evaluate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function that returns for cells [n] and values [n]: 1 harm, 0 no harm, NaN no valid outcome."""
 
 CROSSING, NEVER, ALWAYS, INVALID = "crossing", "never", "always", "invalid"
@@ -91,8 +91,10 @@ class Brackets:
         return np.array(single, bool)
 
 
-def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
-    """Find the smallest value for which `asked` returns 1, for every cell.
+def find_brackets(
+    evaluate: Evaluate, within: SearchRange, whole: np.ndarray, scan: int
+) -> Brackets:
+    """Find the smallest value for which `evaluate` returns 1, for every cell.
 
     `whole`: bool [cells], True if only whole numbers are possible. `scan`: number of values that
     are tried first, evenly spaced over the range. A bisection follows.
@@ -100,7 +102,7 @@ def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: in
     cells = len(whole)
     tried = within.spread(np.full(cells, within.low), np.full(cells, within.high), scan)
     tried = np.where(whole, np.rint(tried), tried)
-    answer = asked(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
+    answer = evaluate(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
     state, low, high = _first(answer, tried)
     changes = tuple(_changes(answer[:, cell], tried[:, cell]) for cell in range(cells))
     steps = 0
@@ -111,7 +113,7 @@ def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: in
         inner = np.clip(np.rint(tried[1]), low[active] + 1.0, high[active] - 1.0)
         tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
-        answer[1] = asked(active, tried[1])
+        answer[1] = evaluate(active, tried[1])
         state[active], low[active], high[active] = _first(answer, tried)
     return Brackets(state, low, high, changes, steps)
 
@@ -142,7 +144,7 @@ def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float]
     )
 
 
-def due(template: Template, search: Boundary) -> int:
+def expected_runs(template: Template, search: Boundary) -> int:
     """Return the approximate number of runs of a search."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"

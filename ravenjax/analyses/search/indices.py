@@ -32,7 +32,7 @@ Analyse = Callable[[np.ndarray], Indices]
 """Function that computes indices from the outcomes [points] of the design's points."""
 
 
-def due(template: Template, search: Sobol | Morris) -> int:
+def expected_runs(template: Template, search: Sobol | Morris) -> int:
     """Return the approximate number of runs."""
     inputs = len(template.inputs)
     points = (
@@ -90,6 +90,7 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
     unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
 
     def morris(values: np.ndarray) -> Indices:
+        # Computes Morris effects from the values of one outcome [runs].
         effects = sensitivity.morris_analyse(
             unit, values, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
@@ -118,6 +119,7 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
 
 
 def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    # Returns a chart of Sobol indices with intervals, one row per input.
     places = np.arange(len(names), dtype=float)
     dots = tuple(
         Dots(label, palette.series_colour(number), one["value"], places, one["low"], one["high"])
@@ -133,6 +135,7 @@ def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
 
 
 def _effects(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    # Returns a chart of Morris effects: mean absolute effect and standard deviation of each input.
     mean, deviation = indices["mu_star"], indices["sigma"]["value"]
     end = 1.08 * float(max(mean["high"].max(), deviation.max()))
     dots = tuple(

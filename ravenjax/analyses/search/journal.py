@@ -54,8 +54,8 @@ class Journal:
         numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
         self._next += len(rows)
         for name in ("index", "pair"):
-            place = rows.schema.get_field_index(name)
-            rows = rows.set_column(place, rows.schema.field(place), numbers)
+            index = rows.schema.get_field_index(name)
+            rows = rows.set_column(index, rows.schema.field(index), numbers)
         part = parts.put_part(self._parts, parts.encode_table(rows, self._identity))
         manifest.record_part(self.out, part)
 

@@ -29,7 +29,7 @@ CURVE = 200
 """Number of points of an exceedance curve in search.json."""
 
 
-def due(template: Template, search: Rare) -> int:
+def expected_runs(template: Template, search: Rare) -> int:
     """Return the approximate number of runs. Rarer events need more levels."""
     return template.cases * (search.check + 4 * search.runs)
 

@@ -39,7 +39,9 @@ KINDS: dict[str, tuple[Any, str]] = {
     "morris": (indices, "indices.md.j2"),
     "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: the module with `due`, `find` and `draw`, and the report's template."""
+"""For each kind of search: its module, with functions `expected_runs`, `find` and `draw`, and the
+template of its report.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,8 +85,8 @@ def _into(
     earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
     kind, _ = KINDS[search.kind]
-    due = kind.due(evaluator.template, search)
-    evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
+    expected = kind.expected_runs(evaluator.template, search)
+    evaluator.keep_in(journal, expected, ProgressFile(folder, on_progress))
     try:
         result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
@@ -110,6 +112,7 @@ def _into(
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
+    # Returns what must be equal for a search to continue with the stored runs.
     return files.json_values(
         {
             "config": config.resolved(),

@@ -307,6 +307,7 @@ def _cores_and_tasks(
 
 
 def _import_ray() -> Any:
+    # Ray is an optional dependency, so it is imported only when a campaign uses it.
     try:
         import ray
     except ImportError as error:

@@ -63,6 +63,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
     runs = sum(piece.runs for piece in pieces)
 
     def joined(columns: Iterable[Any], dtype: Any) -> np.ndarray:
+        # Concatenates one value or one array for each piece of the table to a column [runs].
         lengths = (piece.runs for piece in pieces)
         return np.concatenate(
             [
@@ -200,6 +201,7 @@ def faults_and_axes(
 
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
+    # Returns the axis of each field of a fault, with defaults where the file states no value.
     site = config.robot.sites[fault.site]
     resolved = {
         "arm": fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else ""),

@@ -157,7 +157,7 @@ def fixed_axis(value: Any) -> Axis:
 class OneValue:
     """Defines the possible values of a key, and which tables may replace a value."""
 
-    expected: str  # the possible values in words, for messages
+    expected: str  # the possible values as text, for messages
     # Returns the value; raises ValueError for an invalid one.
     parsed: Callable[[Any], Any]
     schema: dict[str, Any]  # JSON Schema
@@ -242,6 +242,7 @@ class OneValue:
 
 
 def _number(raw: Any) -> int | float:
+    # Checks that a value from a file is a finite number.
     if (
         isinstance(raw, bool)
         or not isinstance(raw, int | float)
@@ -259,6 +260,7 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
         expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
 
     def parsed(raw: Any) -> int | str:
+        # Reads one value of an axis of whole numbers, or the word for the end of the run.
         if endless and raw in (END, UNTIL_END):
             return END
         if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1:
@@ -276,6 +278,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
     def parsed(raw: Any) -> str:
+        # Reads one value of an axis of words.
         if not isinstance(raw, str):
             raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
         if known is not None and raw not in known:
@@ -316,6 +319,7 @@ def _is_place(raw: Any) -> bool:
 
 
 def _moment(raw: Mapping[str, Any]) -> Moment:
+    # Reads a moment that is given as a phase and a share of this phase.
     phase, share = raw.get(PHASE), raw.get(SHARE)
     if isinstance(share, bool) or not isinstance(share, int | float):
         share = math.nan

@@ -146,11 +146,11 @@ class CampaignConfig(Section):
 
     @property
     def robot_label(self) -> str:
-        """Description of the robot in words."""
+        """Text that describes the robot."""
         return self.robot.title
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield (name, value in words) of settings of the robot and the operator, for a table."""
+        """Yield name and value of settings of the robot and the operator, as texts for a table."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
         if self.campaign.observe_ms is not None:

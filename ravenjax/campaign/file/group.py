@@ -104,6 +104,7 @@ def _is_distribution(table: dict[str, Any]) -> bool:
 
 
 def _effects(raw: Any, info: ValidationInfo) -> Axis:
+    # Reads the axis of effects of a fault.
     try:
         return word_axis("effect", EFFECTS).axis(raw)
     except ValueError:

@@ -60,6 +60,7 @@ class CampaignSection(Section):
     @field_validator("duration_s")
     @classmethod
     def _whole_ms(cls, duration: float) -> float:
+        # A run consists of ticks of 1 ms.
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
@@ -115,6 +116,7 @@ class Haptics(Section):
 
     @model_validator(mode="after")
     def _same_length(self) -> Haptics:
+        # Checks how the lists of settings combine to haptic sets, and their number.
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
             raise ValueError(
@@ -191,6 +193,7 @@ class Detector(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
+        # Checks that the keys of a detector can be used together.
         if (self.kind is None) == (self.file is None):
             got = "neither" if self.file is None else "both"
             raise ValueError(
@@ -342,6 +345,7 @@ class Stop(Section):
 
     @model_validator(mode="after")
     def _increasing(self) -> Stop:
+        # Checks the shares of the runs after which the stopping rule is evaluated, and the rates.
         if (
             list(self.looks) != sorted(set(self.looks))
             or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0

@@ -96,6 +96,7 @@ def _band(
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
 
     def statistic(weight: np.ndarray) -> np.ndarray:
+        # Returns the curve for each row of resampling weights [draws, operations].
         ordered = weight[:, order]
         hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
         misses = np.cumsum(ordered * ~truth[order], axis=1)[:, last]

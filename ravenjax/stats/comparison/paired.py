@@ -72,6 +72,7 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
 
 
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    # Converts two outcomes to bool arrays and checks that they have the same runs.
     one, two = np.asarray(first, bool), np.asarray(second, bool)
     if one.shape != two.shape or one.ndim != 1:
         raise ValueError(

@@ -201,6 +201,8 @@ class Sequential:
         return bool((taken >= self.size)[of_it].all())
 
     def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
+        # Yields the interval of each rate, from hits k [rates, strata] in n valid of `taken` drawn
+        # runs [strata].
         there = np.flatnonzero(self.judged)
         names, runs = [self.strata[s].name for s in there], n[there]
         for rate, hits in zip(self.rates, k[:, there], strict=True):

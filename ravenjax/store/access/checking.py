@@ -35,7 +35,7 @@ class FolderCheck(NamedTuple):
     """Result of one check of a result folder."""
 
     name: str
-    looked_at: str  # what was checked, in words
+    looked_at: str  # what was checked, as text
     problems: list[str]  # the errors that were found
 
     @property
@@ -53,6 +53,7 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
     stray = sorted(there - {part.file for part in record.parts})
 
     def problem(part: parts.Part) -> str:
+        # Returns what is wrong with a part, "" if nothing is.
         path = folder / PARTS / part.file
         try:
             parts.verify_part(path, record.config_hash, part)

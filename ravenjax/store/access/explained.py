@@ -19,14 +19,14 @@ DEADLINES = Path("deadline", "deadlines.parquet")
 _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
-def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
+def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     """Add explained runs to the file in a folder. They replace earlier rows of the same runs.
 
     Rows of other code or of another campaign are removed. Raise StoreError if the file cannot be
     written.
     """
-    path, own = place / FILE, manifest.code_hash(record.robot).encode()
-    before = read_explained(place, record)
+    path, own = folder / FILE, manifest.code_hash(record.robot).encode()
+    before = read_explained(folder, record)
     if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
         others = before.loc[~before["run_id"].isin(ticks["run_id"])]
         ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
@@ -34,12 +34,12 @@ def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     return path
 
 
-def read_explained(place: Path, record: Manifest) -> pd.DataFrame | None:
+def read_explained(folder: Path, record: Manifest) -> pd.DataFrame | None:
     """Return the explained runs of a campaign in a folder; None if the folder has none.
 
     Raises StoreError for a damaged file.
     """
-    return read_rows(place / FILE, record, "explain")
+    return read_rows(folder / FILE, record, "explain")
 
 
 def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:

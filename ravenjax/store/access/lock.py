@@ -75,6 +75,7 @@ def _put(file, text: str) -> None:
 
 
 def _may_run(holder: Holder) -> bool:
+    # Returns whether the process may still be running. This is unknown on another computer.
     try:
         if holder.host == socket.gethostname():
             os.kill(holder.pid, 0)
@@ -87,6 +88,7 @@ def _may_run(holder: Holder) -> bool:
 
 
 def _refusal(folder: Path, holder: Holder | None, hint: str = "") -> StoreError:
+    # Returns the error for a folder that another process has locked.
     who = "another process"
     if holder is not None:
         who = f"process {holder.pid} on {holder.host}, started {holder.since},"

@@ -77,6 +77,8 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
+    # Returns the folders to merge, each once: the output folder, if it has a result, and the
+    # shards.
     if not shards:
         raise StoreError(
             f"{out}: got no shards to merge; on the command line, write the result folders of the"
@@ -93,9 +95,9 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
     differences = one.differences(alike)
     if one.runs != two.runs:
-        differences.append(f"runs: {one.runs} here, {two.runs} asked for")
+        differences.append(f"runs: {one.runs} here, {two.runs} requested")
     if differences:
-        lines = list_lines([f"{line.removesuffix(' asked for')} there" for line in differences])
+        lines = list_lines([f"{line.removesuffix(' requested')} there" for line in differences])
         raise StoreError(
             f"{other}: is no shard of the campaign in {first}. 'Here' is {first}, 'there' is"
             f" {other}:\n{lines}\nNothing was merged. Compute all shards with the same code and the"
@@ -139,6 +141,7 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
 
 
 def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
+    # Returns the message about rows that no shard contains.
     rows = sum(map(len, missing))
     sentences = [
         f"the campaign has {next(iter(records.values())).runs:,} runs, but {rows:,} of these are in"
@@ -165,6 +168,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
         return "kept"
 
     def fill(aside: Path) -> None:
+        # Creates a part in the output folder as a link if possible, otherwise as a copy.
         try:
             os.link(source.file, aside)
         # The folders are on different file systems, or the file system has no links.
@@ -179,6 +183,7 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
+    # Raises StoreError if the output folder contains parts that do not belong to the merged result.
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
     if foreign:

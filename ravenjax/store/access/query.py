@@ -143,8 +143,8 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
 
     limit_mb = memory_mb or _memory_mb()
     with ResultTable() as closing:
-        place = aside if aside is not None and os.access(aside, os.W_OK) else None
-        folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=place))
+        parent = aside if aside is not None and os.access(aside, os.W_OK) else None
+        folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=parent))
         connection = duckdb.connect(
             config={
                 "memory_limit": f"{limit_mb}MB",

@@ -51,6 +51,7 @@ def profile_choices(name: str) -> tuple[ConsoleProfile, ...]:
 
 
 def _checked(where: str, text: str) -> ConsoleProfile:
+    # Reads a profile from TOML text. where: name of the file for error messages.
     try:
         return ConsoleProfile.model_validate(tomllib.loads(text))
     except ValidationError as error:

@@ -50,7 +50,7 @@ class TopicMessages(NamedTuple):
     """The messages of one topic, by time."""
 
     topic: str
-    clock: str  # source of the times, in words
+    clock: str  # source of the times, as text
     time_ns: np.ndarray  # int64 [n], time since 1970
     number: np.ndarray  # [n], number of the message in its topic, from 0
     messages: list[Any]
@@ -243,6 +243,7 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
 
 
 def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
+    # Returns a serialized message with all time stamps `later` ns later.
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

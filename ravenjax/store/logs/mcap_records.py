@@ -53,8 +53,8 @@ class Scan:
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
         """Yield the messages of these topics, or all messages, in the order of the file."""
         wanted = {number for number, one in self.channels.items() if one.topic in topics}
-        for place in self.places:
-            record = _read_record(self.data, place)[0]
+        for offset in self.places:
+            record = _read_record(self.data, offset)[0]
             if isinstance(record, Chunk):
                 yield from _messages_of(record, wanted)
             elif isinstance(record, Message) and (not wanted or record.channel_id in wanted):
@@ -76,23 +76,23 @@ def scan_records(path: Path) -> Scan:
                 " an MCAP file, which may be truncated"
             )
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
+    scanned, offset, end = Scan(data), len(MCAP0_MAGIC), len(data)
     foot = end - len(MCAP0_MAGIC) - _FOOTER
     scanned.complete = (
         foot > 0 and data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
     )
     summary = int.from_bytes(data[foot + _HEAD : foot + _HEAD + 8], "little")
-    while place < end:
+    while offset < end:
         length, entries = (
-            int.from_bytes(data[place + first : place + last], "little")
+            int.from_bytes(data[offset + first : offset + last], "little")
             for first, last in ((1, _HEAD), (_HEAD + 2, _HEAD + 6))
         )
-        beyond = place + _HEAD + length
-        if data[place] == Opcode.MESSAGE_INDEX and length == 6 + entries and beyond <= end:
-            place = beyond
+        beyond = offset + _HEAD + length
+        if data[offset] == Opcode.MESSAGE_INDEX and length == 6 + entries and beyond <= end:
+            offset = beyond
             continue
         try:
-            record, after = _read_record(data, place)
+            record, after = _read_record(data, offset)
             records = [record]
             if isinstance(record, Chunk):
                 records = [
@@ -102,15 +102,15 @@ def scan_records(path: Path) -> Scan:
                 ]
         # The library and its decompressors raise many kinds of errors on damaged bytes.
         except Exception:
-            chunk = _CHUNK.search(data, place + 1)
+            chunk = _CHUNK.search(data, offset + 1)
             resumed = chunk.start() if chunk else end
-            if chunk is None and scanned.complete and place < summary < end:
+            if chunk is None and scanned.complete and offset < summary < end:
                 resumed = summary
-            scanned.lost_bytes += resumed - place
-            place = resumed
+            scanned.lost_bytes += resumed - offset
+            offset = resumed
             continue
-        if data[place] in (Opcode.CHUNK, Opcode.MESSAGE):
-            scanned.places.append(place)
+        if data[offset] in (Opcode.CHUNK, Opcode.MESSAGE):
+            scanned.places.append(offset)
         for record in records:
             match record:
                 case Header():
@@ -121,21 +121,21 @@ def scan_records(path: Path) -> Scan:
                     scanned.channels[record.id] = record
                 case Metadata():
                     scanned.metadata.append(record)
-        place = end if isinstance(record, Footer) else after
+        offset = end if isinstance(record, Footer) else after
     return scanned
 
 
-def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
-    """Return the record that begins at byte `place`, and the byte after its end.
+def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
+    """Return the record that begins at byte `offset`, and the byte after its end.
 
     Raise any exception if its bytes are inconsistent. As a check, the record is encoded again and
     must have the same length.
     """
-    end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    record = _parse(data[place:end])
+    end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
+    record = _parse(data[offset:end])
     again = RecordBuilder()
     record.write(again)
-    if len(again.end()) != end - place:
+    if len(again.end()) != end - offset:
         raise ValueError("the content of the record does not match its length")
     return record, end
 
@@ -150,11 +150,11 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
     Raise any exception if the chunk is damaged.
     """
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    content, place = stream.read(size), 0
-    while place < size:
-        opcode, length = _RECORD.unpack_from(content, place)
-        begin, place = place + _HEAD, place + _HEAD + length
-        yield opcode, content, begin, place
+    content, offset = stream.read(size), 0
+    while offset < size:
+        opcode, length = _RECORD.unpack_from(content, offset)
+        begin, offset = offset + _HEAD, offset + _HEAD + length
+        yield opcode, content, begin, offset
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
@@ -217,6 +217,7 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
     times: list[int] = []
 
     def fill(target: Path) -> None:
+        # Writes all readable messages to a new file with the same topics.
         with open(target, "wb") as file:
             writer = Writer(file)
             writer.start(profile=scanned.profile, library="ravenjax")

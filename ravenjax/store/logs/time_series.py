@@ -48,6 +48,7 @@ class TimeSeries(NamedTuple):
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
+    # Reads the time series of one owner, a robot or the common series, from this module's CSV file.
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row.pop("of") == owner]
     return {

@@ -32,7 +32,7 @@ SIGNALS = "/ravenjax/signals"
 EVENTS = "/ravenjax/events"
 """Topic of events for programs, one JSON object per message."""
 LOG = "/ravenjax/log"
-"""Topic of events in words, for people; viewers show it as a log."""
+"""Topic with events as readable text, which viewers show as a log."""
 FRAMES = "/tf"
 WORLD = "world"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -224,7 +224,7 @@ class LogWriter:
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
     ) -> None:
-        """Write an event as JSON on EVENTS and in words on LOG. level: one of LEVELS."""
+        """Write an event as JSON on EVENTS and as text on LOG. level: one of LEVELS."""
         stamp, kind = divmod(stamp_ns, _SECOND_NS), str(event["kind"])
         for topic, schema, fields in (
             (EVENTS, TEXT, (json.dumps(event),)),
@@ -251,6 +251,7 @@ class LogWriter:
         self._writer.add_message(channel, stamp_ns, data, stamp_ns, number)
 
     def _register(self, topic: Topic) -> None:
+        # Adds a topic, and the definition of its message type, to the file.
         if topic.schema not in self._schemas:
             self._schemas[topic.schema] = self._writer.register_schema(
                 topic.schema, "ros2msg", topic.definition.encode()

@@ -85,13 +85,13 @@ def detector_tables(
     Neighbouring candidates with the same score share a file and its computation.
     """
     folder.mkdir(exist_ok=True)
-    out, place = [], 0
+    out, number = [], 0
     for score, alike in itertools.groupby(parts, key=lambda part: part.score):
-        path, counts = folder / f"{_PREFIX}{place}.py", [part.consecutive for part in alike]
+        path, counts = folder / f"{_PREFIX}{number}.py", [part.consecutive for part in alike]
         path.write_text(code.write_part(score.singles), encoding="utf-8")
         table = {"name": path.stem, "file": str(path), "consecutive": counts}
         out.append({**table, "threshold": [float(threshold) for threshold in thresholds]})
-        place += len(counts)
+        number += len(counts)
     return out
 
 
@@ -129,7 +129,7 @@ def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candida
     for score in scores:
         own, rest = rest[: len(score.scales)], rest[len(score.scales) :]
         out += [
-            Candidate(score.scaled(own[:, place].tolist()), count)
-            for place, count in enumerate(CONSECUTIVE)
+            Candidate(score.scaled(own[:, number].tolist()), count)
+            for number, count in enumerate(CONSECUTIVE)
         ]
     return out

@@ -76,7 +76,7 @@ class Counterfactual(NamedTuple):
         fresh = covered & (np.cumsum(covered, axis=1) == covered)
         return [
             Member(
-                place,
+                candidate,
                 float(covered[:, number].mean()),
                 float(fresh[:, number].mean()),
                 (
@@ -84,9 +84,9 @@ class Counterfactual(NamedTuple):
                     if covered[:, number].any()
                     else float("nan")
                 ),
-                false_alarm_rate(join_scores(grounds.statement, [place]), margin.value).count,
+                false_alarm_rate(join_scores(grounds.statement, [candidate]), margin.value).count,
             )
-            for number, place in enumerate(self.promise.members)
+            for number, candidate in enumerate(self.promise.members)
         ]
 
     @property
@@ -135,6 +135,8 @@ def find_checks(
         def motion(
             purposes: tuple[str, ...], parts: list[Candidate], part: str
         ) -> observation.FreeMotion:
+            # Runs the fault-free motions that are reserved for `purposes`, with these candidate
+            # detectors.
             numbers = [
                 n
                 for purpose in purposes
@@ -165,7 +167,7 @@ def find_checks(
     grounds = Grounds(question, calibration, statement, there, *halves)
     members = grounds.selected()
     _require_cover(grounds, members)
-    singles = tuple(grounds.promise([place]) for place in range(len(parts)))
+    singles = tuple(grounds.promise([candidate]) for candidate in range(len(parts)))
     named = {part.name: promise for part, promise in zip(parts, singles, strict=True)}
     return Counterfactual(
         question,

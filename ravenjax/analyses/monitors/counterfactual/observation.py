@@ -64,7 +64,7 @@ def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
 
     Raise UserError if the campaign's motion does not depend on a seed.
     """
-    fault_free.require_others(raw)
+    fault_free.require_new_motions(raw)
     runs = design.count_rows(
         validate_tables(next(fault_free.fault_free_campaigns(raw, SHORTEST_S))[1])
     )

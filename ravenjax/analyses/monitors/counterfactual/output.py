@@ -63,11 +63,11 @@ TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
 FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
-def write_files(one: Counterfactual, place: Path) -> list[Path]:
+def write_files(one: Counterfactual, out_folder: Path) -> list[Path]:
     """Write all files and return their paths. Raise StoreError if a file cannot be written."""
-    folder = place / FOLDER
+    folder = out_folder / FOLDER
     require_writable(folder)
-    paths = [place / TABLE, place / FIGURE]
+    paths = [out_folder / TABLE, out_folder / FIGURE]
     write_text(paths[0], downloads.format_csv(candidate_table(one)))
     draw_figure(one, paths[1])
     for member, name in zip(one.promise.members, detector_names(one), strict=True):
@@ -143,7 +143,7 @@ def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
     return [
         {
             "candidate": part.name,
-            "chosen": place in one.promise.members,
+            "chosen": number in one.promise.members,
             "kind": part.score.kind,
             "signal": part.score.signal,
             "against": part.score.against,
@@ -163,5 +163,5 @@ def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
             "statement": alone.covered,
             "lead_ms": alone.lead_ms,
         }
-        for place, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
+        for number, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
     ]

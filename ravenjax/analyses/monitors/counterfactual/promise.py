@@ -175,8 +175,8 @@ def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     alarms = [int((motions.peaks > np.float32(margin)).sum()) for margin in MARGINS]
     bounds = [(k + runs) / (motions_there + 1) / hours for k in alarms]
     limit = max(per_hour, min(bounds))
-    place = next(place for place, bound in enumerate(bounds) if bound <= limit * (1 + 1e-12))
-    return Margin(place, alarms[place], bounds[place])
+    index = next(index for index, bound in enumerate(bounds) if bound <= limit * (1 + 1e-12))
+    return Margin(index, alarms[index], bounds[index])
 
 
 def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:

@@ -126,6 +126,7 @@ class Rare(Section):
 
     @model_validator(mode="after")
     def _chains(self) -> Rare:
+        # Each of the `steps` levels needs the same number of runs, and at least two.
         if self.runs % self.steps or self.runs // self.steps < 2:
             below = max(2, self.runs // self.steps) * self.steps
             raise ValueError(

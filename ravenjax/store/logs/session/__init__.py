@@ -1,1 +1,1 @@
-"""Files of a training session: session.json, session.mcap, and a list of its events in words."""
+"""Files of a training session: session.json, session.mcap, and a readable list of its events."""

@@ -112,6 +112,7 @@ def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    # Returns nested tables `old`, in which values of `new` replace or extend those of `old`.
     out = dict(old)
     for key, value in new.items():
         mine = out.get(key)

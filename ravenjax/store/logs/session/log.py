@@ -11,7 +11,7 @@ with `STANDARD_HZ` messages a second.
     /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
 
 Every millisecond there is a flat message on /ravenjax/signals, with every signal of the session as
-float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on
+float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on
 /ravenjax/log (rcl_interfaces/Log). The time of a message is the start of the session plus one
 millisecond per row. Its sequence number is the number of the row, so that lost rows leave a gap
 instead of shifting later rows.
@@ -62,8 +62,8 @@ class SessionWriter:
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
         self._start_ns = _start_ns(header)
         self._places: dict[str, list[int]] = {}
-        for place, name in enumerate(names):
-            self._places.setdefault(name.rpartition("/")[0], []).append(place)
+        for column, name in enumerate(names):
+            self._places.setdefault(name.rpartition("/")[0], []).append(column)
         self._bases = {
             arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
             for arm, one in (header.get("bases") or {}).items()
@@ -115,9 +115,9 @@ class SessionWriter:
                 if name.startswith(f"{arm}/")
             }
             series |= {f"{arm}/{name}": own[name] for name in _CHANNELS["states"] if name in own}
-            for name, (place, rotation, joints) in _CHANNELS["tips"].items():
+            for name, (position, rotation, joints) in _CHANNELS["tips"].items():
                 if name in own and joints in own:
-                    series[f"{arm}/{place}"] = own[name]
+                    series[f"{arm}/{position}"] = own[name]
                     series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
             if "force" in own:
                 series[f"{arm}/haptic_force"] = own["force"]
@@ -151,7 +151,7 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
             f" {FILE} in the folder of a session"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
+    columns, width = [column for column, name in enumerate(names) if keeps(name)], 4 * len(names)
     numbers: list[int] = []
 
     def kept(block: bytearray) -> np.ndarray:

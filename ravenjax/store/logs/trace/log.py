@@ -15,7 +15,7 @@ These are the topics of each arm. A topic is missing if its series is.
     /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units.
 
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
-are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on /ravenjax/log
+are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on /ravenjax/log
 (rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
 fields of the flat message on /ravenjax/signals. The true tip and the golden run's tip are fields of
 this message, too.
@@ -65,6 +65,7 @@ def write_trace(
         events_of.setdefault(max(0, int(event["tick"])), []).append(event)
 
     def fill(target: Path) -> None:
+        # Writes all series in blocks of ticks, so that messages are almost in the order of time.
         with open(target, "wb") as file:
             log = topics.LogWriter(
                 file, [topic for topic, _ in filled], metadata or {}, CHUNK_BYTES
