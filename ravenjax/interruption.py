@@ -154,14 +154,14 @@ def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
 def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
     # Runs in a thread: ends the process if the main thread does not react to a signal in time.
     with ours:
-        while came := ours.recv(1):
-            if came[0] in SIGNALS and not _left(ours, grace_s):
-                # Not `print`: the main thread may hold its lock.
+        while received := ours.recv(1):
+            if received[0] in SIGNALS and not _closed_within(ours, grace_s):
+                # `print` could block, because the main thread may hold its lock.
                 os.write(2, f"{message}\n".encode())
-                os._exit(128 + came[0])
+                os._exit(128 + received[0])
 
 
-def _left(ours: socket.socket, within_s: float) -> bool:
+def _closed_within(ours: socket.socket, within_s: float) -> bool:
     """Return whether the other end of the socket is closed within `within_s` seconds."""
     end = time.monotonic() + within_s
     while (rest := end - time.monotonic()) > 0.0:

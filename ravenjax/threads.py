@@ -17,7 +17,7 @@ def map_in_threads(
     """Apply `function` to each item in parallel threads. Return the results in order.
 
     most: largest number of threads; None: the number of cores of this process. After an error or a
-    signal, no further calls begin. It is raised when the running calls have ended.
+    signal, no further calls begin, and the exception is raised when the running calls have ended.
     """
     things = list(given)
     number = min(len(things), most or len(os.sched_getaffinity(0)))

@@ -76,7 +76,7 @@ def test_trust_lets_any_code_run(place, monkeypatch):
 
 def test_code_of_another_user_is_not_the_users_own(place, monkeypatch):
     monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
-    with pytest.raises(UserError, match="of another user"):
+    with pytest.raises(UserError, match="owned by another user"):
         loading.load_campaign(place / "campaign" / "own.toml")
 
 

@@ -76,7 +76,7 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
             if 0.0 in thresholds:
                 yield f"{key}.threshold: any score exceeds 0, so the alarm is always on"
             if len(np.unique(thresholds)) < len(thresholds):
-                yield f"{key}.threshold: has a number twice; one of them has no use"
+                yield f"{key}.threshold: contains a number twice; the second one has no effect"
             alike = [part.model_copy(update={"name": other.name}) == other for other in parts]
             if (first := alike.index(True)) < number:
                 yield f"{key}: differs from {kind}[{first}] only in its name"

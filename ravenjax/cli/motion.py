@@ -224,7 +224,7 @@ def calibrate(
     write_text(out, parameters.format_robot_file(values, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
-    replayed = logged.replayed(whole, [calibrated.robot])[0]
+    replayed = logged.replay(whole, [calibrated.robot])[0]
     tables.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
     tables.draw_intervals(pictures[1], calibrated)
     console.print_text(f'robots: {out}; use it in a campaign: [parameters] from = "{out.name}"')
@@ -238,11 +238,11 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
     joints = logged.log.joints
     where = ("in the first half, which was fitted", "in the second half, which was not fitted")
     titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
-    judged = [
-        tables.by_joint(title, logged.judged(part, robots), joints)
+    error_tables = [
+        tables.by_joint(title, logged.following_errors(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
-    for rows in (*judged, tables.tabulate_parameters("Estimated parameters", calibrated)):
+    for rows in (*error_tables, tables.tabulate_parameters("Estimated parameters", calibrated)):
         console.print_table(*rows)
     integrated = [
         unknown.path

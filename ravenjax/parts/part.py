@@ -165,7 +165,7 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
 
 @functools.lru_cache(maxsize=256)
 def load_part(source: OwnSource) -> Part:
-    """Return the functions of a user's file.
+    """Load a user's file, or return it if it is already loaded.
 
     Raise UserError if the file has no `step`, or if its `params` is invalid.
     """

@@ -123,17 +123,19 @@ def delay_quantile(
 
 
 def _curve(delays: Delays, start: float) -> Incidence:
-    # These are the formulas of scipy.stats.ecdf, which takes no counts.
+    # Returns the share of runs with the event over time, with its band. The formulas are those of
+    # scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
 
     events = int(delays.count[delays.came].sum())
     if not events:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
-    time, place = np.unique(delays.time.astype(float), return_inverse=True)
-    at = np.bincount(place, delays.count)
-    died = np.bincount(place, delays.count * delays.came)
-    risk = delays.n - np.cumsum(at) + at
+    time, index = np.unique(delays.time.astype(float), return_inverse=True)
+    # Numbers of runs at each time: observed until then, with the event, and under observation.
+    ending = np.bincount(index, delays.count)
+    died = np.bincount(index, delays.count * delays.came)
+    risk = delays.n - np.cumsum(ending) + ending
     with np.errstate(divide="ignore", invalid="ignore"):
         censored = events < delays.n
         staying = np.cumprod((risk - died) / risk) if censored else 1 - np.cumsum(died) / delays.n

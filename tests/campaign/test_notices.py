@@ -49,7 +49,7 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: has no effect"),
         ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 limits nothing"),
         ({}, {"haptics": {"threshold_mm": [2, 3, 2]}}, "haptics: set 2 is the same as set 0"),
-        ({}, {"detector": [TWICE]}, "detector[0].threshold: has a number twice"),
+        ({}, {"detector": [TWICE]}, "detector[0].threshold: contains a number twice"),
         ({}, {"stop": {"half_width": 0.1, "looks": [1]}}, "stop.looks: the only look is at"),
         ({}, {"campaign": {"noise": True}, "parameters": SILENT}, "has no effect in group 'g'"),
         ({"wraps": True}, {}, "group[0].fault[0].wraps: has no effect"),

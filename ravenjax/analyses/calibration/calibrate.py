@@ -149,13 +149,15 @@ class LoggedRobot:
         best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
         return Calibration(tuple(unknowns), base, best)
 
-    def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
-        """Return following errors on `part` of the log, of replays of `robots` (by name), and of
-        the null model, which is bare rotors.
+    def following_errors(
+        self, part: JointLog, robots: Mapping[str, LoopParams]
+    ) -> list[FollowingError]:
+        """Return the errors on `part` of the log: of the logged robot, of replays of `robots` (by
+        name), and of a replay of the null model, whose motors are not connected to the arm.
         """
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
-        joints = self.replayed(part, [*robots.values(), rotors])
+        joints = self.replay(part, [*robots.values(), rotors])
         desired, is_measured = part.desired[part.cycles], ~np.isnan(part.measured)
 
         def rms(errors: np.ndarray) -> np.ndarray:
@@ -164,11 +166,11 @@ class LoggedRobot:
             return np.sqrt(np.where(count > 0, total / count.clip(1), np.nan))
 
         return [
-            FollowingError(model, rms(shown - desired), rms(shown - part.measured))
-            for model, shown in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
+            FollowingError(model, rms(motion - desired), rms(motion - part.measured))
+            for model, motion in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
         ]
 
-    def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
+    def replay(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
         """Replay the log with these robots. Return their joint positions [robots, samples, 7] at
         the times of the log's samples, in rad and m.
         """

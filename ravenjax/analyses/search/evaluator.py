@@ -107,7 +107,10 @@ class Evaluator:
         return len(self._known)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the outcomes of points: see the class."""
+        """Return the outcomes [n, outcomes] of points: case [n] and values [n, inputs] of the axes.
+
+        Only points that were not computed before are computed.
+        """
         points, row_of_point = np.unique(
             np.column_stack([case, values]), axis=0, return_inverse=True
         )

@@ -43,7 +43,7 @@ class PlannedCampaign:
     """A planned campaign, and the engine that computes some of its runs again."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError for a campaign or an engine that cannot be run."""
+        """Raise UserError if the campaign or the engine cannot be run."""
         self.config, self.plan = config, make_plan(config)
         precision = self.plan.program.setup.precision
         self.backend = compile_cache.cached_engine(engine, precision)
@@ -76,7 +76,7 @@ class Replayer(PlannedCampaign):
     """Computes single runs of a campaign again, with their time series."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError for a campaign or an engine that cannot be run."""
+        """Raise UserError if the campaign or the engine cannot be run."""
         super().__init__(config, engine)
         program = self.plan.program
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES

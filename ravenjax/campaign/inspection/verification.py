@@ -99,7 +99,7 @@ def verify_folder(
         # UserError, and pydantic's error for a config that this version cannot read.
         what = "the manifest's campaign, expanded again"
         return Verification([*checks, FolderCheck("campaign", what, [str(error)])], None)
-    checks.append(_campaign(folder, record, plan, whole))
+    checks.append(_check_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
     stored = np.concatenate([np.asarray(part.rows) for part in whole])
@@ -108,7 +108,9 @@ def verify_folder(
     return Verification([*checks, _check_rerun(rerun, plan)], rerun)
 
 
-def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
+def _check_campaign(
+    folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]
+) -> FolderCheck:
     # Checks that the campaign file expands to the runs in the manifest and in the stored parts.
     ids = plan.rows["run_id"].to_numpy()
     if plan.runs != record.runs:

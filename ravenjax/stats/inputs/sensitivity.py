@@ -71,7 +71,7 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
     n = block.shape[1]
 
     def indices(index: np.ndarray) -> np.ndarray:
-        # Axes [d + 2, b, n]. scipy takes the resamples as separate outputs of one model.
+        # Axes [d + 2, b, n]. scipy treats the resamples as separate outputs of one model.
         resample = block[:, index]
         functions = {"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}
         result = sobol_indices(func=functions, n=n)

@@ -70,7 +70,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     require_writable(out / PARTS)
     with lock.hold_lock(out):
         _require_own(out, sources)
-        done = [_taken(source, out, records[first].config_hash) for source in sources]
+        done = [_link_or_copy(source, out, records[first].config_hash) for source in sources]
         record = _joined(list(records.values()), sources, bool(missing))
         manifests.write_manifest(out, record)
     return Merged(record, done.count("linked"), done.count("copied"), done.count("kept"), missing)
@@ -159,7 +159,7 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
     return " ".join(sentences)
 
 
-def _taken(source: PartSource, out: Path, config_hash: str) -> str:
+def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     # Links a file into the merged folder, which needs no disk space, or else copies the file.
     target = out / PARTS / source.part.file
     if target.exists() and (

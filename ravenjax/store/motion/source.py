@@ -247,7 +247,8 @@ def _unit_quaternions(
         raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. mean the same; keep one")
     if matrix is not None:
         turns = matrix.reshape(-1, 3, 3)
-        # The product of a rotation matrix and its transpose is 1. Files have rounded numbers.
+        # The product of a rotation matrix and its transpose is the identity. Files contain rounded
+        # numbers, so the difference may be up to 0.02.
         error = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
         bad = np.flatnonzero((error > 0.02) | (np.linalg.det(turns) < 0.0))
         if bad.size:
