@@ -1,4 +1,4 @@
-"""Functions to load, run and inspect campaigns from a notebook or a Python program."""
+"""Functions with which a notebook or a Python program loads, runs and inspects campaigns."""
 
 # Callers may pass anything, and pandas has no types.
 # pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 AnyCampaign = Campaign | CampaignConfig | str | Path | dict[str, Any]
-"""A campaign: declared in Python, loaded, a file or a bundled name, or tables as TOML has them."""
+"""A campaign as an object, as nested tables, as the path of a file, or as a bundled name."""
 
 
 def run(
@@ -40,11 +40,11 @@ def run(
 ) -> pd.DataFrame:
     """Run a campaign and return a table with one row per run.
 
-    docs/reference/columns.md describes the columns; the table's `attrs` hold their units and
-    meanings. campaign: declared in Python, loaded, a file or a bundled name, or tables as TOML has
-    them. out: result folder; a partial result of this campaign in it is continued. None: a
-    temporary folder. executor: "local" (this process) or "ray". workers: number of parallel tasks;
-    the table does not depend on it. Raises UserError, and StoreError for errors of `out`.
+    docs/reference/columns.md describes the columns; the table's `attrs` contain their units and
+    meanings. campaign: an object, nested tables as in a TOML file, the path of a file, or the name
+    of a bundled campaign. out: result folder; an interrupted campaign in it is continued. None: a
+    temporary folder. executor: "local" (this process) or "ray". workers: number of parallel tasks,
+    which does not change the table. Raise UserError, and StoreError for errors of `out`.
     """
     results = run_config(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
@@ -53,9 +53,9 @@ def run(
 
 
 def open_results(folder: str | Path) -> CampaignResults:
-    """Open the result folder that `run` or the command line wrote.
+    """Open a result folder that `run` or the command line wrote.
 
-    Raises UserError and StoreError.
+    Raise UserError and StoreError.
     """
     return CampaignResults(folder)
 
@@ -66,8 +66,8 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs hold the run's index, id and outcomes. run: index, run id, or the beginning of a run id.
-    Raises UserError.
+    attrs contain the run's index, id and outcomes. run: index, run id, or the first letters of a
+    run id. Raise UserError.
     """
     config = _config(campaign)
     again = Replayer(config, engine).replay(run)
@@ -94,16 +94,17 @@ def explain(
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Return how faults propagate through the signals.
+    """Return how errors propagate from faults through the robot's signals.
 
-    One row per run and signal that differs from the golden run, ordered by run, then in the robot's
-    order of signals. Columns: run_id, index, layer, arm, seam; differs_ms, when the signal first
-    differed in any bit, and differs_in, in which number; leaves_ms and leaves_in, when it first
-    left its normal range (-1: never); harm_ms, start of the run's hazard (-1: no hazard); left_ms,
-    harm_ms minus leaves_ms (NaN if either is missing). attrs name the engine.
+    The table has a row for each run and each signal that differs from the golden run, in the
+    robot's order of signals. Columns: run_id, index, layer, arm, seam (name of the signal);
+    differs_ms, time of the first difference in any bit, and differs_in, its number; leaves_ms and
+    leaves_in, the same for leaving the normal range (-1: never); harm_ms, start of the run's hazard
+    (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if either is missing). attrs name the
+    engine.
 
-    campaign: see `run`, or a result folder. runs: index, run id, or the beginning of a run id,
-    or several; None: every run with a fault. Raises UserError, and StoreError for a folder that
+    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or
+    a list of these; None: every run with a fault. Raise UserError, and StoreError for a folder that
     cannot be read.
     """
     from ravenjax.notebook import explaining
@@ -127,11 +128,11 @@ def counterfactual(
     """Select a small set of additional checks that would have detected the faults that evade the
     robot's checks.
 
-    Returns the rows of `counterfactual.csv`, one per candidate; column `chosen` marks the selected
-    set. attrs: "sentences" (the findings) and "files" (the written files). campaign: see `run`,
-    or a result folder. out: folder for the table, a figure, and a campaign with the selected checks
-    as detectors; None writes nothing. The options are those of `ravenjax counterfactual`. Raises
-    UserError and StoreError.
+    Return the table `counterfactual.csv`, with a row per candidate check. The column `chosen` marks
+    the selected checks. attrs: "sentences" (the findings) and "files" (the written files).
+    campaign: see `run`, or a result folder. out: folder for the table, a figure, and a campaign
+    with the selected checks as detectors; None writes nothing. Other arguments: see `ravenjax
+    counterfactual --help`. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import Question
@@ -166,12 +167,12 @@ def calibrate_monitor(
     seed: int = 0,
     engine: str = "auto",
 ) -> dict[str, Any]:
-    """Calibrate a monitor: thresholds whose false-alarm rate is at most the given one, with the
-    given confidence (`ravenjax monitor calibrate`).
+    """Calibrate a monitor: find thresholds whose false-alarm rate is at most the given rate, with
+    the given confidence (`ravenjax monitor calibrate`).
 
-    Writes monitor.toml, monitor.py, C code and a test vector into `out`, and returns the tables of
+    Write monitor.toml, monitor.py, C code and a test vector into `out`. Return the tables of
     monitor.toml. hours: total fault-free operation to simulate; None: as much as rate and
-    confidence require. Repeat an interrupted call to continue it. Raises UserError and StoreError.
+    confidence require. Repeat an interrupted call to continue it. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
@@ -199,10 +200,10 @@ def check_monitor(
     """Test whether the scores of new fault-free operations have the distribution of a monitor's
     calibration.
 
-    Returns one row per score, the joint score first. Columns: score, place (median position among
+    The table has one row per score, the joint score first. Columns: score, place (median rank among
     the calibration's scores, 0 to 1), p, adjusted (p adjusted for all scores together), martingale,
-    shifted. sources: as `ravenjax monitor check` takes them. attrs: units, operations, hours,
-    alarms, level. Raises UserError and StoreError.
+    shifted. sources: as for `ravenjax monitor check`. attrs: units, operations, hours, alarms,
+    level. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 
@@ -213,7 +214,7 @@ def check_monitor(
 
 
 def _folder(campaign: Any) -> Path | None:
-    """Return the result folder that is given in place of a campaign, if any."""
+    """Return the result folder, if `campaign` is a result folder and not a campaign."""
     place = campaign.folder if isinstance(campaign, CampaignResults) else campaign
     return Path(place) if result_folder(place) else None
 

@@ -1,4 +1,4 @@
-"""Exceptions for errors that a user can correct, and helpers that word their messages."""
+"""Exceptions for errors that a user can correct, and functions that write their messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
-    """Raised for an error in the user's input: a file, a key or a value. The message names it, the
+    """Raised for an error in the user's input. The message names the file, key or value, the
     expected values, and what to write instead.
 
     The command line prints the message without a traceback and exits with code 2.
@@ -35,15 +35,15 @@ def format_value(value: object) -> str:
 
 
 def list_lines(lines: Sequence[str], most: int = 8) -> str:
-    """Return the first `most` lines, indented, one below the other, and how many more there are."""
+    """Return a text with the first `most` lines, indented, and the number of further lines."""
     more = [f"and {len(lines) - most} more"] if len(lines) > most else []
     return "\n".join(f"  {line}" for line in [*lines[:most], *more])
 
 
 def suggest_name(word: object, names: Iterable[str]) -> str:
-    """Return `. Did you mean 'x'?` with the known name nearest to `word`.
+    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`.
 
-    Returns "" if no name is near, or if `word` is not a string.
+    Return "" if no name is similar, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""

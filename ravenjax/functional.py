@@ -1,4 +1,5 @@
-"""Provides a campaign's tick as pure functions of one run, for `jit`, `vmap`, `grad`, `shard_map`.
+"""Provides a campaign's simulation as pure functions of one run, for JAX's `jit`, `vmap` and
+`grad`.
 
     from ravenjax import functional
 
@@ -7,14 +8,14 @@
     run = model.rollout(params, faults, golden.series)
 
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
-`Model.params` and `Model.faults` hold the values of all runs of the campaign, with leaves of shape
-[runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II alone:
-`nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`. They
-take `Model.setup` and the parts of `Model.record`.
+`Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
+shape [runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II
+alone: `nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`.
+Their arguments are `Model.setup` and the parts of `Model.record`.
 
-Derivatives are exact for the nominal model, and for the stages after the DAC within one tick. They
-do not pass through the control software, because encoder counts and DAC commands are integers,
-whose derivative is 0 in JAX.
+Derivatives are exact for the nominal model, and within one tick for everything after the DAC.
+Derivatives through the control software are 0, because encoder counts and DAC commands are
+integers.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from ravenjax.robots.raven2.plant import nominal
 from ravenjax.threads import map_in_threads
 
 LANES = 1 << 20
-"""Runs for which the blocks of `Model.run_compiled` are sized."""
+"""Number of runs for which `Model.run_compiled` chooses the size of its blocks."""
 
 __all__ = ["Model", "Rollout", "control", "inject", "load", "nominal"]
 
@@ -53,8 +54,8 @@ class Rollout(NamedTuple):
     """Outcomes, series and signals of one run, or of its first ticks, from `Model.rollout`."""
 
     outcomes: dict[str, Any]  # columns of the result table before the verdict
-    # Numbers with which runs that have this golden run are compared, [ticks, numbers]. For each arm
-    # of a Raven-II: true tip (m), then measured tip (um).
+    # [ticks, numbers], with which faulty runs are compared if this run is their golden run. For
+    # each arm of a Raven-II: true tip (m), then measured tip (um).
     series: Any
     signals: Any  # record of every signal, each leaf [ticks]
 
@@ -65,21 +66,21 @@ class Model:
 
     program: TickProgram
     motion: tuple[Any, ...]  # columns of the operator's motion, each [ticks]
-    params: dict[str, Any]  # path -> [runs], parameters that vary; units as `ravenjax parameters`
+    params: dict[str, Any]  # path -> [runs], parameters that vary; units: `ravenjax parameters`
     faults: Faults  # each leaf [runs]
 
     @property
     def setup(self) -> Any:
-        """Static choices that select the code of the tick."""
+        """Settings that select the code of the tick."""
         return self.program.setup
 
     @property
     def targets(self) -> dict[injection.ChannelKey, int]:
-        """The code in `FaultSlot.code` of each faulty (site, arm, channel); 0: no fault."""
+        """The value of `FaultSlot.code` for a fault at each (site, arm, channel); 0: no fault."""
         return {key: i + 1 for i, key in enumerate(injection.channel_keys(self.setup))}
 
     def record(self, params: Mapping[str, Any]) -> Any:
-        """Return all parameters of the robot, with the values in `params` where given.
+        """Return all parameters of the robot. Values in `params` replace the robot's values.
 
         All methods raise KeyError for an unknown path.
         """
@@ -92,8 +93,8 @@ class Model:
     def step(
         self, params: Mapping[str, Any], faults: Faults, state: Any, tick: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick, 1 ms; return the new state, the run's series in this tick, and every
-        signal.
+        """Compute one tick of 1 ms. Return the new state, the numbers of `Rollout.series`, and all
+        signals.
 
         tick: int32, from 0. golden: `Rollout.series` of the golden run in this tick, [numbers].
         """
@@ -130,11 +131,11 @@ class Model:
     def run_compiled(
         self, params: Mapping[str, Any], faults: Faults, golden: Any = None, engine: str = "auto"
     ) -> Rollout:
-        """Compute a run with a compiled engine, which is much faster and gives the campaign's bits.
+        """Compute a run on an engine, much faster than `rollout`, with the bits of the campaign.
 
-        It can be called inside `jit`. `vmap` computes all runs in one call. There are no
-        derivatives. `golden` is the argument of `rollout`; with it, `series` is None. `signals` is
-        always None. engine: a name for `ravenjax run --engine`.
+        The method can be called inside `jit` and `vmap`, but has no derivatives. golden: see
+        `rollout`; if it is given, `series` of the result is None. `signals` is always None. engine:
+        a name for `ravenjax run --engine`.
         """
         program, length = self._with(params), self.program.loop.series_length(self.setup)
         kernel = select_engine(engine, self.setup.precision).compile(program, LANES)
@@ -146,7 +147,7 @@ class Model:
         if golden is not None and golden.shape != series.shape:
             raise ValueError(f"golden has shape {golden.shape}, expected {series.shape}")
 
-        # Each `vmap` adds a leading axis to every array, of length 1 where it does not vary.
+        # Each `vmap` adds a leading axis to every array. Its length is 1 if the array is constant.
         def compute(inputs: Any, golden: Any) -> Any:
             # Computes a batch of any shape on the kernel, whose lanes are one-dimensional.
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
@@ -160,6 +161,7 @@ class Model:
             runs = math.prod(shape)
 
             def run(first: int) -> BlockResult:
+                # Computes the runs of one block, which begins at run `first`.
                 rows = min(kernel.lanes, runs - first)
                 lanes = first + np.minimum(np.arange(kernel.size(rows)), rows - 1)
                 params, faults = jax.tree.map(lambda leaf: leaf[lanes], inputs)
@@ -196,9 +198,8 @@ def load(
 ) -> Model:
     """Return the functions and inputs of a campaign.
 
-    vary: paths of additional parameters for `Model.params`; they have the campaign's values.
-    precision: float64 also requires `jax_enable_x64`. Raises UserError for a campaign that cannot
-    be run.
+    vary: paths of further parameters for `Model.params`, with the campaign's values. precision:
+    float64 also requires `jax_enable_x64`. Raise UserError for a campaign that cannot be run.
     """
     config = campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)
     plan = make_plan(config, precision)
@@ -215,8 +216,8 @@ def inject(
 ) -> tuple[FaultState, Any]:
     """Apply the faults of one site of the Raven-II in one tick.
 
-    Returns the new state of the faults and the changed signal. state: `Model.init(params).faults`
-    before the first tick. All triggers count from tick 0. signal: as the tick has it at the site,
+    Return the new state of the faults and the changed signal. state: `Model.init(params).faults`
+    before the first tick. All triggers count from tick 0. signal: signal of the tick at the site,
     for example DAC counts, 7 int32 for each arm.
     """
     clocks = TriggerClocks(tick, tick + 1, tick)

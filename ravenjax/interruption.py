@@ -1,11 +1,13 @@
-"""Handles Ctrl-C, SIGTERM and SIGHUP safely while threads are at work or libraries are imported.
+"""Handles Ctrl-C, SIGTERM and SIGHUP safely in a program with threads.
 
 Python raises the exception of a signal in the main thread, at any instruction. If the main thread
 has just taken a lock that another thread needs, such as that of a `Future`, nobody releases the
 lock and the program hangs. If a compiled module is being imported, the import fails. About one
-signal in 100 to 200 did one of these to a campaign. Therefore a signal is held back, and raised
-where the main thread waits for other threads or begins a new step. Work that does not return for a
-long time, such as a compiler that runs for minutes, ends with the process.
+signal in 100 to 200 caused one of these errors in a campaign.
+
+Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
+or begins a new step. Code that does not return for a long time, such as a compiler that runs for
+minutes, ends with the process.
 """
 
 import concurrent.futures
@@ -22,23 +24,22 @@ from typing import TypeVar
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EVERY_S = 0.05
-"""How often a thread that waits for another one looks for a signal, s."""
+"""Period with which a waiting main thread checks for a signal, s."""
 GRACE_S = 10.0
-"""Time that the main thread has between a signal and the end of its work, s. Then the process ends.
-"""
+"""Time between a signal and the end of the process, if the main thread does not end before, s."""
 
 T = TypeVar("T")
 
 _held: list[Callable[[], object]] = []
-"""Calls of the handlers of the signals that have arrived. Only the main thread uses this list."""
+"""Handlers to call for the signals that have arrived. Only the main thread uses this list."""
 
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Hold back signals with a Python handler until `check_interruption`, `wait_for_result` or the
-    end of the block.
+    """Delay signals until `check_interruption`, `wait_for_result` or the end of the block.
 
-    Does nothing outside the main thread, because Python raises no signals there.
+    Only signals with a Python handler are delayed. Outside the main thread this does nothing,
+    because Python handles signals only in the main thread.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -58,13 +59,16 @@ def held_back() -> Iterator[None]:
 
 
 def check_interruption() -> None:
-    """Raise a signal that was held back. No lock may be held that another thread needs."""
+    """Handle delayed signals, which may raise an exception.
+
+    Call this only while the main thread owns no lock that another thread needs.
+    """
     while _held and threading.current_thread() is threading.main_thread():
         _held.pop(0)()
 
 
 def wait_for_result(future: Future[T]) -> T:
-    """Return `future.result()`; while waiting, raise a signal that was held back."""
+    """Return `future.result()`, and handle delayed signals while waiting."""
     while not future.done():
         check_interruption()
         concurrent.futures.wait((future,), EVERY_S)
@@ -73,16 +77,15 @@ def wait_for_result(future: Future[T]) -> T:
 
 @contextlib.contextmanager
 def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
-    """Let these signals raise SystemExit with 128 + their number, unless they are ignored (as under
-    nohup).
+    """Raise SystemExit with code 128 + the number of a signal when one of these signals arrives.
 
-    Does nothing outside the main thread.
+    Ignored signals (as under nohup) stay ignored. Outside the main thread this does nothing.
     """
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
-    # Outside the main thread, the handling of signals is up to the program around this call.
+    # Python allows signal handlers to be set only in the main thread.
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -94,10 +97,10 @@ def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[list[int]]:
-    """Yield a list to which each Ctrl-C or SIGTERM is appended, so that a loop can end between two
-    ticks and close its files.
+    """Yield a list to which each Ctrl-C or SIGTERM is appended.
 
-    The third signal raises KeyboardInterrupt. For the main thread only.
+    A loop can check the list between two ticks, and close its files. The third signal raises
+    KeyboardInterrupt. Use this only in the main thread.
     """
     signals: list[int] = []
 
@@ -129,8 +132,8 @@ def _handled_by(
 def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
     """End the process if the main thread is still in this block `grace_s` seconds after a signal.
 
-    Then the process prints `message` and exits with code 128 + the signal's number. The work in the
-    block must leave nothing on disk that such an end would damage.
+    The process then prints `message` and exits with code 128 + the number of the signal. Files that
+    the block writes must not be damaged by this.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -151,15 +154,15 @@ def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
 def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
     # Runs in a thread: ends the process if the main thread does not react to a signal in time.
     with ours:
-        while came := ours.recv(1):
-            if came[0] in SIGNALS and not _left(ours, grace_s):
-                # Not `print`: the main thread may hold its lock.
+        while received := ours.recv(1):
+            if received[0] in SIGNALS and not _closed_within(ours, grace_s):
+                # `print` could block, because the main thread may hold its lock.
                 os.write(2, f"{message}\n".encode())
-                os._exit(128 + came[0])
+                os._exit(128 + received[0])
 
 
-def _left(ours: socket.socket, within_s: float) -> bool:
-    """Return whether the other end is closed within `within_s` seconds, whatever else arrives."""
+def _closed_within(ours: socket.socket, within_s: float) -> bool:
+    """Return whether the other end of the socket is closed within `within_s` seconds."""
     end = time.monotonic() + within_s
     while (rest := end - time.monotonic()) > 0.0:
         if select.select([ours], [], [], rest)[0] and not ours.recv(1):

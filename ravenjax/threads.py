@@ -14,10 +14,10 @@ T = TypeVar("T")
 def map_in_threads(
     function: Callable[[S], T], given: Iterable[S], most: int | None = None
 ) -> list[T]:
-    """Return `function` of each item, in order, computed in threads.
+    """Apply `function` to each item in parallel threads. Return the results in order.
 
-    most: largest number of threads; None: the cores of this process. The first error, or a signal,
-    is raised once the calls that have begun have ended. Calls that have not begun are dropped.
+    most: largest number of threads; None: the number of cores of this process. After an error or a
+    signal, no further calls begin, and the exception is raised when the running calls have ended.
     """
     things = list(given)
     number = min(len(things), most or len(os.sched_getaffinity(0)))

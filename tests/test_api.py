@@ -57,7 +57,7 @@ def test_overrides_are_a_list_of_texts(overrides):
         ({"engine": "cpu"}, "engine 'cpu' is unknown"),
         ({"on_progress": 3}, "on_progress is 3, expected a function"),
         ({"executor": "cloud"}, "unknown executor 'cloud', expected one of local, ray"),
-        ({"workers": 0}, "workers 0: expected 1 or more"),
+        ({"workers": 0}, "workers is 0, expected 1 or more"),
     ],
 )
 def test_what_run_does_not_take(given, words, monkeypatch):

@@ -52,9 +52,9 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
     place, monkeypatch
 ):
     campaign = place / "campaign" / "own.toml"
-    with pytest.raises(UserError, match=r"part.py: is Python code.*--trust"):
+    with pytest.raises(UserError, match=r"part.py: this Python file was not run.*--trust"):
         loading.load_campaign(campaign, runs=False)
-    with pytest.raises(UserError, match="is Python code"):
+    with pytest.raises(UserError, match="this Python file was not run"):
         loading.load_campaign(campaign.with_name("outside.toml"))
     assert not (place / "ran").exists()
     # A name without a folder means the current one.
@@ -65,7 +65,7 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
     assert loading.validate_tables(config.model_dump(mode="json")).detectors
     (place / "campaign" / "beside.py").write_text("raise RuntimeError")
     own_part._KNOWN.clear()
-    with pytest.raises(UserError, match=r"beside.py: is Python code"):
+    with pytest.raises(UserError, match=r"beside.py: this Python file was not run"):
         loading.validate_tables(config.model_dump(mode="json")).detectors  # noqa: B018
 
 
@@ -77,7 +77,7 @@ def test_trust_lets_any_code_run(place, monkeypatch):
 
 def test_code_of_another_user_is_not_the_users_own(place, monkeypatch):
     monkeypatch.setattr(consent, "OWNERS", (os.geteuid() + 1,))
-    with pytest.raises(UserError, match="of another user"):
+    with pytest.raises(UserError, match="owned by another user"):
         loading.load_campaign(place / "campaign" / "own.toml")
 
 
@@ -95,14 +95,14 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
         imported = [name for name in ("lab", "lab.strange") if sys.modules.pop(name, None)]
         assert (tmp_path / "ran").exists() == bool(imported)
 
-    find_robot(r"strange.py: is Python code")
+    find_robot(r"strange.py: this Python file was not run")
     with consent.given_for(tmp_path):
         find_robot("declares no ROBOT")
     find_robot("declares no ROBOT")
     # What ran before was another package.
     (tmp_path / "ran").unlink()
     (tmp_path / "lab" / "__init__.py").write_text(f"{ran}# changed\n")
-    find_robot(r"strange.py: is Python code")
+    find_robot(r"strange.py: this Python file was not run")
 
 
 def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
@@ -121,7 +121,7 @@ def test_a_robot_beside_its_campaign_is_found(tmp_path, monkeypatch):
     with pytest.raises(UserError, match=f"is unknown: .* looked for it in {tmp_path}, "):
         loading.load_campaign(campaign)
     campaign.write_text(text)
-    with pytest.raises(UserError, match=r"beside_arm.py: is Python code"):
+    with pytest.raises(UserError, match=r"beside_arm.py: this Python file was not run"):
         loading.load_campaign(campaign, runs=False)
     for error in ("ModuleNotFoundError: No module named 'beside_nothing'", "SyntaxError"):
         with pytest.raises(UserError, match=f"beside_arm.py cannot be imported: {error}"):

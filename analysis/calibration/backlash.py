@@ -108,7 +108,7 @@ def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ..
     params = position_loop.params(robot.params(logged.setup, logged.arm))
     sides = [
         torques(logged, np.nan_to_num(joints), period_ms)
-        for joints in (logged.log.measured, logged.replayed(whole, [params])[0])
+        for joints in (logged.log.measured, logged.replay(whole, [params])[0])
     ]
     lines = []
     for j in logged.log.joints:

@@ -33,9 +33,9 @@ def main(logs: int = 20, seconds: float = 14.0) -> None:
     for seed in range(logs):
         hidden = np.random.default_rng(seed).standard_normal(len(wanted))
         one = virtual_log.recorded(base, wanted, hidden, desired).calibrated(plant, wanted)
-        holds = np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.told
+        holds = np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.spread_ratio
         of_logs.append(int(holds.sum()))
-        for unknown, hit, spread in zip(wanted, holds, one.told, strict=True):
+        for unknown, hit, spread in zip(wanted, holds, one.spread_ratio, strict=True):
             inside[unknown.name].append(bool(hit))
             left[unknown.name].append(float(spread))
         print(f"log {seed}: {of_logs[-1]} of {len(wanted)}", file=sys.stderr, flush=True)

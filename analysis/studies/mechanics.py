@@ -278,7 +278,7 @@ def compare(context: study.Context) -> study.Findings:
         logged = (three_joints if name == THREE_JOINTS else seven_joints)(path)
         sets = {law: robot.params(logged.setup, "gold", law) for law in (OURS, AUTHORS)}
         robots = {f"virtual robot, {law}": position_loop.params(sets[law]) for law in sets}
-        judged[name] = logged.judged(logged.halves[1], robots)
+        judged[name] = logged.following_errors(logged.halves[1], robots)
         lines += _lines(name, judged[name], logged.log.joints)
         printed.append(_following(judged[name], logged.log.joints, name))
         fit = logged.calibrated(sets[OURS], select_unknowns(FITTED[name], FITTED_KINDS))

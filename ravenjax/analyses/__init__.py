@@ -1,1 +1,1 @@
-"""Analyses campaigns and recordings; each folder holds one analysis."""
+"""Analyses of campaigns and of recordings. Each subfolder contains one analysis."""

@@ -1,12 +1,14 @@
-"""Judges whether a change made things worse: paired results against margins of non-inferiority.
+"""Decides whether a change made results worse: a test of non-inferiority for each event.
 
-A margin states how much worse an event may become. An event whose rate has an interval passes if
-the whole 95 % interval lies within the margin, fails if no part of it does, and is undecided
-otherwise. Intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price
-2012), and clustered if a fault has several pairs. For enumerated faults there is no interval, so
-the gate compares the difference alone with the margin. False cues per hour are compared as two
-independent results. The interval of their difference combines two exact Poisson intervals by
-square-and-add (Zou and Donner 2008).
+Two results of the same faults are compared. A margin is the largest accepted increase of an event's
+rate. An event with a confidence interval passes if the whole 95 % interval lies within the margin.
+It fails if no part of the interval does, and is undecided otherwise.
+
+The intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price 2012),
+and clustered if a fault has several pairs. Enumerated faults have no interval, so their difference
+alone is compared with the margin. False cues per hour are compared as two independent results. The
+interval of their difference combines two exact Poisson intervals by square-and-add (Zou and Donner
+2008).
 """
 
 import contextlib
@@ -26,7 +28,7 @@ from ravenjax.store import manifest
 
 FALSE_CUES = "false cues"
 EVENTS = {name.replace("_", " "): name for name in comparison.RATES} | {"evading": "evades"}
-"""Events of a margin in points, and the names of their rates in a comparison."""
+"""Maps an event of a margin in percentage points to the name of its rate in a comparison."""
 _MARGIN = re.compile(
     r"\s*(?P<event>[a-z ]+?)\s*(?P<change>[+-]\d+(\.\d+)?)\s*(?P<unit>points|/h)\s*"
 )
@@ -34,7 +36,7 @@ Verdict = Literal["pass", "fail", "undecided"]
 
 
 class Margin(NamedTuple):
-    """How far the rate of an event may rise (positive) or fall (negative)."""
+    """The largest accepted rise (positive) or fall (negative) of an event's rate."""
 
     event: str
     change: float  # percentage points, or per hour
@@ -48,6 +50,7 @@ class Judgement(NamedTuple):
     """The verdict on one margin. change: second minus first, in the unit of the margin."""
 
     margin: Margin
+    # The rates in both results, as text.
     first: str
     second: str
     change: Estimate
@@ -55,8 +58,8 @@ class Judgement(NamedTuple):
 
     @property
     def measured(self) -> str:
-        """The change in words, with its interval."""
-        bounds = "no interval: enumerated faults"
+        """The change with its interval, as text."""
+        bounds = "no interval, because the faults are enumerated"
         if math.isfinite(self.change.low):
             bounds = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
         return f"{self.change.value:+,.4g}{' points' * (self.margin.unit != '/h')} ({bounds})"
@@ -70,15 +73,16 @@ class Gate(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """1 if a margin is exceeded, else 2 if one is undecided, else 0."""
+        """Exit code: 1 if a margin is exceeded, else 2 if a verdict is undecided, else 0."""
         verdicts = {judgement.verdict for judgement in self.judgements}
         return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
 
 
 def parse_margin(text: str) -> Margin:
-    """Return the margin of a text such as "evades +0.5 points". Raises UserError."""
+    """Parse a margin such as "evades +0.5 points". Raise UserError for any other form."""
     example = (
-        f'write an event, a signed number and its unit: "evades +0.5 points", "{FALSE_CUES} +2/h"'
+        "expected an event, a signed number and a unit, such as"
+        f' "evades +0.5 points" or "{FALSE_CUES} +2/h"'
     )
     found = _MARGIN.fullmatch(text)
     if found is None:
@@ -87,16 +91,17 @@ def parse_margin(text: str) -> Margin:
     events = (FALSE_CUES,) if margin.unit == "/h" else tuple(EVENTS)
     if margin.event not in events:
         raise UserError(
-            f"--margin {text!r}: event {margin.event!r} is unknown with the unit {margin.unit}:"
-            f" expected {', '.join(events)}{suggest_name(margin.event, events)}"
+            f"--margin {text!r}: no event {margin.event!r} has the unit {margin.unit}; expected"
+            f" one of {', '.join(events)}{suggest_name(margin.event, events)}"
         )
     return margin
 
 
 def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
-    """Judge the results in `second` beside those in `first`; list at most `most` changed runs.
+    """Judge whether the results in `second` are worse than those in `first` by more than margins.
 
-    Raises UserError for results that cannot be compared, and StoreError.
+    most: largest number of changed runs to list. Raise UserError for results that cannot be
+    compared, and StoreError.
     """
     compared = comparison.compare_folders(first, second, most)
     if not compared.pairs.compared:
@@ -119,7 +124,7 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
 
 
 def judge_change(change: Estimate, margin: float) -> Verdict:
-    """Judge a change whose direction of harm is the sign of the margin."""
+    """Compare a change with its margin. The change is harmful in the direction of the margin."""
     sign = math.copysign(1.0, margin)
     low, high = sorted((sign * change.low, sign * change.high))
     if not math.isfinite(change.low):
@@ -130,12 +135,13 @@ def judge_change(change: Estimate, margin: float) -> Verdict:
 
 
 def _false_cues(folder: Path) -> AlarmRate:
+    # Returns the rate of false cues per hour of fault-free motion of a result folder.
     record = manifest.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, record)) as runs:
         rate = runs.motions().cue_rate(record.verdict_cue)
     if rate is None:
         raise UserError(
-            f"{folder}: has no fault-free motion with the pedal down, so no false cues can be"
-            f" counted. Compute some: ravenjax fault-free {folder} HOURS"
+            f"{folder}: has no fault-free motion with the pedal down, so false cues cannot be"
+            f" counted. Compute fault-free motion: ravenjax fault-free {folder} HOURS"
         )
     return rate

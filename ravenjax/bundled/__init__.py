@@ -1,1 +1,1 @@
-"""Bundled files in an installed package: campaigns and models."""
+"""Campaigns and robot models that are installed with the package."""

@@ -1,4 +1,6 @@
-"""Finds bundled data: at an explicit path, then in the working directory, then in the installed
+"""Finds files of bundled campaigns and models.
+
+A file is searched for at an explicit path, then in the working directory, then in the installed
 package.
 """
 
@@ -11,33 +13,33 @@ _CHECKOUT = _BUNDLED.parents[1]
 
 
 def find_resource(kind: str, name: str | Path) -> Path:
-    """Return the path of data file `name` of folder `kind` ("campaigns" or "models").
+    """Find the file `name` of a kind ("campaigns" or "models") and return its path.
 
-    Searches the path as given, ./<kind>, the folder beside the package (a checkout) and the folder
-    inside it (a wheel), in this order. Raises FileNotFoundError that lists each place tried.
+    The search order is: the path `name`, the folder ./<kind>, the folder beside the package (in a
+    checkout), the folder inside the package (in a wheel). Raise FileNotFoundError with this list.
     """
     places = [Path(name), Path.cwd() / kind / name, _CHECKOUT / kind / name, _BUNDLED / kind / name]
     for place in places:
         if place.is_file():
             return place.resolve()
     tried = "\n".join(f"  {place}" for place in places)
-    raise FileNotFoundError(f"{name}: no such file in {kind}. Looked at:\n{tried}")
+    raise FileNotFoundError(f"{name}: found no such file in {kind}. Searched:\n{tried}")
 
 
 def read_tables(module: str, name: str) -> dict[str, Any]:
-    """Return the content of a TOML file beside a module, which is given by its `__file__`."""
+    """Return the content of a TOML file in the folder of a module. module: its `__file__`."""
     return tomllib.loads((Path(module).parent / name).read_text(encoding="utf-8"))
 
 
 def render_rows(template: Path, **values: Any) -> list[tuple[str, str]]:
-    """Return (name, text) of each line `name | text` that a template of Jinja gives."""
+    """Render a Jinja template and return (name, text) of each line `name | text`."""
     lines = (line.partition(" | ") for line in render_text(template, **values).splitlines())
     return [(name, content) for name, bar, content in lines if bar]
 
 
 def render_text(template: Path, **values: Any) -> str:
-    """Return the text that a template of Jinja gives."""
-    # Imported here because few processes describe anything.
+    """Render a Jinja template to text."""
+    # Most processes need no template, and the import is slow.
     import jinja2
 
     return jinja2.Template(

@@ -1,7 +1,8 @@
-"""Caches traces and compiled code on disk. A campaign that was compiled before then starts quickly.
+"""Caches compiled code on disk, so that a campaign starts quickly when its code was compiled
+before.
 
-Two processes may use the folder at the same time. The cache ignores damaged files. When the folder
-grows too large, the cache deletes the files that were used longest ago.
+Two processes may use the folder at the same time. Damaged files are ignored. When the folder grows
+too large, the files that were used longest ago are deleted.
 
 ravenjax executes the stored code. Therefore the folder and its files must belong to the user or to
 root, and nobody else may write into the folder.
@@ -24,20 +25,18 @@ from ravenjax.numbers import lazy
 from ravenjax.numbers.setup import Precision
 
 VARIABLE = "RAVENJAX_CACHE"
-"""Environment variable: another cache folder, or "off"."""
+"""Environment variable with the path of the cache folder, or "off"."""
 SIZE_VARIABLE, SIZE_MB = "RAVENJAX_CACHE_MB", 512
-"""Environment variable for the largest total size of traces and compiled objects in MB, and its
-default.
-"""
-# Bytes of the sha256 that precedes the content of a file.
+"""Environment variable for the largest size of the cache in MB, and its default."""
+# Number of bytes of the sha256 at the beginning of each file.
 _HASH = 32
 
 
 def cache_folder(kind: str) -> Path | None:
-    """Return the cache folder of a kind of code, and create it if needed; None if the cache is off
-    or cannot be created.
+    """Return the cache folder for a kind of code, and create it if needed.
 
-    Raises UserError for a folder into which others may write.
+    Return None if the cache is off or cannot be created. Raise UserError if other users may write
+    into the folder.
     """
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() == "off":
@@ -47,7 +46,7 @@ def cache_folder(kind: str) -> Path | None:
         return None
     for place in (base, base / kind):
         if not wanted:
-            # A folder of an earlier version has the rights that were usual on this machine.
+            # Earlier versions created this folder with the default rights of the machine.
             with contextlib.suppress(OSError):
                 place.chmod(0o700)
         if consent.is_private(place):
@@ -56,68 +55,68 @@ def cache_folder(kind: str) -> Path | None:
             # A run is possible without a cache.
             return None
         raise UserError(
-            f"{place}: other users can write into this cache, or have done so, and its content is"
-            f" executed. Delete it, remove their permission (chmod go-w), name another folder in"
-            f" {VARIABLE}, or set {VARIABLE}=off"
+            f"{place}: other users can write into this cache, or have done so, but ravenjax"
+            f" executes its content. Delete the folder, remove their permission (chmod go-w), name"
+            f" another folder in {VARIABLE}, or set {VARIABLE}=off"
         )
     return base / kind
 
 
 def enable_cache() -> None:
-    """Turn on JAX's persistent cache of compiled programs as soon as JAX is used, unless one is
-    configured.
+    """Turn on JAX's persistent cache of compiled programs when JAX is first used.
 
-    Code for one CPU may not run on another one that shares the home folder. Therefore each kind of
-    CPU has a separate folder.
+    A cache that the user has configured is not changed. Machines with different CPUs may share a
+    home folder, so each kind of CPU has a separate cache folder.
     """
-    place = cache_folder(f"xla-{_machine()}")
+    folder = cache_folder(f"xla-{_machine()}")
 
     def use(jax: Any) -> None:
-        if place is not None and not jax.config.jax_compilation_cache_dir:
-            jax.config.update("jax_compilation_cache_dir", str(place))
+        if folder is not None and not jax.config.jax_compilation_cache_dir:
+            jax.config.update("jax_compilation_cache_dir", str(folder))
 
     lazy.when_loaded(use)
 
 
 def object_cache() -> MutableMapping[str, bytes] | None:
-    """Return the disk cache of the engines that generate code: traces and compiled objects by key.
+    """Return the disk cache for traces and compiled code of engines, a mapping from key to bytes.
 
-    Returns None if the cache is off. Raises UserError if the configured size is not a number.
+    Return None if the cache is off. Raise UserError if the configured size is not a number.
     """
-    place = cache_folder("objects")
-    return None if place is None else Objects(place, _size_mb() * 1_000_000)
+    folder = cache_folder("objects")
+    return None if folder is None else Objects(folder, _size_mb() * 1_000_000)
 
 
 def _size_mb() -> int:
+    # Returns the largest size of the cache, which the user may set in an environment variable.
     text = os.environ.get(SIZE_VARIABLE, "").strip()
     if not text:
         return SIZE_MB
     if not text.isdecimal() or int(text) == 0:
         raise UserError(
-            f"{SIZE_VARIABLE}={text!r}: expected a whole number of MB, 1 or more; {VARIABLE}=off"
-            " keeps nothing"
+            f"{SIZE_VARIABLE}={text!r}: expected a whole number of MB, 1 or more; to turn the cache"
+            f" off, set {VARIABLE}=off"
         )
     return int(text)
 
 
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
-    """Return the engine of that name, using this cache for traces and compiled code.
+    """Return the engine `name`, with this cache for its traces and compiled code.
 
-    ticks: see `selection.select_engine`. Raises UserError.
+    ticks: see `selection.select_engine`. Raise UserError for an engine that cannot run.
     """
     enable_cache()
     return selection.select_engine(name, precision, object_cache(), ticks)
 
 
 class Objects(MutableMapping[str, bytes]):
-    """Mapping with one file per key, which holds the hash of the content and the content.
+    """A mapping with one file per key. A file contains the hash of the content, then the content.
 
-    An entry that cannot be written is not kept. A key is a hash of everything that decides the
-    content.
+    If a file cannot be written, the entry is lost. A key is a hash of everything on which the
+    content depends.
     """
 
     def __init__(self, place: Path, most: int) -> None:
-        """most: bytes of all files; beyond it, the least recently used files are deleted."""
+        """most: largest size of all files in bytes. The least recently used files are deleted."""
         self._place, self._most = place, most
 
     def _path(self, key: str) -> Path:
@@ -181,7 +180,7 @@ class Objects(MutableMapping[str, bytes]):
 
 
 def _machine() -> str:
-    """Return a short hash of what decides which instructions this CPU has."""
+    """Return a short hash of the features of this CPU."""
     flags = [platform.machine()]
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -1,9 +1,10 @@
-"""Computes rows of a plan with an engine, in parallel blocks of runs and their golden runs.
+"""Computes the runs of a campaign on an engine, in parallel blocks, together with their golden
+runs.
 
-Up to the first tick in which a fault may act, a run equals its golden run. Where enough runs share
-a golden run, they start from snapshots of it. Rows are returned in order, one window at a time.
-While one window ends, the next window's golden runs and blocks are already being computed, so no
-thread waits for the slowest block.
+Up to the first tick in which a fault may act, a run equals its golden run. If enough runs share a
+golden run, they start from checkpoints of it. Rows are returned in order, one window of rows at a
+time. While the last blocks of a window are computed, other threads already begin the next window.
+So no thread waits for the slowest block.
 """
 
 from __future__ import annotations
@@ -44,25 +45,24 @@ from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**29
-"""Memory in bytes for the time series and snapshots of a window's golden runs.
+"""Memory for the time series and checkpoints of the golden runs of a window, bytes.
 
-Two windows may be in progress at a time. Where each run has a golden run of its own, copies take
-the same amount again.
+Two windows may be in progress at a time. If each run has a different golden run, copies need the
+same amount again.
 """
 GPU_TIMES = 2
-"""Factor on GOLDEN_BYTES for a GPU, which needs many lanes at a time and copies those of a block.
+"""Factor on GOLDEN_BYTES for a GPU, which computes many lanes in parallel and copies their series.
 """
 AHEAD, ENOUGH_ROWS = 4, 2**18
-"""Blocks of a window for each block that runs at a time; fewer, but at least one, if the window
-would exceed ENOUGH_ROWS rows.
+"""A window has AHEAD blocks for each thread, or fewer if it would have more than ENOUGH_ROWS rows.
 
-More than one lets the rows of one block be packed while the next block runs.
+With several blocks, a thread can start the next block while results of the last one are stored.
 """
 STANDS_STILL = 0.1
-"""Share of its length that a golden run may stand still before a note is added."""
+"""Share of its duration for which a golden run may stand still without a note."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
-"""Rows of a window, and ticks of all its rows, that suffice to find rows whose faults act at about
-the same time.
+"""Number of rows in a window, and of ticks of these rows, with which enough rows have faults that
+begin at about the same time. Such rows can start from one checkpoint.
 """
 
 
@@ -78,9 +78,8 @@ class Computation:
         threads: int | None = None,
         whole: bool = False,
     ) -> None:
-        """runs: how many rows are computed at a time, which decides the size of blocks. threads:
-        blocks in parallel; None: the engine decides. whole: every run is computed from its
-        beginning.
+        """runs: number of rows that are computed together, for the size of blocks. threads: number
+        of parallel blocks; None: the engine's default. whole: compute every run from its beginning.
         """
         self.plan, self.progress, self.whole = plan, progress, whole
         self.threads = max(1, threads or engine.threads)
@@ -88,7 +87,7 @@ class Computation:
         self._on_gpu = engine.name == "cuda"
 
     def compile(self) -> None:
-        """Trace and compile, before the clock of the runs starts."""
+        """Compile the kernel, so that the time of compilation is not counted as computation."""
         self.progress.tell("compile")
         start = time.perf_counter()
         rows = np.arange(min(self.plan.runs, self.kernel.lanes))
@@ -103,10 +102,10 @@ class Computation:
         return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[Pair]:
-        """Yield the outcomes of the rows of `ranges`, in order, a window at a time, and
-        `outcomes.of_golden` of their golden runs.
+        """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
 
-        Close the generator to cancel the work in progress. Use it inside `interruption.held_back`.
+        Each item is a window of rows. Close the generator to cancel the work in progress. Use the
+        generator inside `interruption.held_back`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._fault_free_outcomes: list[Columns] = []
@@ -145,7 +144,7 @@ class Computation:
         return concatenate(rows), concatenate(golden_runs)
 
     def _note_fault_free(self) -> None:
-        # Notes what misleads: golden runs that stand still, or raise alarms themselves.
+        # Adds notes about golden runs that stand still or have alarms, which may mislead.
         if not self._fault_free_outcomes:
             return
         runs = concatenate(self._fault_free_outcomes)
@@ -158,12 +157,12 @@ class Computation:
                 if name.startswith("check_") and name.endswith("_count") and count[still].any()
             ]
             self.progress.note(
-                f"{still.sum()} of {len(still)} golden runs stand still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms while the operator"
-                " holds the pedal down: the robot stops without a fault, and faults after that do"
-                " nothing. Column golden_halted_ms has the time of each. Checks that tripped in"
-                f" these runs: {', '.join(tripped) or 'none'}. Take another motion, a shorter"
-                " campaign.duration_s, or a check that permits more"
+                f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
+                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms although the pedal is"
+                " down. The robot stops without a fault, and faults after that have no effect. See"
+                " column golden_halted_ms. Checks that tripped in these runs:"
+                f" {', '.join(tripped) or 'none'}. Write a shorter campaign.duration_s, another"
+                " motion, or a check that permits more"
             )
         config = self.plan.config
         watching = {
@@ -177,8 +176,8 @@ class Computation:
             first = runs[f"{column}_first_ms"]
             if (first >= 0).all():
                 self.progress.note(
-                    f"{name} is on in every golden run, from {first.max()} ms on at the latest. It"
-                    " cannot show a later fault: take a larger threshold"
+                    f"{name} is on in every golden run, from {first.max()} ms at the latest, so it"
+                    " cannot show a later fault: write a larger threshold"
                 )
         for name in (one.name for one in config.harm):
             happens = runs[f"harm_{name}_first_ms"] >= 0
@@ -189,14 +188,15 @@ class Computation:
                 )
 
     def _count(self, ticks: int) -> None:
-        """Count computed ticks. Ends the block of a thread whose result nobody awaits any more."""
+        """Count computed ticks. Raise CancelledError if the work was cancelled."""
         if self._ended:
             raise CancelledError
         self.progress.ticks(ticks)
 
     def _limits(self, chunk: int) -> WindowLimits:
-        """Return the limits of windows for parts of `chunk` rows: a part is complete only with the
-        last window that holds rows of it.
+        """Return the largest sizes of windows and blocks, for files of `chunk` rows.
+
+        A file can be written when all windows with its rows are finished.
         """
         program, lanes = self.plan.program, self.kernel.lanes
         setup = program.setup
@@ -228,9 +228,9 @@ class Computation:
     def _golden_runs(
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        """Return the golden runs of a window, and start computing those that `earlier` lacks.
+        """Return the golden runs of a window. Start computing those that are not in `earlier`.
 
-        Each golden run has the parameters of the first row that refers to it.
+        Each golden run has the parameters of the first row that belongs to it.
         """
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
@@ -269,7 +269,7 @@ class Computation:
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
-        # Computes a golden run again with snapshots, from which runs with late faults can start.
+        # Computes a golden run again with checkpoints, from which runs with late faults can start.
         number = self.plan.golden[row]
         last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
@@ -278,9 +278,9 @@ class Computation:
         return Branches(trunk, ends, outcomes.of_golden(columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        """Return `outcomes.of_golden` of the golden run of each row at the time when the row ends.
+        """Return the outcomes of the golden run of each row, at the end of the row.
 
-        Each end time of a golden run is computed once.
+        Rows may end at different times. Each end of a golden run is computed once.
         """
         computed, golden, ends = (
             golden_runs.computed.result(),
@@ -316,7 +316,7 @@ class Computation:
     # --- blocks ---
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
-        # Computes runs with faults. Each starts from its golden run's snapshot, if one is near.
+        # Computes runs with faults. Runs start from checkpoints of their golden run, if available.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
         coming = [golden_runs.branches.get(number) for number in computed.numbers.tolist()]
@@ -333,7 +333,7 @@ class Computation:
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
-        # Assembles the inputs of a kernel. The last row is repeated to fill its lanes.
+        # Returns the inputs of a kernel for these rows. The last row is repeated to fill all lanes.
         plan, filled = self.plan, self._filled(rows)
         return Block(
             *plan.lanes(rows, len(filled), harmless),

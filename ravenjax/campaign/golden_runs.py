@@ -1,8 +1,8 @@
-"""Holds the golden runs of a plan, and decides which runs start from snapshots of them.
+"""Computes the golden runs of a campaign and decides which runs start from their checkpoints.
 
 Up to the first tick in which a fault may act, a run equals its golden run bit by bit. If enough
-runs share a golden run, the golden run is computed once more with snapshots, and the runs start
-from these. If each run has a different golden run, snapshots would save nothing.
+runs share a golden run, it is computed a second time with checkpoints, and these runs start from
+the checkpoints. If each run has a different golden run, checkpoints would save no time.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from ravenjax.campaign.memory_windows import Columns, take_rows
 from ravenjax.campaign.plan import Plan
 
 WORTH = 2
-"""How many times the saved ticks must exceed those of computing the golden run with snapshots.
+"""Smallest ratio of saved ticks to the ticks of computing the golden run again with checkpoints.
 
-What the group shares must also be computed again.
+Numbers that the lanes of a group share must also be computed again, so the ratio is above 1.
 """
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Computed:
-    """Finished golden runs, in ascending order of their numbers."""
+    """Computed golden runs, in ascending order of their numbers."""
 
     numbers: np.ndarray  # int [golden runs], as in Plan.golden
     reference: np.ndarray  # [ticks, series, golden runs]
     outcomes: Columns  # outcome -> [golden runs]
 
     def picked(self, numbers: np.ndarray) -> Computed:
-        """Return the golden runs among `numbers` that are held here."""
+        """Return the golden runs whose numbers are in `numbers`."""
         mask = np.isin(self.numbers, numbers)
         outcomes = take_rows(self.outcomes, mask)
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
 
 class Branches(NamedTuple):
-    """What the runs of one golden run need from it: snapshots, and outcomes at early ends."""
+    """Checkpoints of one golden run, and its outcomes at the ends of its runs."""
 
-    trunk: Any  # as `Block.trunks` takes it
-    ends: np.ndarray  # int [ends], ascending: ticks at which runs end
-    # outcome -> [ends]: outcomes of a golden run that ends there.
+    trunk: Any  # checkpoints, for `Block.trunks`
+    ends: np.ndarray  # int [ends], ascending, ticks at which runs end
+    # outcome -> [ends], outcomes of the golden run if it ended at these ticks.
     outcomes: Columns
 
 
 class GoldenRuns(NamedTuple):
-    """The golden runs of a window."""
+    """The golden runs of a window of rows, perhaps not yet computed."""
 
-    numbers: np.ndarray  # ascending
+    numbers: np.ndarray  # numbers of golden runs, ascending
     computed: Future[Computed]
     branches: dict[int, Future[Branches]]
 
@@ -59,10 +59,10 @@ class GoldenRuns(NamedTuple):
 def join_computed(
     parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
 ) -> Computed:
-    """Join the golden runs of `parts` and those of `earlier` that are among `numbers`.
+    """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
 
-    `numbers`: ascending numbers of all golden runs of the result. Empties `parts`, because series
-    are large.
+    `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied, so
+    that memory of the large time series is released early.
     """
     some = [part.result() for part in parts]
     parts.clear()
@@ -86,14 +86,13 @@ def join_computed(
 
 
 class FastForwardPlan:
-    """Decides from which tick to which the runs of a plan are computed, and which start from their
-    golden run.
+    """Decides which runs of a plan start from checkpoints of their golden run, and when runs end.
 
-    Arrays are indexed by the number of the golden run.
+    Arrays [golden runs] are indexed by the number of the golden run.
     """
 
     def __init__(self, plan: Plan, lanes: int) -> None:
-        """lanes: lanes that start from their golden run together; 0: none does."""
+        """lanes: number of lanes that start from a checkpoint together; 0: use no checkpoints."""
         self._plan, self._lanes = plan, lanes
         self._size = int(plan.golden.max(initial=-1)) + 1
 
@@ -105,12 +104,12 @@ class FastForwardPlan:
 
     @cached_property
     def last_end(self) -> np.ndarray:
-        """The first tick that no run needs, int64 [golden runs]."""
+        """The tick at which the last run of each golden run ends, int64 [golden runs]."""
         return self._largest(self._plan.ends)
 
     @cached_property
     def branches(self) -> np.ndarray:
-        """Whether runs start from snapshots of the golden run, bool [golden runs]."""
+        """Whether runs start from checkpoints of the golden run, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._size, bool)
         early_ends = np.where(self.early, self._plan.ends, 0)
@@ -126,7 +125,7 @@ class FastForwardPlan:
         return self._plan.ends < self.last_end[self._plan.golden]
 
     def early_ends(self, number: int) -> np.ndarray:
-        """Return the ends of runs before the last one, int64, ascending."""
+        """Return the different ends of a golden run's runs, without the last, int64, ascending."""
         first, last = np.searchsorted(self._sorted[0], [number, number + 1])
         ends = np.unique(self._sorted[1][first:last])
         return ends[ends < self.last_end[number]]
@@ -139,7 +138,7 @@ class FastForwardPlan:
     def _largest(self, values: np.ndarray) -> np.ndarray:
         # Returns for each golden run the largest value of its runs.
         if self._size == 1:
-            # Short cut for campaigns of millions of runs.
+            # This is faster for campaigns of millions of runs.
             return values.max(keepdims=True).astype(np.int64)
         largest = np.zeros(self._size, np.int64)
         np.maximum.at(largest, self._plan.golden, values)

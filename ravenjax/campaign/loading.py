@@ -1,8 +1,8 @@
-"""Reads a campaign file: parses TOML, applies overrides, builds `CampaignConfig`, then checks
-`semantics`.
+"""Reads and checks a campaign file, and applies overrides from the command line.
 
-Reading compiles nothing and imports no tick. One error reports all complaints. Each complaint has
-file, line, key, what was found and what was expected.
+The function returns a `CampaignConfig`. Reading is fast: it compiles nothing and does not import
+the simulation. One error reports all mistakes. For each mistake it names the file, the line, the
+key, the value and the expected values.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ from ravenjax.store import manifest
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = (), runs: bool = True
 ) -> CampaignConfig:
-    """Return a validated campaign from a TOML file, a bundled one by name, or nested tables as TOML
-    has them.
+    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
 
-    overrides: `key.path=value`, as `--set` on the command line. `.toml` may be left out. Paths of
-    files that a campaign names are relative to its file's folder. runs: True allows ravenjax to run
-    Python files beside the campaign, if its path is given (see docs/how-to/files-of-others.md).
-    Raises UserError, which names each error with its place.
+    The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
+    line. Paths in a campaign file are relative to its folder. runs: permit Python files beside the
+    campaign file, if `campaign` is its path (see docs/how-to/files-of-others.md). Raise UserError
+    with all mistakes and their lines.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)
@@ -46,15 +45,16 @@ def load_campaign(
 
 
 def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
-    """Return the campaign of a file, a bundled one, or a result folder, which takes no overrides.
+    """Return the campaign of a file, of a bundled name, or of a result folder.
 
-    Raises UserError and StoreError.
+    A result folder permits no overrides. Raise UserError and StoreError.
     """
     if not result_folder(source):
         return load_campaign(source, overrides)
     if overrides:
         raise UserError(
-            f"--set changes a campaign file, and {source} is a result folder: name the file"
+            f"--set can change only a campaign file, but {source} is a result folder: name the"
+            " campaign file"
         )
     return validate_tables(manifest.read_manifest(Path(source)).config)
 
@@ -67,10 +67,11 @@ def result_folder(source: Any) -> bool:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> CampaignConfig:
-    """Return the campaign of nested tables as TOML has them, with overrides applied.
+    """Return the campaign of nested tables as in a TOML file, with overrides applied.
 
-    `source` and `text` are the file and its text, for error messages. The code in its folder may
-    run; without a file, a program wrote the tables, and any code may. Raises UserError.
+    `source` and `text` are the file and its text, for error messages. Python code in the folder of
+    the file may run. Without a file, a Python program wrote the tables, and any code may run. Raise
+    UserError for mistakes.
     """
     with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
         return from_record(raw, overrides, source, text)
@@ -79,7 +80,10 @@ def from_dict(
 def from_record(
     raw: dict[str, Any], overrides: Sequence[str], source: Path | None = None, text: str = ""
 ) -> CampaignConfig:
-    """Return the campaign of tables that others may have written: it gives no consent to code."""
+    """Return the campaign of tables that somebody else may have written.
+
+    Python code that the tables name runs only if the user has agreed to it (see `consent`).
+    """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
@@ -129,7 +133,7 @@ def from_record(
 
 
 def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
-    """Return whether a missing key was misspelt, which another error already reports."""
+    """Return whether another error reports the missing key as a misspelt key."""
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
         suggest_name(other["loc"][-1], (key,))
@@ -139,11 +143,11 @@ def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
-    """Raise UserError for a varied parameter with impossible values.
+    """Raise UserError for a parameter whose values are outside its range.
 
-    With `known`, also for a parameter that is not among these paths.
+    If `known` is given, raise UserError only for a parameter that is not in these paths.
     """
-    # Imported late because it needs the robot's tick.
+    # This import needs the robot's tick, which is slow to import.
     from ravenjax.campaign.file import bounds
 
     if errors := list(
@@ -157,9 +161,9 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 
 def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Complaint:
-    """Convert an error of pydantic's to a complaint.
+    """Convert an error of pydantic to a key and a message.
 
-    If a table is checked as a whole, the message begins with the key that is wrong.
+    The message of an error about a whole table begins with the name of the wrong key.
     """
     key, message = _key(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
@@ -174,7 +178,7 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    # Shortens the place of an error to keys that the file has.
+    # Shortens pydantic's location of an error to keys that are in the file.
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):
@@ -188,13 +192,13 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(model: type[CampaignConfig], error: Any) -> str:
-    # Returns what is wrong and what is expected, with the section to which a misplaced key belongs.
+    # Returns the message of an error. If a key is in the wrong table, it names the right table.
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
         if isinstance(error["input"], dict) and path in dict(tables_of(model)):
             return (
-                f"got one table, expected several: open each with [[{'.'.join(path)}]], in double"
-                " brackets"
+                f"got one table, expected a list of tables: begin each table with"
+                f" [[{'.'.join(path)}]], in double brackets"
             )
         return f"got {format_value(error['input'])}, expected a list"
     table = model_at(model, error["loc"][:-1])
@@ -214,7 +218,7 @@ def tables_of(
 ) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
     """Yield (path of the table, its model) of every table of a file, in order.
 
-    The file itself comes first.
+    The first item is the whole file, with the path ().
     """
     yield path, model
     own = [
@@ -229,10 +233,10 @@ def tables_of(
 
 
 def table_header(path: tuple[str, ...]) -> str:
-    """Return how a file opens the table at `path`: `[campaign]`, `[[group.fault]]`."""
+    """Return the header of a table in a file, such as `[campaign]` or `[[group.fault]]`."""
     name = ".".join(path)
     return f"[[{name}]]" if path[0] in ARRAYS else f"[{name}]"
 
 
 ARRAYS = ("group", "detector", "check")
-"""Tables that a file may hold several of."""
+"""Tables of which a file may have several."""

@@ -1,4 +1,8 @@
-"""Divides rows into windows that fit in memory, and these into blocks. Joins results to parts."""
+"""Divides the runs of a campaign into windows that fit in memory, and windows into blocks for an
+engine.
+
+The module also joins the results of blocks to the files of the result folder.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -6,26 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SHARED = 32
-"""How many lanes must share a golden run on average.
-
-From there on an engine holds its series once rather than once a lane.
+"""Smallest mean number of lanes per golden run with which an engine stores a golden run's series
+once. With fewer lanes it stores a copy for each lane.
 """
 
 
 class Window(NamedTuple):
     """Consecutive rows, divided into blocks."""
 
-    rows: np.ndarray  # int64, in order
-    blocks: list[np.ndarray]  # of each block, the indices of its rows in `rows`
+    rows: np.ndarray  # int64, ascending
+    blocks: list[np.ndarray]  # for each block, the indices of its rows in `rows`
 
 
 class WindowLimits(NamedTuple):
     """Largest sizes of a window."""
 
-    lanes: int  # of a block
+    lanes: int  # largest number of lanes of a block
     blocks: int
     golden_runs: int
-    # Lanes of a block in which hardly any two share a golden run.
+    # Largest number of lanes of a block whose runs have different golden runs.
     alone: int
 
 
@@ -60,23 +63,23 @@ Columns = dict[str, np.ndarray]
 
 
 def take_rows(columns: Mapping[str, np.ndarray], rows: Any) -> Columns:
-    """Return some rows of each column. rows: indices, a mask or a slice."""
+    """Return these rows of each column. rows: indices, a mask or a slice."""
     return {name: values[rows] for name, values in columns.items()}
 
 
 Pair = tuple[Columns, Columns]
-"""Outcomes of some rows, and those of their golden runs."""
+"""Outcomes of some rows, and outcomes of the golden run of each row."""
 
 
 def concatenate(tables: Sequence[Columns]) -> Columns:
-    """Return the rows of several tables with the same columns in one."""
+    """Join the rows of several tables with the same columns."""
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
 def join_blocks(window: Window, blocks: Sequence[Pair]) -> Pair:
     """Return the columns of a window's blocks in the order of its rows.
 
-    A column with one value, as of a golden run that all rows share, stays one number (stride 0).
+    A column with one value for all rows stays one number (stride 0), to save memory.
     """
     order = np.argsort(np.concatenate(window.blocks))
 
@@ -94,7 +97,7 @@ def join_blocks(window: Window, blocks: Sequence[Pair]) -> Pair:
 
 
 class PartRows(NamedTuple):
-    """The rows of one part."""
+    """The rows of one file of the result table, with their outcomes."""
 
     rows: range
     outcomes: Columns
@@ -122,5 +125,5 @@ def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator
             first, lacking = end, lacking - (end - first)
         whole = pieces[0] if len(pieces) == 1 else map(concatenate, zip(*pieces, strict=True))
         yield PartRows(rows, *whole)
-    # Resume the generator once more: the code after its last window must run.
+    # This runs the code of the generator after its last window.
     next(coming, None)

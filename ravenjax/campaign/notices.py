@@ -1,7 +1,7 @@
-"""Finds declarations of a campaign that have no effect, are never reached, or are always on.
+"""Finds settings of a campaign that have no effect, are never reached, or are always active.
 
-Such declarations are valid, so they are not errors. The terminal, `check`, the manifest and the
-report show notices about them. `of_config` examines the sections of the file. `of_plan` also
+Such settings are valid, so they are not errors. The terminal, `ravenjax check`, manifest.json and
+the report show them as notices. `of_config` examines the sections of the file. `of_plan` also
 examines the parameters and faults of each run.
 """
 
@@ -22,13 +22,13 @@ from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
 from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 MOST_COMPARED = 2**20
-"""Equal runs are looked for among at most so many runs. Among more, that takes seconds."""
+"""Largest number of runs among which equal runs are searched. For more runs it takes seconds."""
 NAMED = 4
 """Number of groups that a notice names."""
 
 
 def of_plan(plan: Plan) -> tuple[str, ...]:
-    """Return every notice of a campaign in words, in the order of the file."""
+    """Return all notices of a campaign as sentences, in the order of the file."""
     declared = list(of_config(plan.config))
     if plan.operator is not None:
         declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
@@ -46,7 +46,7 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
 
 
 def of_config(config: CampaignConfig) -> Iterator[str]:
-    """Yield "key: message" of what the sections of a file declare without effect."""
+    """Yield "key: message" for each setting in the sections of a file that has no effect."""
     for key, message in config.notices():
         yield f"{location.format_key(key)}: {message}"
     least, largest = config.distances_mm
@@ -67,72 +67,73 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
             elif value <= lowest:
                 yield (
                     f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
-                    f" already {lowest:g} mm off the model"
+                    f" already {lowest:g} mm away from the nominal model"
                 )
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
             key = f"{kind}[{number}]"
             thresholds = np.ravel(part.threshold)
             if 0.0 in thresholds:
-                yield f"{key}.threshold: 0 is exceeded by any score: it is always on"
+                yield f"{key}.threshold: any score exceeds 0, so the alarm is always on"
             if len(np.unique(thresholds)) < len(thresholds):
-                yield f"{key}.threshold: has a number twice: both alarm alike"
+                yield f"{key}.threshold: contains a number twice; the second one has no effect"
             alike = [part.model_copy(update={"name": other.name}) == other for other in parts]
             if (first := alike.index(True)) < number:
-                yield f"{key}: is the same as {kind}[{first}] but for its name"
+                yield f"{key}: differs from {kind}[{first}] only in its name"
     for number, one in enumerate(config.harm):
         if one.counts != "watch":
-            beside = "beside" if config.limit_counts else "instead of"
+            verb = "counts beside" if config.limit_counts else "counts instead of"
             limit = f"a motion of more than {config.outcomes.limit_mm:g} mm"
-            yield f"harm[{number}]: {one.name} counts {beside} {limit}: {one.when}"
+            yield f"harm[{number}]: {one.name} {verb} {limit}: {one.when}"
     cues = config.haptics.cues()
     for number, cue in enumerate(cues):
         if (first := cues.index(cue)) < number:
             yield f"haptics: set {number} is the same as set {first}"
         if not cue.cap or not (cue.kp or cue.kd):
             yield (
-                f"haptics: set {number} has cap 0, or no spring and damper: its force is always 0"
+                f"haptics: set {number} has cap 0, or no spring and damper, so its force is always"
+                " 0"
             )
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
-        yield f"campaign.limit: {limit} is no limit: the campaign has no more runs"
+        yield f"campaign.limit: {limit} limits nothing, because the campaign has no more runs"
     if config.stop is not None:
         if config.stop.looks == (1.0,):
-            yield "stop.looks: the only look comes at the end, so it ends nothing early"
+            yield "stop.looks: the only look is at the end, so the campaign cannot stop early"
         if config.stop.allocation == "neyman" and sum(bool(g.fault) for g in config.group) == 1:
-            yield "stop.allocation: one group has faults: there is nothing to allocate"
+            yield "stop.allocation: has no effect, because only one group has faults"
     if config.campaign.seed and not any(_draws(config, group) for group in config.group):
-        yield "campaign.seed: nothing in the campaign is drawn, so no outcome depends on it"
+        yield "campaign.seed: has no effect, because nothing in the campaign is random"
     for path in config.parameters:
         if all(
             path in group.parameters
             or (group.run and all(path in run.parameters for run in group.run))
             for group in config.group
         ):
-            yield f"parameters.{path}: no run has this value, because every group sets its own"
+            yield f"parameters.{path}: no run has this value, because every group has another value"
     robot = config.robot
     for g, group in enumerate(config.group):
         for f, fault in enumerate(() if group.run else group.fault):
             if fault.wraps and not any(semantics.find_unfit_values(config, group, fault, False)):
                 yield (
-                    f"group[{g}].fault[{f}].wraps: no value is beyond the 16 bits of its number,"
-                    " so the key permits nothing"
+                    f"group[{g}].fault[{f}].wraps: has no effect, because all values fit into 16"
+                    " bits"
                 )
         if config.campaign.noise and semantics.is_silent(config, group):
             yield (
-                f"campaign.noise: nothing is drawn in group {group.name!r}, because every size of"
-                " noise is 0"
+                f"campaign.noise: has no effect in group {group.name!r}, because all sizes of noise"
+                " are 0"
             )
     for key, axes in config.parameter_tables():
         for path, axis in axes.items() if not config.campaign.noise else ():
             if bounds.shorten_path(robot, path) in robot.noise and axis.values != (0,):
                 yield (
-                    f"{location.format_key((*key, path))}: nothing reads it while campaign.noise"
-                    " is off; set campaign.noise = true"
+                    f"{location.format_key((*key, path))}: has no effect without campaign.noise ="
+                    " true"
                 )
 
 
 def _draws(config: CampaignConfig, group: Group) -> bool:
-    """Return whether the campaign's seed decides anything in a group."""
+    """Return whether the runs of a group depend on the campaign's seed."""
     tables = [dict(fault.axes()) for fault in group.fault] + [config.parameters, group.parameters]
     return (
         config.stop is not None
@@ -159,20 +160,21 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
             varied.append(f"{path} (the robot's: {float(usual[0]):g})")
     if idle:
         yield (
-            f"parameters.{list_names(idle, NAMED)}: the robot has this value already, so the entry"
-            " changes nothing"
+            f"parameters.{list_names(idle, NAMED)}: this is already the robot's value, so the"
+            " setting has no effect"
         )
     if varied:
         yield (
-            f"parameters.{list_names(varied, NAMED)}: other than the robot's value in runs"
+            f"parameters.{list_names(varied, NAMED)}: differs from the robot's value in runs"
             " without a fault. Their golden runs have the same value, so no outcome shows its"
-            " effect. A fault at site parameter shows it"
+            " effect. To see the effect, write a fault at site parameter"
         )
     if program.ends and bool((plan.ends == program.ticks).all()):
-        yield "campaign.observe_ms: ends no run before campaign.duration_s"
+        yield "campaign.observe_ms: has no effect, because all runs last for campaign.duration_s"
 
 
 def _of_pedal(plan: Plan) -> Iterator[str]:
+    # Yields a notice if runs end before the pedal is down.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
         never = clocks.first_down(plan.program.ticks) >= plan.program.ticks
@@ -212,33 +214,36 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         early, down = opens & ahead & ~moved, first.min()
     for key, which, words in (
         *_beyond_range(plan),
-        ("start_ms", there & ~opens, "the window does not open before the run's end"),
+        ("start_ms", there & ~opens, "the fault does not begin before the end of the run"),
         (
             "start_ms",
             early,
-            f"the window closes before the robot is in pedal-down, from {down} ms on",
+            f"the fault ends before the robot is in pedal-down, which begins at {down} ms",
         ),
         (
             "duration_ms",
             beyond > 0,
-            f"up to {beyond[worst]} of {length[worst]} ms lie beyond the run's end; no outcome"
-            " shows what the fault does then",
+            f"up to {beyond[worst]} of {length[worst]} ms are after the end of the run, where the"
+            " fault has no effect",
         ),
         (
             "every_ms",
             opens & (every > 0) & (start + every >= ticks),
-            "the window does not open again before the run's end",
+            "the fault is not repeated before the end of the run",
         ),
-        ("value", there & _idle(plan), "leaves the number as it is, or within one count of it"),
-        ("site", unread[faults["code"]], "nothing in the robot reads it"),
-        ("site", twice, "is the same fault as another one of the run"),
+        ("value", there & _idle(plan), "changes the signal by at most one count"),
+        ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
+        ("site", twice, "the run has the same fault twice"),
     ):
         for slot in np.flatnonzero(which.any(axis=0)):
             yield f"fault[{slot}].{key}: {words}: {_counted(plan, which[:, slot])}"
 
 
 def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
-    """Yield (key, faults [runs, slots], notice) where faults take a parameter out of its range."""
+    """Yield (key, faults, notice) about faults that move a parameter out of its range.
+
+    faults: bool [runs, slots].
+    """
     value, length = _values_and_lengths(plan)
     x = _usual(plan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
@@ -294,15 +299,13 @@ def _idle(plan: Plan) -> np.ndarray:
 
 
 def _channels(plan: Plan) -> list[tuple[str, Channel]]:
-    """Return (site, channel) of everything that faults act on; a fault's code is the place, from
-    1.
-    """
+    """Return (site, channel) of all faults. The code of a fault is its position here, from 1."""
     targets = table.injection_targets(plan.program.setup.injection)
     return [(site, plan.config.robot.sites[site].channel(name)) for site, _, name in targets]
 
 
 def _usual(plan: Plan) -> np.ndarray:
-    """Return the number on which each fault acts, [runs, slots]; NaN where it is not known."""
+    """Return the usual value of each fault's signal, [runs, slots]; NaN if unknown."""
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         number = np.nan if channel.usual is None else channel.usual
@@ -319,13 +322,13 @@ def _values_and_lengths(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.ndarray:
-    """Return the result of each fault's effect, [runs, slots]."""
+    """Return for each fault the entry of `results` for its effect, [runs, slots]."""
     effects = [plan.faults["effect"] == EFFECT_CODES[effect] for effect in results]
     return np.select(effects, list(results.values()), default)
 
 
 def _counted(plan: Plan, which: np.ndarray) -> str:
-    """Return the number of runs that `which` marks in each group, bool [runs]."""
+    """Return as text the number of runs in each group that `which` (bool [runs]) marks."""
     groups = plan.rows["group"].cat
     sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
     named = (
@@ -335,10 +338,10 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
 
 
 def find_copies(plan: Plan) -> np.ndarray:
-    """Return which runs have the outcome of an earlier one, bool [runs].
+    """Return which runs must have the outcome of an earlier run, bool [runs].
 
-    Their inputs are equal and nothing in them is random. A window beyond the run's end is as long
-    as one that ends with it.
+    Their inputs are equal, and nothing in them is random. A fault that would last beyond the end of
+    the run equals a fault that ends with the run.
     """
     fixed = {
         group.name: not semantics.random_in_itself(plan.config, group)
@@ -364,8 +367,9 @@ def find_copies(plan: Plan) -> np.ndarray:
 
 
 def _of_copies(plan: Plan) -> Iterator[str]:
+    # Yields a notice if runs have the same inputs as others.
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
         yield (
-            f"group: {count} of {plan.runs} runs have the inputs of an earlier run, so they have"
-            " its outcome too; equal runs count once"
+            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
+            " have the same outcome; equal runs count once"
         )

@@ -1,4 +1,4 @@
-"""Converts an engine's results to rows of the result table: names, types, response, verdict."""
+"""Converts the output of an engine to rows of the result table: names, types, response, verdict."""
 
 import re
 from collections.abc import Mapping
@@ -15,17 +15,19 @@ from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
 
 _FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
-"""Columns of alarms at the threshold at which a detector may stop the robot, and of own harms."""
+"""Columns of alarms at the first threshold of a detector, at which it may stop the robot, and of
+harms that the campaign defines.
+"""
 
 Columns = Mapping[str, np.ndarray]
-"""Outcome -> [rows], as an engine returns them; a DataFrame also works."""
+"""Outcome -> array [rows], as an engine returns them. A DataFrame is accepted, too."""
 
 MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
 """Endings of outcome names that an engine returns as infinite if nothing was measured."""
 
 
 def of_golden(outcomes: Columns) -> dict[str, np.ndarray]:
-    """Return the outcome columns that a golden run needs: its stored columns, and first alarms."""
+    """Return the outcomes of golden runs that faulty runs need: stored columns and first alarms."""
     return {
         name: values
         for name, values in outcomes.items()
@@ -38,7 +40,7 @@ def result_columns(
 ) -> dict[str, Any]:
     """Return the columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each. golden_runs:
+    runs: rows of the fault table. outcomes: the engine's outcomes of these rows. golden_runs:
     `of_golden` of each row's golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
@@ -95,11 +97,11 @@ def result_columns(
 
 
 def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the code of the first number of each run that is not finite, as in `failures.CODES`,
-    and when, ms. Both are -1 where all numbers are finite.
+    """Return which number of each run first became infinite or NaN (code of `failures.CODES`), and
+    the time, ms. Both are -1 if all numbers are finite.
 
-    Removes what the tick has found of them from `measures`. A robot's additional outcomes are not
-    watched in each tick. A run with a NaN among them fails at its end.
+    The columns about this are removed from `measures`. A robot's additional outcomes are not
+    checked in each tick, so a run with a NaN in these fails at its end.
     """
     first = measures.pop("failed_ms")
     signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
@@ -114,7 +116,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarra
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
-    """Return the names that column `cable_overload` gives cables 1, 2, ...; "" for none."""
+    """Return the words of column `cable_overload`: "" for no cable, then the name of each cable."""
     return (
         "",
         *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),

@@ -1,4 +1,5 @@
-"""Turns a validated campaign into a fault table, settings that select code, and input arrays."""
+"""Converts a checked campaign file into a table of faults, settings of the code, and input
+arrays."""
 
 from __future__ import annotations
 
@@ -27,31 +28,31 @@ from ravenjax.store.motion.summary import MotionSummary
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything that a campaign will compute; nothing is compiled yet."""
+    """All inputs of a campaign's computation. Nothing is compiled yet."""
 
     config: CampaignConfig
     rows: pd.DataFrame  # the fault table, one row per run
     program: TickProgram
-    # The operator's motion, as the robot represents it.
+    # The operator's motion, in the robot's own type.
     motion: Any
-    # Summary of a recorded motion.
+    # Summary of a recorded motion; None for a generated motion.
     operator: MotionSummary | None
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
-    # Parameters that follow from a run's id, and what each draws: every run has its own draw.
+    # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str]
-    faults: dict[str, np.ndarray]  # as from table.arrays, [runs, slots]
+    faults: dict[str, np.ndarray]  # arrays of `table.fault_arrays`, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    # Number of each run's golden run, int32 [runs], in order of first use. Runs that share one have
-    # the same number.
+    # Number of each run's golden run, int32 [runs], in order of first use. Runs with the same
+    # golden run have the same number.
     golden: np.ndarray
 
     @property
     def runs(self) -> int:
-        """Rows of the fault table."""
+        """Number of runs, which is the number of rows of the fault table."""
         return len(self.rows)
 
     def row_fields(self, rows: slice | np.ndarray) -> dict[str, Any]:
-        """Return the fields with one entry per run, for some rows only."""
+        """Return the fields that have one entry per run, for these rows."""
         return {
             "rows": self.rows.iloc[rows],
             "faults": take_rows(self.faults, rows),
@@ -60,7 +61,7 @@ class Plan:
         }
 
     def take(self, rows: slice | np.ndarray) -> Plan:
-        """Return the plan of some rows alone."""
+        """Return a plan of only these rows."""
         return dataclasses.replace(self, **self.row_fields(rows))
 
     @cached_property
@@ -77,13 +78,13 @@ class Plan:
 
     @property
     def clocks(self) -> Clocks | None:
-        """When packets arrive and the pedal is down; None if no trigger counts them."""
+        """Times of packets and of the pressed pedal; None if no trigger counts these."""
         triggers = self.program.setup.injection.triggers
         return self.any_clocks if "packet" in triggers or "pedal" in triggers else None
 
     @cached_property
     def any_clocks(self) -> Clocks | None:
-        """When packets arrive and the pedal is down; None if the robot does not provide it."""
+        """Times of packets and of the pressed pedal; None if the robot does not provide them."""
         find = getattr(self.config.robot.part("campaign"), "clocks", None)
         return find and find(self.program, self.columns, self.varied, self.runs)
 
@@ -98,9 +99,9 @@ class Plan:
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
     ) -> tuple[dict[str, Any], Faults]:
-        """Return varied parameters and faults of a block.
+        """Return varied parameters and faults of a block of lanes.
 
-        rows: rows of its lanes; the last one is repeated to fill the block. harmless: without
+        rows: rows of the plan; the last row is repeated to fill the block. harmless: leave out all
         faults.
         """
         index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
@@ -113,7 +114,7 @@ class Plan:
 
 
 def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
-    """Plan a campaign. Raises UserError for what cannot be run."""
+    """Return the plan of a campaign. Raise UserError for a campaign that cannot be run."""
     loading.check_parameters(config)
     rows = design.table_columns(config)
     varied = table.varied_parameters(rows)
@@ -121,7 +122,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     robot: Prepared = config.robot.part("campaign").prepare(config, varied, injection, precision)
     if config.detector and not robot.setup.detectors:
         raise UserError(
-            f"detector: robot {config.robot.name!r} runs no detectors: remove [[detector]]"
+            f"detector: robot {config.robot.name!r} supports no detectors: remove [[detector]]"
         )
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     values = _filled(varied, robot.params, robot.setup)
@@ -149,11 +150,13 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
-    """Return every path that a campaign may vary: full ones, without the arm, whole vectors."""
+    """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
+    whole vectors.
+    """
     names: dict[str, None] = {}
     for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):
-            # The motion decides where a run begins.
+            # The motion determines the pose in which a run begins.
             continue
         for path in (full, paths.without_arm(full, setup.arms)):
             names[path] = None
@@ -164,10 +167,10 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
 
 
 def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
-    """Return varied values in the parameter's type, with the robot's value where a group does not
-    set one.
+    """Return varied values in the parameter's type. NaN is replaced by the robot's value.
 
-    A path of several unlike numbers that a group does not set becomes one path per number.
+    If a path names several numbers with different values, and a group does not set it, the path is
+    replaced by one path per number.
     """
     filled = {}
     for path, values in varied.items():
@@ -185,7 +188,10 @@ def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[st
 
 
 def number_golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
-    """Return the number of each run's golden run. Runs whose varied parameters agree share one."""
+    """Return the number of each run's golden run, int32 [runs].
+
+    Runs with equal varied parameters have the same golden run.
+    """
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
         if (values != values[:1]).any():

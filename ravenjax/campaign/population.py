@@ -1,4 +1,5 @@
-"""Reads the file of `[parameters] from = "my_robot.toml"`, such as a calibrated robot.
+"""Reads a file with parameters of a robot, such as a calibrated robot: `[parameters] from =
+"my_robot.toml"`.
 
 The file has a table [parameters], and a table [campaign] with the settings for which its numbers
 are valid. If the campaign also sets a parameter, the campaign's value is used.
@@ -16,9 +17,10 @@ TABLES = ("campaign", "parameters")
 
 
 def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
-    """Return `raw` with the file's tables entered.
+    """Return the tables `raw` of a campaign, completed with the tables of its file of parameters.
 
-    The file's path is relative to the folder of `source`. Raises UserError.
+    The path of this file is relative to the folder of `source`. Raise UserError for a file that
+    cannot be used.
     """
     own = raw.get("parameters") if isinstance(raw, dict) else None
     if not isinstance(own, dict) or KEY not in own:
@@ -34,18 +36,18 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
         )
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
-        refuse(f"no file at {path}; `ravenjax calibrate LOG` writes one")
+        refuse(f"found no file {path}; `ravenjax calibrate LOG` writes such a file")
     try:
         content, _ = read_toml(path)
     except UserError as error:
         refuse(str(error))
     if unknown := [name for name in content if name not in TABLES]:
-        refuse(f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")
+        refuse(f"{path} has {', '.join(unknown)}, expected only [campaign] and [parameters]")
     campaign = raw.get("campaign", {})
     for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
             refuse(
-                f"got {format_value(campaign[name])}, but the numbers of {path} hold for"
+                f"got {format_value(campaign[name])}, but the parameters in {path} are valid for"
                 f" {format_value(value)}: remove one of the two",
                 "campaign",
                 name,

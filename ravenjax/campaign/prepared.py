@@ -1,33 +1,33 @@
-"""Defines what a robot must provide to a campaign, because `plan` does not know the robot.
+"""Defines the functions that a robot must provide, so that campaigns can use any robot.
 
-A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its
-part `campaign` is a module of the package, or the one module. That module defines
+A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its part
+`campaign` is a module of the package, or the one module. That module defines
 
     prepare(config, varied, injection, precision) -> Prepared
     series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}
         time series of one run
     bases(setup) -> {arm: Base}
-        optional: the arms' bases in the world frame
+        optional: the base frames of the arms, in the world frame
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks
-        optional: when packets arrive and the pedal is down
+        optional: times of packets, and times in which the pedal is down
     phases(config) -> {phase: int [stretches, 2]}
-        if `Robot.phases` names any: the stretches of their ticks
+        if `Robot.phases` is not empty: first and last tick of each stretch of a phase
     explained(program) -> TickProgram
         optional: the same runs, each compared with its golden run at every seam
     acted(program) -> (TickProgram, {action: number})
-        optional: the same runs with a fault slot for an action, see `stages.acted`; an operator
-        who follows the cue takes action 1
+        optional: the same runs with a fault slot for an action, and the possible actions, see
+        `stages.acted`. An operator who follows the cue takes action 1
     watched(program) -> TickProgram
         optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params
-        record of the parameters, with a `numbers.quantity` at each field
+        record of the parameters, with a `numbers.quantity` for each field
     Config
         optional: a subclass of `CampaignConfig` with additional sections
 
 golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
 It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
-Its outcomes become columns of `ravenjax.store.schema`. The monitor, the checks and the faults
-provide most of these outcomes.
+Its outcomes become columns of `ravenjax.store.schema`. Monitor, checks and faults compute most of
+these outcomes.
 """
 
 from collections.abc import Mapping
@@ -43,22 +43,22 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 class Prepared(NamedTuple):
-    """Result of `prepare(config, varied, injection, precision)` of a robot's part `campaign`.
+    """Result of the function `prepare(config, varied, injection, precision)` of a robot.
 
-    varied: path -> values [runs] of the parameters that differ between runs, NaN where a run has
-    the robot's value; injection: `ravenjax.numbers.setup.Injection`; precision:
+    varied: path -> values [runs] of the parameters that differ between runs; NaN means the robot's
+    value. injection: `ravenjax.numbers.setup.Injection`. precision:
     `ravenjax.numbers.setup.Precision`.
     """
 
     loop: Loop
-    setup: Setup  # as the robot defines it
-    # The robot's parameters, plain numbers, including what the file sets for all runs.
+    setup: Setup
+    # The robot's parameters as plain numbers, with the values that the file sets for all runs.
     params: Any
-    columns: tuple[np.ndarray, ...]  # of the operator's motion, [ticks] or longer
-    # The same motion, as the robot represents it.
+    columns: tuple[np.ndarray, ...]  # columns of the operator's motion, [ticks] or longer
+    # The same motion in the robot's own type.
     motion: Any = None
     operator: MotionSummary | None = None  # summary of a recorded motion
-    # Parameters that follow from a run's id, and what each draws: every run has its own draw.
+    # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str] = {}
 
 

@@ -1,8 +1,8 @@
-"""Counts the progress of a campaign, reports it, and writes progress.json of a result folder.
+"""Reports the progress of a campaign, and writes progress.json in its result folder.
 
-progress.json is replaced atomically, at most once a second. An error while writing it never delays
-or ends a campaign. If the process is killed, its last progress.json remains. It names the process
-(`pid`, `host`) and the time (`updated`).
+The file is replaced atomically, at most once a second. An error while writing it never delays or
+ends a campaign. If the process is killed, its last progress.json remains. The file names the
+process (`pid`, `host`) and the time (`updated`).
 """
 
 import contextlib
@@ -20,27 +20,27 @@ from ravenjax.store import files, manifest
 
 FILE = "progress.json"
 EVERY_S = 1.0
-"""Least time between two versions of the same phase, s."""
+"""Shortest time between two versions of the file in the same phase, s."""
 
 
 @dataclasses.dataclass
 class Status:
-    """How far a campaign has progressed."""
+    """The progress of a campaign. A start is one call of the command, which may be interrupted."""
 
-    # "compile", "run", "done", or "stopped" if a start ended before its work did.
+    # "compile", "run", "done", or "stopped" if the start was interrupted.
     phase: str
-    done: int  # runs finished, including those of earlier starts
+    done: int  # number of finished runs, including those of earlier starts
     total: int
-    engine: str  # engine and device, in words
-    compile_s: float = 0.0  # time of tracing and compiling, s
-    run_s: float = 0.0  # time of computing so far, s
-    progress: float = 0.0  # share of this start's work that is done, 0 to 1
-    earlier: int = 0  # runs that were finished before this start
-    parts: int = 0  # parts that this start has stored
+    engine: str  # engine and device, as text
+    compile_s: float = 0.0  # time of compilation, s
+    run_s: float = 0.0  # time of computation so far, s
+    progress: float = 0.0  # finished share of this start's work, 0 to 1
+    earlier: int = 0  # number of runs that were finished before this start
+    parts: int = 0  # number of files that this start has stored
     workers: int = 1  # parallel processes or tasks
     # Number of runs without a valid outcome by cause, including those of earlier starts.
     failures: Mapping[str, int] = dataclasses.field(default_factory=dict)
-    # Messages for the user: parts set aside, workers that died.
+    # Messages for the user, such as damaged files and workers that died.
     notes: tuple[str, ...] = ()
 
     @property
@@ -55,10 +55,7 @@ class Status:
 
     @property
     def runs_per_s(self) -> float | None:
-        """Runs of this start per second of computing, including the ticks of unfinished runs.
-
-        None before the first.
-        """
+        """Runs per second of this start, including parts of unfinished runs; None: unknown."""
         started = self.run_s > 0.0 and self.progress > 0.0
         return (self.total - self.earlier) * self.progress / self.run_s if started else None
 
@@ -67,7 +64,7 @@ OnProgress = Callable[[Status], None]
 
 
 class Progress:
-    """The counters of one start of a campaign. Any thread may count."""
+    """The counters of one start of a campaign. All threads may use them."""
 
     def __init__(
         self,
@@ -78,8 +75,8 @@ class Progress:
         on_progress: OnProgress | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """engine: in words. total: runs of the campaign. rows: runs that this start computes, of
-        `ticks` ticks each.
+        """engine: engine and device, as text. total: number of runs of the campaign. rows: number
+        of runs that this start computes, each with `ticks` ticks.
         """
         earlier = total - rows
         self.status = Status("compile", earlier, total, engine, earlier=earlier, notes=notes)
@@ -89,13 +86,13 @@ class Progress:
         self._lock = threading.RLock()
 
     def began(self, compile_s: float) -> None:
-        """Start the clock of the runs, once the code is compiled. Only the first call counts."""
+        """Record the end of the compilation. Only the first call has an effect."""
         if not self._began:
             self.status.compile_s, self._began = compile_s, time.perf_counter()
         self.tell("run")
 
     def more_due(self, ticks: int) -> None:
-        """Add ticks that belong to no row: those of golden runs, and of lanes that fill a block."""
+        """Add ticks to compute that belong to no row: golden runs, and lanes that fill a block."""
         with self._lock:
             self._ticks_due += ticks
 
@@ -106,7 +103,7 @@ class Progress:
             self.tell("run")
 
     def count_part(self, rows: int, failures: Mapping[str, int]) -> None:
-        """Count a stored part; failures: number of its runs without a valid outcome, by cause."""
+        """Count a stored file. failures: number of its runs without a valid outcome, by cause."""
         with self._lock:
             self.status.done += rows
             self.status.parts += 1
@@ -134,7 +131,7 @@ class Progress:
 
 
 class ProgressFile:
-    """Writes each `Status` to progress.json of a folder, and passes it on to `then`."""
+    """Writes each `Status` to progress.json of a folder, and then calls `then` with it."""
 
     def __init__(self, folder: Path, then: OnProgress | None = None) -> None:
         self._then = then

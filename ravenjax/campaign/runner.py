@@ -1,7 +1,8 @@
-"""Runs a campaign: computes its missing rows with an executor and stores finished chunks as parts.
+"""Runs a campaign: computes its missing runs and stores them as Parquet files in the result folder.
 
-Every campaign can be resumed. Parts begin at multiples of the campaign's chunk size. A run's result
-does not depend on chunk size, on the executor, or on what was computed before.
+Every campaign can be resumed. Each file, a *part*, begins at a multiple of the campaign's chunk
+size. The result of a run does not depend on the chunk size, on the executor that computes it, or on
+earlier runs.
 """
 
 import contextlib
@@ -27,8 +28,8 @@ from ravenjax.store.access import lock
 from ravenjax.store.folder import ResultFolder, Results
 
 PART_TICKS, LEAST_ROWS = 2**27, 256
-"""Ticks of all rows of a part, so that runs of a long operation are stored before all are computed,
-and the least number of its rows. A core computes so many ticks in ten seconds.
+"""Number of ticks in a file of the result, which a core computes in ten seconds, and the smallest
+number of its rows. So runs of long operations are stored early.
 """
 
 
@@ -43,13 +44,12 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it if `out` holds a part of it.
+    """Run a campaign, or continue it if the folder `out` contains some of its runs.
 
-    out: result folder; None: a temporary one that is deleted with the results. A folder of the same
-    campaign with another `campaign.limit` is continued. rows: compute only these rows, in addition
-    to those that the folder holds. shard: compute only this share. command: the command line, for
-    the manifest. Raises UserError and StoreError for what the user can correct. Finished parts are
-    kept in any case.
+    out: result folder; None: a temporary folder that is deleted with the results. The campaign may
+    have another `campaign.limit` than before. rows: compute only these rows, in addition to stored
+    rows. shard: compute only this share. command: the command line, for the manifest. Raise
+    UserError and StoreError for errors that the user can correct. Finished files are always kept.
     """
     if out is None:
         return in_temporary_folder(
@@ -108,8 +108,8 @@ def run_campaign(
                 executor.run(Work(plan, backend, pack, deliver, progress), missing)
             phase = "done"
         finally:
-            # If the disk refused a part, this is already reported, and it refuses the manifest as
-            # well.
+            # If a file could not be written, this error is already reported, and the manifest
+            # probably cannot be written either.
             with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
                 status = progress.status
                 folder.close(status.compile_s, status.run_s, status.computed, status.notes)
@@ -118,7 +118,7 @@ def run_campaign(
 
 
 def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
-    """Return results that `compute` writes to a temporary folder, which is deleted with them."""
+    """Call `compute` with a temporary folder, which is deleted together with the results."""
     folder = tempfile.mkdtemp(prefix="ravenjax-")
     try:
         results = compute(Path(folder))
@@ -130,9 +130,9 @@ def in_temporary_folder(compute: Callable[[Path], Results]) -> Results:
 
 
 def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
-    """Return the record of a plan of which nothing is computed yet."""
+    """Return the manifest of a plan before its computation."""
     config, setup = plan.config, plan.program.setup
-    # How rows are stored, and how many of them are computed, does not decide an outcome.
+    # Outcomes do not depend on these keys, so they are not part of the campaign's hash.
     undecided = {"chunk", "limit"} | (
         {"observe_ms"} if config.campaign.observe_ms is None else set()
     )
@@ -173,7 +173,7 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
 
 
 def shape_of(plan: Plan) -> schema.Shape:
-    """Return which repeated columns a plan's result table has."""
+    """Return the counts and names on which the columns of the result table depend."""
     setup = plan.program.setup
     return schema.Shape(
         robot=plan.config.campaign.robot,

@@ -1,4 +1,4 @@
-"""Writes a campaign's tables as the text of a TOML file, with paths of parameters as keys."""
+"""Writes the tables of a campaign as the text of a TOML file."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,13 +7,13 @@ from ravenjax.campaign.file.group import PATHS, flatten_table
 from ravenjax.campaign.loading import ARRAYS
 
 _ARRAYS = {*ARRAYS, "fault", "run"}
-"""Keys that hold arrays of tables, each table with its own header."""
+"""Keys of arrays of tables. Each table gets a header such as [[group]]."""
 
 
 def format_toml(content: Mapping[str, Any]) -> str:
-    """Return the text of a file that holds these tables. Keys that are None are left out.
+    """Return the text of a TOML file with these tables. Keys that are None are left out.
 
-    Raises ValueError or TypeError for what TOML cannot hold.
+    Raise ValueError or TypeError for values that TOML cannot represent.
     """
     import tomlkit
 
@@ -21,7 +21,7 @@ def format_toml(content: Mapping[str, Any]) -> str:
 
 
 def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any:
-    """Return the table with this content. headed: each table in it gets a separate header."""
+    """Fill a table with this content. headed: each inner table gets a header."""
     import tomlkit
 
     for key, value in content.items():

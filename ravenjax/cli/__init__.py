@@ -1,6 +1,6 @@
-"""The command line: registers the commands of the modules below and parses arguments.
+"""The command line `ravenjax`: registers all commands and parses arguments.
 
-Slow imports are inside the commands.
+Each command imports slow modules only when it runs.
 """
 
 import os
@@ -30,9 +30,9 @@ USER_ERROR, INTERRUPTED = 2, 130
 app = App(
     name="ravenjax",
     help=(
-        "A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in"
-        " parallel.\n\nEvery command takes `--trust`: run Python code that a campaign or a result"
-        " folder names, though you have not run it before."
+        "Fault injection for a virtual Raven-II surgical robot, with thousands of runs in"
+        " parallel.\n\nEvery command has the option `--trust`. It permits Python code that a"
+        " campaign or a result folder names, although you have not run this code before."
     ),
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
@@ -93,7 +93,7 @@ def main(tokens: list[str] | None = None) -> int:
     try:
         for text in (*words, os.getcwd()):
             if text.encode(errors="replace") != os.fsencode(text):
-                raise UserError(f"{text!r}: is not UTF-8; rename the file or folder")
+                raise UserError(f"{text!r}: the name is not UTF-8; rename the file or folder")
         with consent.given_for(*trusted):
             code = app(
                 [word for word in words if word != "--trust"],
@@ -103,7 +103,7 @@ def main(tokens: list[str] | None = None) -> int:
             )
     except KeyboardInterrupt:
         console.print_text(
-            "stopped; finished parts are kept, and the same command goes on from there", console.err
+            "stopped; finished results are kept, and the same command continues", console.err
         )
         return INTERRUPTED
     except SystemExit as leaving:
@@ -118,6 +118,7 @@ def main(tokens: list[str] | None = None) -> int:
 
 
 def _version() -> str:
+    # Returns the version of the installed package.
     from importlib.metadata import PackageNotFoundError, version
 
     try:

@@ -1,4 +1,5 @@
-"""Commands that list what exists: `campaigns`, `faults`, `parameters`."""
+"""Commands that list campaigns, faults and parameters: `ravenjax campaigns`, `faults`,
+`parameters`."""
 
 from __future__ import annotations
 
@@ -48,19 +49,19 @@ def faults(
     Parameters
     ----------
     word
-        Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or
-        one of layers, sites, effects, triggers, phases (of an operation), classes (of
-        outcomes), hazards.
+        Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard (C09),
+        or one of the lists layers, sites, effects, triggers, phases (of an operation), classes
+        (of outcomes), hazards.
     robot
-        whose sites: raven2, or the module that declares another one, for which there are no
-        hazards
+        raven2, or the Python module that declares another robot; the hazard library is for
+        raven2 only
     """
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     whose = robots.find_robot(robot)
-    # The library of hazards is that of the usual robot.
+    # The hazard library describes only the default robot, the Raven-II.
     usual = whose is robots.USUAL
     layers = library.library_layers() if usual else whose.layers
     ids = [row.id for row in library.all_hazards()] if usual else []
@@ -92,7 +93,7 @@ def faults(
 
 
 def _channels(site: Site) -> str:
-    # The channels of a site in words, by their type and unit.
+    # Return the channels of a site as text, grouped by type and unit.
     kinds: dict[str, list[str]] = {}
     for channel in site.channels:
         kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
@@ -100,7 +101,7 @@ def _channels(site: Site) -> str:
 
 
 def _without_fault(site: Site, channel: Channel) -> str:
-    # The range of a channel in fault-free runs, in words; "" if none is known.
+    # Return the range of a channel in fault-free runs for each arm, as text; "" if unknown.
     from ravenjax.hazards import ranges
 
     spans = {
@@ -124,18 +125,18 @@ def parameters(
 ) -> None:
     """List the parameters that a campaign may vary, with default, range and meaning.
 
-    A path names one number, or a vector with one number per joint or axis; PATH.elbow names
-    that of the elbow.
+    A path names one number, or a vector with one number per joint or axis. PATH.elbow names
+    the number of the elbow.
 
     Parameters
     ----------
     file
-        Campaign file; its software, arms and tools decide what there is. Without one: one arm,
-        software raven2.
+        Campaign file; its software, arms and tools determine the parameters. Default: one arm
+        with the software raven2.
     path
-        only paths that hold this text, as plant or kp
+        only paths that contain this text, such as plant or kp
     robot
-        of this robot instead: raven2, or the module that declares another one
+        another robot than the campaign's: raven2, or the Python module that declares it
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds
@@ -154,8 +155,8 @@ def parameters(
     rows = [row for row in every if path in row[0]]
     if not rows:
         raise UserError(
-            f"--path {path}: no parameter's path holds"
-            f" it{suggest_name(path, [row[0] for row in every])}"
+            f"--path {path}: no parameter has this text in its"
+            f" path{suggest_name(path, [row[0] for row in every])}"
         )
     console.print_tables([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
 

@@ -1,4 +1,4 @@
-"""Console output of commands, and options that several of them share."""
+"""Printed output of commands, and options that several commands share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LONGEST_NAME = 48
 """Longest name in characters.
 
-A first column with longer texts holds sentences, which are wrapped as in any other column.
+If the first column of a table has longer texts, they are sentences and are wrapped.
 """
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
@@ -42,32 +42,34 @@ Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Switch = Annotated[bool, Parameter(negative="")]
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
-SameEngine = Annotated[str, Parameter(help="auto is the engine that the campaign ran on")]
-ResultFolder = Annotated[Path, Parameter(help="What `ravenjax run` wrote.")]
+SameEngine = Annotated[str, Parameter(help="auto is the engine that computed the campaign")]
+ResultFolder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
 RunIds = Annotated[
-    str, Parameter(help="The run_id of each row, the beginning of it, or the row's index.")
+    str, Parameter(help="The run_id of each run, the first letters of it, or the run's index.")
 ]
 Ranking = Annotated[
-    str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
+    str,
+    Parameter(help="order of the worst runs: unintended, loss, report, tissue, cue or response"),
 ]
 
 AsJson = Annotated[
-    bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")
+    bool, Parameter(name="--json", negative="", help="print only JSON on standard output")
 ]
 
 
 class Listing(NamedTuple):
-    """A table that a command prints; in JSON a list of objects under its name."""
+    """A table that a command prints. In JSON it is a list of objects."""
 
+    # Key of the list in JSON.
     name: str
     title: str
-    # Also the keys in JSON: "what it asks" becomes what_it_asks.
+    # Headings of the columns. In JSON, "what it asks" becomes the key what_it_asks.
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
 
 
 def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
-    """Print tables without empty ones, or as one JSON object {name: [{column: cell}]}."""
+    """Print the tables that have rows, or all as one JSON object {name: [{column: cell}]}."""
     if as_json:
         emit_json({listing.name: _objects(listing) for listing in listings})
         return
@@ -83,14 +85,15 @@ def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, 
 
 
 def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
-    """Return a table of text; square brackets are not markup.
+    """Return a table of text for the terminal.
 
     Names in the first column are not wrapped, so that they can be copied.
     """
     grid = Table(title=title, title_justify="left", show_edge=False)
-    names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
-    for place, column in enumerate(columns):
-        grid.add_column(column, overflow="fold", no_wrap=names and place == 0)
+    has_names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
+    for number, column in enumerate(columns):
+        grid.add_column(column, overflow="fold", no_wrap=has_names and number == 0)
+    # Rich would read text in square brackets as markup.
     for row in rows:
         grid.add_row(*(_CONTROL.sub("", cell).replace("[", r"\[") for cell in row))
     return grid
@@ -124,10 +127,11 @@ def render_template(template: str, **content: Any) -> str:
 
 
 def fill_listings(template: str, **content: Any) -> list[Listing]:
-    """Return the tables of a template of this package, with a blank line between two tables.
+    """Render a template of this package and return the tables that it describes.
 
-    The lines of a table hold its name and title, its columns, and its rows. Cells are separated by
-    "|", which the last cell of a line may contain.
+    In the rendered text a blank line separates two tables. The first line of a table has its name
+    and title, the second its columns, and each further line a row. Cells are separated by "|".
+    Only the last cell of a line may contain "|".
     """
     listings = []
     for table in render_template(template, **content).split("\n\n"):
@@ -148,15 +152,15 @@ def print_note(text: str) -> None:
 
 
 def load_module(name: str) -> Any:
-    """Return module `name` of the folder `analysis`, such as "studies.claims". The installed
-    package has no such folder. Raises UserError outside of a checkout.
+    """Import and return a module of the folder `analysis` of a checkout, such as
+    "studies.claims". Raise UserError if ravenjax runs from an installed package.
     """
     analysis = Path(__file__).resolve().parents[2] / "analysis"
     folder = analysis / name.partition(".")[0]
     if not (folder / "__init__.py").is_file():
         raise UserError(
-            f"this command needs a checkout of the repository, and this is no checkout: {folder} is"
-            " missing; clone the repository and install it with `pip install -e .`"
+            f"this command needs a checkout of the repository, but the folder {folder} is missing."
+            " Clone the repository and install it with `pip install -e .`"
         )
     if str(analysis) not in sys.path:
         sys.path.insert(0, str(analysis))
@@ -164,9 +168,9 @@ def load_module(name: str) -> Any:
 
 
 def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
-    """Return the `most` worst runs of a result folder; none if `most` is None.
+    """Return the worst runs of a result folder, at most `most`; no run if `most` is None.
 
-    Prints a note if there are fewer.
+    by: name of a ranking. Prints a note if there are fewer runs.
     """
     from ravenjax.report.run import ranking
 
@@ -175,6 +179,7 @@ def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
     ranked = ranking.worst_runs(folder, most, by)
     if len(ranked) < most:
         have, rank = "run has" if len(ranked) == 1 else "runs have", ranking.RANKINGS[by]
+        # For example: "results: only 3 runs have more than 0 mm: largest unintended motion".
         print_note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
     return ranked
 

@@ -1,4 +1,4 @@
-"""The command `coverage`."""
+"""The command `ravenjax coverage`: which harmful faults each check detects, and pairs of faults."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ def coverage(
 ) -> None:
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 
-    Counts checks, detectors and the cue, each alone and together: faults that they detect at all,
-    before the harm, and, if `ravenjax deadline` has computed the deadlines, in time for a stop.
+    The table has a row for each check, each detector and the cue, and for all of them together. It
+    counts the faults that are detected at all, and those that are detected before the harm. If
+    `ravenjax deadline` has computed deadlines, it also counts detections in time for a stop.
 
     Parameters
     ----------
     of
-        list the harmful runs instead, with the time at which this check, or set of checks, detects
-        each
+        instead, list the harmful runs with the time at which this check or set of checks detects
+        the fault
     pairs
-        compare runs with two faults with those that have one of them instead
+        instead, compare runs with two faults with runs that have only one of them
     most
-        with --pairs: pairs of each kind that are listed; default 5
+        with --pairs: number of pairs of each kind to list; default 5
     out
         folder of the files; default FOLDER/coverage
     """
@@ -49,38 +50,39 @@ def coverage(
     from ravenjax.store import files, manifest
 
     if pairs and of is not None:
-        raise UserError("--runs and --pairs ask for different lists: give one of them")
+        raise UserError("--runs and --pairs print different lists: give only one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
-    place = out or files.path_inside(folder, "coverage")
+    out_folder = out or files.path_inside(folder, "coverage")
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
-            return _pairs(runs, place, most or 5, as_json)
+            return _pairs(runs, out_folder, most or 5, as_json)
         found = checks.measure_coverage(runs, read_deadlines(folder))
         if of is not None:
-            columns = ("run", "site", "fault", "harm, ms", "detected, ms", "detected")
+            columns = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
             listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
             return console.print_tables([listing], as_json)
-    files.require_writable(place)
+    files.require_writable(out_folder)
     table = found.harmful.drop(columns=["row", "distinct"]).map(files.without_formula)
-    files.write_text(place / "coverage.csv", table.to_csv(index=False))
+    files.write_text(out_folder / "coverage.csv", table.to_csv(index=False))
     if as_json:
         content = {key: getattr(found, key) for key in ("rows", "smallest", "notices")}
-        return console.emit_json({**content, "files": [place / "coverage.csv"]})
+        return console.emit_json({**content, "files": [out_folder / "coverage.csv"]})
     names = {"everything": checks.EVERYTHING, "every_site": tables.EVERY_SITE}
     console.print_tables(console.fill_listings("coverage.j2", found=found, **names), as_json)
     for notice in found.notices:
         console.print_note(notice)
-    return console.print_written([place / "coverage.csv"])
+    return console.print_written([out_folder / "coverage.csv"])
 
 
-def _pairs(runs: Runs, place: Path, most: int, as_json: bool) -> None:
+def _pairs(runs: Runs, out_folder: Path, most: int, as_json: bool) -> None:
+    # Prints which single faults and pairs of faults cause harm, and writes files about them.
     from ravenjax.analyses.coverage import pairs
     from ravenjax.store import files
 
     found = pairs.measure_pairs(runs)
-    files.require_writable(place)
-    paths = pairs.write_pairs(found, place)
+    files.require_writable(out_folder)
+    paths = pairs.write_pairs(found, out_folder)
     if as_json:
         singles = found.cut_sets()[0]
         listed = {"cut_sets_of_order_1": singles, "pairs": [pair.cells() for pair in found.pairs]}

@@ -1,4 +1,5 @@
-"""The command `deadline`."""
+"""The command `ravenjax deadline`: the last moment in which an action prevents the harm of a
+fault."""
 
 from __future__ import annotations
 
@@ -13,12 +14,13 @@ def deadline(
     engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Find the point of no return of each harmful fault: until when an action prevents the harm.
+    """Find the point of no return of each harmful fault: the last time at which an action prevents
+    the harm.
 
-    The actions are a lifted pedal, a pressed E-stop, a stop by the software, a held command, and a
-    cue that the operator follows. An arm from an MJCF file has the last three.
-    Beside each deadline is the time at which a signal first shows the fault. The tables are in
-    FOLDER/deadline, and the next report of the folder has them, too.
+    The actions are a lifted pedal, a pressed E-stop, a stop by the software, a held command, and
+    an operator who follows the cue. An arm from an MJCF file has the last three. Each deadline is
+    compared with the time at which a signal first shows the fault. The tables are in
+    FOLDER/deadline and in the next report of the folder.
 
     Parameters
     ----------
@@ -33,15 +35,15 @@ def deadline(
     from ravenjax.store import files, manifest
     from ravenjax.store.access import explained
 
-    def tell(text: str) -> None:
+    def print_progress(text: str) -> None:
         if not as_json:
             console.print_text(text, console.err)
 
     record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
     files.require_writable(files.path_inside(folder, path.parent.name))
-    table = finding.find_deadlines(folder, engine, group, tell)
+    table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
-        words = "No fault does harm: there is nothing to prevent."
+        words = "No fault causes harm, so there is no deadline to find."
         return (
             console.emit_json({"harmful": 0, "sentences": [words]})
             if as_json

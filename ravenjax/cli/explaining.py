@@ -1,5 +1,7 @@
-"""Commands on single runs: `trace` writes their time series, `explain` shows the chain from fault
-to error to failure, also for a campaign.
+"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
+
+`trace` writes the time series of runs. `explain` shows how an error propagates from the fault to
+the failure.
 """
 
 from __future__ import annotations
@@ -27,12 +29,12 @@ def trace(
     engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
+    """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
     Parameters
     ----------
     worst
-        trace the N worst runs instead of named ones
+        trace the N worst runs instead of runs that you name
     out
         folder of the traces; default FOLDER/traces
     """
@@ -43,15 +45,16 @@ def trace(
 
     if bool(run_ids) == (worst is not None):
         raise UserError(
-            "which runs? Give run ids or indices, such as `ravenjax trace DIR 17`, or --worst N"
+            "expected the runs to trace: run ids or indices, such as `ravenjax trace DIR 17`, or"
+            " --worst N"
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
-    place = out or files.path_inside(folder, "traces")
-    files.require_writable(place)
+    out_folder = out or files.path_inside(folder, "traces")
+    files.require_writable(out_folder)
     if record.code_hash != manifest.code_hash(record.robot):
         console.print_note(
-            f"{folder} was computed by another version of the code; a run may come out otherwise"
+            f"{folder} was computed by another version of the code, so a run's outcome may differ"
         )
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
@@ -63,7 +66,7 @@ def trace(
         summary = run_summary.summarize_run(
             row, record.rules, again.series, again.golden, record.robot
         )
-        paths = _write(place, record, again, [event._asdict() for event in summary.events])
+        paths = _write(out_folder, record, again, [event._asdict() for event in summary.events])
         records.append(
             {"run_id": row["run_id"], **summary._asdict(), "files": [str(path) for path in paths]}
         )
@@ -76,15 +79,16 @@ def trace(
 
 
 def _write(
-    place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
+    out_folder: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
 ) -> list[Path]:
+    # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
     from ravenjax.store.logs import time_series
     from ravenjax.store.logs.trace import log as trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
-    log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
+    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
     trace_log.write_trace(
         log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
     )
@@ -109,6 +113,7 @@ def _write(
 
 
 def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
+    # Returns the description of a run that is stored in the header of its trace.
     from ravenjax.report import wording
     from ravenjax.store import manifest
 
@@ -147,7 +152,7 @@ def explain(
     as_json: AsJson = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
-    detect it.
+    have detected the fault.
 
     Without run ids, --worst and --group, all runs with a fault are explained and summarised, if
     any fault evades the checks.
@@ -155,11 +160,11 @@ def explain(
     Parameters
     ----------
     worst
-        explain the N worst runs instead of named ones
+        explain the N worst runs instead of runs that you name
     group
-        explain every run with a fault of this group, together
+        summarise all runs with a fault of this group
     out
-        folder of what is written; default FOLDER/explained
+        folder for the written files; default FOLDER/explained
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError
@@ -169,7 +174,7 @@ def explain(
 
     if sum((bool(run_ids), worst is not None, group is not None)) > 1:
         raise UserError(
-            "which runs? Give run ids or indices, or --worst N, or --group NAME, one of them"
+            "expected only one selection of runs: run ids or indices, --worst N, or --group NAME"
         )
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
@@ -177,14 +182,14 @@ def explain(
         return console.emit_json([]) if as_json else None
     together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
     if together == []:
-        words = "No fault evades the checks: there is no silent harm to explain."
+        words = "No fault evades the checks, so there is nothing to explain."
         return (
             console.emit_json({"evading": 0, "sentences": [words]})
             if as_json
             else console.print_text(words)
         )
-    place = out or files.path_inside(folder, explained.FOLDER)
-    files.require_writable(place)
+    out_folder = out or files.path_inside(folder, explained.FOLDER)
+    files.require_writable(out_folder)
     explainer = Explainer.of_folder(folder, engine)
     rows = (
         list(dict.fromkeys(explainer.index(run) for run in run_ids))
@@ -192,21 +197,22 @@ def explain(
         or together
     )
     explanation = _compute(explainer, rows, quiet=as_json)
-    explained.add_explained(place, explanation.ticks, record)
+    explained.add_explained(out_folder, explanation.ticks, record)
     if others := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.print_note(
-            f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are"
-            f" stored, by engine {record.engine} and {code} version of the code"
+            f"{folder}: {others} of {len(explanation.ticks)} runs now have another outcome than the"
+            f" stored one, which engine {record.engine} and {code} version of the code computed"
         )
     if together is None:
-        _one_by_one(place, record, explanation, as_json)
+        _one_by_one(out_folder, record, explanation, as_json)
     else:
-        _together(folder, place, record, as_json)
+        _together(folder, out_folder, record, as_json)
     return None
 
 
 def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
+    # Explains runs, and shows the progress if there are many.
     from ravenjax.cli import terminal
 
     if quiet or len(rows) < 100:
@@ -215,7 +221,8 @@ def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
         return explainer.explain(rows, watch)
 
 
-def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
+def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
+    # Prints how the fault spread in each run, and writes a table and a figure per run.
     from ravenjax.report import downloads
     from ravenjax.report.drawing import save_figure
     from ravenjax.report.run import chain, chain_words
@@ -226,7 +233,7 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
         explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True
     ):
         explained = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
-        table, plot = (place / f"{explained.run_id}.{kind}" for kind in ("csv", "svg"))
+        table, plot = (out_folder / f"{explained.run_id}.{kind}" for kind in ("csv", "svg"))
         write_text(table, downloads.format_csv(explained.links) or "layer,signal\n")
         paths = [table]
         if (figure := chain_words.timeline_figure(explained)) is not None:
@@ -240,6 +247,7 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
 
 
 def _print(explained: Chain, paths: list[Path]) -> None:
+    # Prints how the fault spread in one run. paths: files that were written about it.
     from ravenjax.report import wording
     from ravenjax.report.run import chain_words
 
@@ -254,23 +262,24 @@ def _print(explained: Chain, paths: list[Path]) -> None:
     console.print_text("")
 
 
-def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> None:
+def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -> None:
+    # Prints which signals transmitted the faults of all explained runs, and writes table and chart.
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
     from ravenjax.store.access import explained
     from ravenjax.store.files import write_text
 
-    ticks = explained.read_explained(place, record)
+    ticks = explained.read_explained(out_folder, record)
     assert ticks is not None
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = chains.summarize_chains(runs, ticks)
-    paths = [place / explained.FILE]
+    paths = [out_folder / explained.FILE]
     if text := downloads.format_csv(summary.carriers):
-        paths.append(place / "signals.csv")
+        paths.append(out_folder / "signals.csv")
         write_text(paths[-1], text)
-    if chains.draw_charts(summary, place / "signals.svg"):
-        paths.append(place / "signals.svg")
+    if chains.draw_charts(summary, out_folder / "signals.svg"):
+        paths.append(out_folder / "signals.svg")
     if as_json:
         sentences = chains.chain_sentences(summary)
         return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})

@@ -1,5 +1,7 @@
-"""Commands that write for use elsewhere: `explore` a page, `export` a C library, `schema` that of
-files.
+"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`.
+
+They write a page that simulates faults in a browser, a robot as a C library, and the JSON Schema of
+campaign files.
 """
 
 import dataclasses
@@ -22,27 +24,27 @@ def explore(
     gallery: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page that simulates faults of a campaign in any browser.
+    """Write an HTML page that simulates faults of a campaign in any browser.
 
     The page contains the robot, its control software and its checks as WebAssembly. It is one
-    file and needs no network. For a result folder it also shows that folder's runs.
+    file and needs no network. The page of a result folder also shows the runs of the folder.
 
     Parameters
     ----------
     sources
-        Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax
-        run` wrote.
+        Campaign file, the name of a bundled campaign (see `ravenjax campaigns`), or a result
+        folder that `ravenjax run` wrote.
     out
-        the page; default NAME.explore.html, or DIR/explore.html
+        file of the page; default NAME.explore.html, or DIR/explore.html
     gallery
-        a folder: pages of several campaigns, of all bundled ones unless named, and an index
+        folder for the pages of several campaigns and an index; default all bundled campaigns
     """
     if gallery is not None:
         _gallery(gallery, sources, out, as_json)
         return
     if len(sources) != 1:
         raise UserError(
-            f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several"
+            f"got {len(sources)} campaigns, expected one; for several pages write --gallery DIR"
         )
     from ravenjax.analyses.explorer import page
 
@@ -54,10 +56,11 @@ def explore(
 
 
 def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    # Writes a page for each campaign, and a page that links them.
     if out is not None:
         raise UserError(
-            "got --out and --gallery; leave out --out: a gallery's pages are named after their"
-            " campaigns"
+            "got --out and --gallery; leave out --out, because the pages of a gallery are named"
+            " after their campaigns"
         )
     from ravenjax.analyses.explorer import gallery
 
@@ -88,26 +91,27 @@ def export(
 ) -> None:
     """Write the control software and the virtual robot as a C library.
 
-    Header, object, shared library and example. Each part is one `step` per millisecond on plain
-    structs, without memory allocation, with the bits of `rj.ControlSoftware` and
-    `rj.VirtualRobot`. Only the shared library needs a C compiler.
+    The folder contains a header, an object file, a shared library and an example. The software and
+    the robot each have one function `step`, which computes one millisecond on plain structs. It
+    allocates no memory and gives the same bits as `rj.ControlSoftware` and `rj.VirtualRobot`. Only
+    the shared library needs a C compiler.
 
     Parameters
     ----------
     folder
-        Where to write; files of an earlier export there are replaced.
+        Folder to write into; files of an earlier export there are replaced.
     arms
         gold, green or both
     tools
-        one an arm
+        one for each arm
     policy
         no_regulation, soft_regulation or hard_regulation
     level
-        overdrive level: beginner, moderate, advanced
+        level of the overdrive check: beginner, moderate, advanced
     parameter_set
         mechanics of the virtual robot
     cpu
-        portable: any CPU of this kind; native: this one; the same bits
+        portable: any CPU of this architecture; native: this CPU. Results have the same bits
     """
     from ravenjax.analyses.export import c_folder
     from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
@@ -130,8 +134,9 @@ def export(
             console.print_text(path)
     if written.shared is None:
         console.print_note(
-            f"no C compiler ({', '.join(c_folder.COMPILERS)}) to link a shared library with: link"
-            f" {written.object} and the C library's mathematics (-lm) into your program"
+            f"found no C compiler ({', '.join(c_folder.COMPILERS)}), so no shared library was"
+            f" linked. Link {written.object} and the C library's mathematics (-lm) into your"
+            " program"
         )
     return None
 
@@ -139,7 +144,7 @@ def export(
 def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     """Print the JSON Schema of campaign, search or scenario files, for editors.
 
-    Editors with Taplo use it if the first line of the TOML file is `#:schema
+    Editors with Taplo use the schema if the first line of the TOML file is `#:schema
     campaign.schema.json`.
 
     Parameters
@@ -147,7 +152,7 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     kind
         Kind of file that the schema describes.
     out
-        write it to this file; default: print it
+        file to write; default: print the schema
     """
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import files

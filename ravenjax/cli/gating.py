@@ -1,4 +1,4 @@
-"""The command `gate`."""
+"""The command `ravenjax gate`: decides whether a change made results worse than a margin allows."""
 
 from pathlib import Path
 from typing import Annotated
@@ -19,21 +19,22 @@ def gate(
     junit: Path | None = None,
     as_json: AsJson = False,
 ) -> int:
-    """Judge whether a change made things worse, by margins that you state.
+    """Judge whether a change of the robot, a check or the software made results worse.
 
-    The exit code is 0 if every margin holds, 1 if one is exceeded, and 2 if the faults are too few
-    to decide, or the input is wrong.
+    You state how much worse each result may become. The exit code is 0 if no result exceeds its
+    margin, and 1 if a result does. It is 2 if there are too few faults to decide, or if the input
+    is wrong.
 
     Parameters
     ----------
     second
-        The same of the changed robot, check or software, with the same faults.
+        Result folder of the changed robot, check or software, with the same faults.
     margin
-        what may change: "evades +0.5 points" lets the share of evading faults rise by half a
-        point, "stopped -2 points" lets another fall, and "false cues +2/h" is per hour without a
-        fault; repeat the option for several
+        largest accepted change. "evades +0.5 points": the share of faults that evade may rise by
+        half a percentage point. "stopped -2 points": the share of stopped runs may fall by 2.
+        "false cues +2/h": per hour without a fault. Repeat the option for several margins
     most
-        runs that are listed as most changed
+        number of most changed runs to list
     markdown
         also write a summary for a pull request
     junit

@@ -1,7 +1,8 @@
-"""Commands whose code is in the folder `analysis` of a checkout, and `doctor`.
+"""Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`.
 
-`bench` measures this machine, `reproduce` runs studies, `credibility` prints the evidence for each
-of their claims, and `evidence` writes tables and an argument for a risk file.
+`bench` measures the speed of this machine. `reproduce` runs studies, and `credibility` prints the
+evidence for each of their claims. `evidence` writes tables and an argument for a risk file.
+`doctor` checks the installation.
 """
 
 from collections.abc import Callable
@@ -27,23 +28,23 @@ def bench(
 ) -> int:
     """Measure the speed of this machine, and compare it with MuJoCo and MJX.
 
-    Each part runs in its own process. Parts that do not fit into the time are named and left
-    out. The exit code is 1 if nothing could be measured.
+    Each measurement runs in its own process. Measurements for which the time is too short are
+    left out, and the output names them. The exit code is 1 if nothing could be measured.
 
     Parameters
     ----------
     json
         print every number as JSON
     quick
-        half a minute instead of minutes: the shorter parts
+        only the short measurements: half a minute instead of minutes
     markdown
         also write the tables to this file
     only
-        these parts alone
+        only these measurements
     seconds
-        how long it may take, about; default: 160, and 35 of a quick run
+        approximate limit of the total time, s; default: 160, or 35 with --quick
     price
-        dollars that this machine costs an hour: adds cents per million runs of 10 s
+        price of this machine in dollars an hour; adds the cost of a million runs of 10 s in cents
     """
     suite = load_module("bench.suite")
     return suite.bench(json, quick, markdown, only or (), seconds, price)
@@ -57,12 +58,12 @@ def reproduce(
     keep: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Repeat a published experiment, or run a study, and compare prediction and publication.
+    """Repeat a published experiment, or run a study, and compare the results with the publication.
 
     Parameters
     ----------
     name
-        The study, or "all". Without one: list them.
+        Name of the study, or "all". Default: list all studies.
     out
         folder for the results; each study gets its own folder in it
     keep
@@ -77,9 +78,9 @@ def credibility(folder: Path = Path("results/reproduce"), *, out: Path | None = 
     Parameters
     ----------
     folder
-        Findings of `ravenjax reproduce`: its folder --out, or --keep.
+        Folder with findings of `ravenjax reproduce`, from its option --out or --keep.
     out
-        write it to this file; default: print it
+        file to write; default: print the evidence
     """
     load_module("studies.commands").credibility(folder, out)
 
@@ -94,42 +95,44 @@ def evidence(
 ) -> int:
     """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
 
-    Every number leads to runs, and every file has a checksum. It claims no conformity with any
-    standard. With --check the exit code is 1 if something no longer holds; the argument shows
-    it in red.
+    Every number refers to runs, and every file has a checksum. The evidence claims no conformity
+    with any standard. With --check the exit code is 1 if a statement is no longer true; the
+    argument shows such statements in red.
 
     Parameters
     ----------
     folders
-        What `ravenjax run` wrote, one folder or several.
+        One or several result folders that `ravenjax run` wrote.
     out
-        folder to write into; default FOLDER/evidence of a single one
+        folder to write into; default FOLDER/evidence of a single result folder
     check
-        compute the checksums of evidence in this folder again, and write nothing new
+        compute the checksums of the evidence in this folder again, and write nothing new
     xlsx
-        the tables as one workbook, too (extra: xlsx)
+        also write the tables as one workbook (extra: xlsx)
     credibility
-        findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too
+        folder with findings of `ravenjax reproduce`; adds the evidence for the simulator's
+        credibility
     """
     commands = load_module("evidence.commands")
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)
 
 
 def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
-    """Check this machine: versions, devices, CPU, memory, and that each part works.
+    """Check this installation: versions, devices, CPU, memory, and a test of each part.
 
     Parameters
     ----------
     realtime
-        measure how well a session keeps time instead
+        instead, measure how punctually this machine computes one tick per millisecond
     seconds
-        of each of the two loops that --realtime measures
+        duration of each of the two measurements of --realtime, s
     """
     from ravenjax.cli import terminal
 
     if realtime:
-        return _keeps_time(seconds, as_json)
-    about = Listing("machine", "This machine", ("what", "is"), list(terminal.describe_machine()))
+        return _measure_realtime(seconds, as_json)
+    rows = list(terminal.describe_machine())
+    about = Listing("machine", "This machine", ("property", "value"), rows)
     if not as_json:
         console.print_tables([about], as_json)
         console.out.print()
@@ -142,18 +145,19 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
         "console port": _port_opens,
     }
     works = Listing(
-        "works", "What works", ("what", "state", "detail"), list(terminal.run_checks(tests))
+        "works", "What works", ("test", "state", "detail"), list(terminal.run_checks(tests))
     )
     console.print_tables([about, works] if as_json else [works], as_json)
     return int(any(state != "ok" for _, state, _ in works.rows))
 
 
-def _keeps_time(seconds: float, as_json: bool) -> int:
+def _measure_realtime(seconds: float, as_json: bool) -> int:
+    # Prints how punctual ticks of 1 ms are on this machine. Returns the exit status.
     from ravenjax.train import timing
 
     measured = timing.measure_timing(seconds, lambda what: console.print_text(what, console.err))
     rows = [timing.timing_row(*loop) for loop in measured.items()]
-    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, rows)
+    loops = Listing("loops", "Timing of one tick per millisecond", timing.COLUMNS, rows)
     states = timing.timing_verdict(measured)
     verdict = Listing("verdict", "", ("state", "sentence"), list(states))
     console.print_tables([loops, verdict], as_json)
@@ -161,18 +165,20 @@ def _keeps_time(seconds: float, as_json: bool) -> int:
 
 
 def _jax_computes() -> str:
+    # Runs a small JAX program; returns the devices.
     import jax
     import jax.numpy as jnp
 
     total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
     if total != 14.0:
-        raise ArithmeticError(f"0 + 1 + 4 + 9 came out as {total}")
+        raise ArithmeticError(f"JAX computed 0 + 1 + 4 + 9 = {total}, expected 14")
     return ", ".join(
         f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
     )
 
 
 def _engine_chosen() -> str:
+    # Returns the engine for campaigns on this machine, and why no faster engine is used.
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
@@ -183,6 +189,7 @@ def _engine_chosen() -> str:
 
 
 def _model_loads() -> str:
+    # Loads the MuJoCo model of the Raven-II.
     import mujoco
 
     from ravenjax.bundled import resources
@@ -193,6 +200,7 @@ def _model_loads() -> str:
 
 
 def _campaigns_load() -> str:
+    # Checks all bundled campaign files.
     from ravenjax.bundled import resources
     from ravenjax.campaign import loading
 
@@ -206,10 +214,11 @@ def _results_writable() -> str:
     import tempfile
 
     with tempfile.TemporaryDirectory(dir=Path.cwd()):
-        return f"{Path.cwd()} can be written to"
+        return f"files can be created in {Path.cwd()}"
 
 
 def _port_opens() -> str:
+    # Checks that the UDP port for console packets can be opened.
     import socket
 
     from ravenjax.robots.raven2.console.packet import UDP_PORT

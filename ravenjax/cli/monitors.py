@@ -1,5 +1,8 @@
-"""The commands `monitor`: calibrate thresholds with a stated false-alarm rate, and check that they
-still hold. The command `counterfactual`: select checks that would detect what the robot's do not.
+"""The commands `ravenjax monitor` and `ravenjax counterfactual`.
+
+`monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
+calibration is still valid. `counterfactual` finds additional checks that detect faults which evade
+the robot's checks.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ if TYPE_CHECKING:
     from ravenjax.analyses.monitors.calibration import Calibrated
 
 monitor = App(
-    name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
+    name="monitor",
+    help="Calibrate checks to a stated false-alarm rate, and test whether the rate is still valid.",
 )
 
 
@@ -40,38 +44,39 @@ def calibrate(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Calibrate a monitor: thresholds that keep a false-alarm rate with the given confidence.
+    """Calibrate a monitor: find thresholds with at most a given rate of false alarms.
 
-    The thresholds come from fault-free operations. Each operator has another motion, and each
-    of its operations another robot, drawn as the campaign's [parameters], noise and packets
-    say. An interrupted command continues. Writes monitor.toml, monitor.py, detector.toml (a
-    [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
+    The thresholds come from simulated fault-free operations. Each operator has a different motion,
+    and each operation a different robot, drawn from the campaign's [parameters], noise and
+    packets. An interrupted command continues. The command writes monitor.toml, monitor.py,
+    detector.toml (a [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
 
     Parameters
     ----------
     file
-        Campaign file, or the name of a bundled one: its robot; groups and faults are left out.
+        Campaign file, or the name of a bundled campaign. Only its robot is used, not its faults.
     out
-        folder; default results/monitors/NAME of the campaign
+        folder to write; default results/monitors/NAME of the campaign
     signals
-        names that `ravenjax monitor signals` lists, * for any letters; default tip_error_bound
-        boards_cmd_rate*
+        signals to monitor, as `ravenjax monitor signals` lists them; * stands for any letters;
+        default tip_error_bound boards_cmd_rate*
     segments
-        bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1
+        a signal and its limits between segments with different thresholds, such as
+        tick=1000,5000 or surgeon_mode=1
     false_alarms_per_hour
-        that are not exceeded
+        largest rate of false alarms
     confidence
-        with which they are not
+        probability that the rate is not exceeded
     hours
-        of operation in all; default what rate and confidence need, with room to spare
+        simulated hours in total; default enough for the rate and the confidence
     length_s
-        of an operation, s
+        duration of an operation, s
     robots
-        operations of each operator, each with a robot that is drawn
+        number of operations of each operator, each with a different robot
     motions
-        generated motions of operators; default all that vary
+        generated motions of operators; default all motions that depend on the seed
     seed
-        of operators and robots
+        seed of operators and robots
     """
     from ravenjax.analyses.monitors import calibrate as calibration
     from ravenjax.campaign import loading
@@ -91,7 +96,7 @@ def calibrate(
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
         result = calibration.calibrate_monitor(request, place, hours, engine, progress)
-    _tell(place, result, as_json)
+    _print_calibration(place, result, as_json)
 
 
 @monitor.command
@@ -105,19 +110,20 @@ def operate(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate fresh fault-free operations for `ravenjax monitor check`: other operators, or with
-    --set another robot.
+    """Simulate new fault-free operations for `ravenjax monitor check`.
+
+    The operators differ from those of the calibration. With --set the robot differs as well.
 
     Parameters
     ----------
     folder
-        What `ravenjax monitor calibrate` wrote.
+        Folder that `ravenjax monitor calibrate` wrote.
     out
         folder for the operations
     hours
-        of operation in all
+        simulated hours in total
     robots
-        operations of each operator; default the calibration's
+        number of operations of each operator; default as in the calibration
     """
     from ravenjax.analyses.monitors.calibrate import operate_afresh
 
@@ -134,22 +140,22 @@ def operate(
 def check(
     folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: AsJson = False
 ) -> int:
-    """Test whether new fault-free operations have the calibration's distribution of scores.
+    """Test whether the calibration of a monitor is valid for new fault-free operations.
 
-    The exit code is 1 for a shift. The first operation of each operator, result folder or log
-    counts.
+    The exit code is 1 if the distribution of scores has shifted. Only the first operation of each
+    operator, result folder or log counts.
 
     Parameters
     ----------
     folder
-        What `ravenjax monitor calibrate` wrote.
+        Folder that `ravenjax monitor calibrate` wrote.
     sources
         Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
-        detector, or logs: CSV with the columns of test_vector.csv.
+        detector, or logs: CSV files with the columns of test_vector.csv.
     level
         probability of reporting a shift although nothing changed
     seed
-        that breaks ties between scores
+        seed with which ties between scores are broken
     """
     from ravenjax.analyses.monitors import checking
 
@@ -165,10 +171,10 @@ def check(
         f" {about['alarms']} with an alarm"
     )
     console.print_text(
-        f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and"
-        " its promise does not hold for them. Calibrate on what they are like"
+        f"SHIFT at level {level:g}: the new operations have another distribution of scores than the"
+        " calibration, so its false-alarm rate is not valid for them. Calibrate on such operations"
         if shifted
-        else f"no shift found at level {level:g}; with so few units a small one stays unseen"
+        else f"no shift found at level {level:g}; with so few units a small shift stays undetected"
     )
     return int(shifted)
 
@@ -180,7 +186,7 @@ def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
     Parameters
     ----------
     file
-        campaign whose robot it is; default the Raven-II's
+        campaign file that selects the robot; default the Raven-II
     """
     from ravenjax import robots
     from ravenjax.analyses.monitors.scores import list_candidates
@@ -192,7 +198,7 @@ def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
         for signal in list_candidates(robot)
     ]
     console.print_tables(
-        [Listing("signals", robot.title, ("name", "what", "unit", "layer"), rows)], as_json
+        [Listing("signals", robot.title, ("name", "meaning", "unit", "layer"), rows)], as_json
     )
 
 
@@ -214,30 +220,30 @@ def counterfactual(
     """Select a few additional checks that would detect the faults that evade the robot's checks,
     and estimate their false alarms.
 
-    Candidates are bounds, rates and residuals of every signal of the robot. All observe the
-    same runs. Half of the faults selects the checks, and the other half measures them. Separate
-    motion measures the false alarms.
+    Candidates are bounds, rates and residuals of every signal of the robot. All of them observe
+    the same runs. The command selects checks with half of the faults and measures their coverage
+    with the other half. It measures false alarms on other motions.
 
     Parameters
     ----------
     file
-        Campaign file, the name of a bundled one, or a result folder.
+        Campaign file, the name of a bundled campaign, or a result folder.
     out
-        folder; default results/NAME_counterfactual
+        folder to write; default results/NAME_counterfactual
     false_alarms_per_hour
-        of all chosen checks together, at most
+        largest false-alarm rate of all selected checks together
     lead_ms
-        an alarm counts only if it comes at least this many ms before harm begins
+        smallest time between an alarm and the harm for the alarm to count, ms
     hours
         hours of fault-free motion to compute
     most
-        checks to choose, at most
+        largest number of checks to select
     group
-        cover faults of these groups alone
+        use only the faults of these groups
     seed
-        of the halves of the faults
+        seed with which the faults are divided into halves
     confirm
-        also run the chosen checks as detectors, with another seed of the faults
+        also run the selected checks as detectors, with another seed of the faults
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Question
@@ -251,12 +257,12 @@ def counterfactual(
     question.require()
     files.require_writable(place)
 
-    def stage(text: str) -> None:
+    def print_stage(text: str) -> None:
         if not as_json:
             console.print_text(f"- {text}")
 
     with terminal.Watch(console.err) as watch:
-        found = finding.find_checks(config, question, engine, stage, watch)
+        found = finding.find_checks(config, question, engine, print_stage, watch)
         paths = output.write_files(found, place)
         sure = (
             finding.confirm_checks(found, paths[-1], config.campaign.seed + 1, engine, watch)
@@ -276,7 +282,8 @@ def counterfactual(
     return console.print_written(paths)
 
 
-def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
+def _print_calibration(place: Path, result: Calibrated, as_json: bool) -> None:
+    # Prints the limits of a calibrated monitor and its guaranteed false-alarm rate.
     from ravenjax.analyses.monitors import writing
 
     _, record = writing.read_monitor(place)
@@ -286,7 +293,9 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
         (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
         for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     ]
-    console.print_tables([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
+    console.print_tables(
+        [Listing("terms", "Alarm above these limits", ("score", "limit", "unit"), rows)], False
+    )
     words = record["promise"]["words"]
     return console.print_text(
         console.render_template(
@@ -297,6 +306,7 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
 
 @contextlib.contextmanager
 def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
+    # Shows a progress bar on the terminal. Yields a function that takes (done, total).
     from rich.progress import MofNCompleteColumn, Progress
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())

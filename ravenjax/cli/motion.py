@@ -1,5 +1,7 @@
-"""Commands on recordings: `motion` of operators, `calibrate` of a robot's joints. Also the lines
-that `run` prints about recorded operators.
+"""The commands `ravenjax motion`, on recordings of operators, and `ravenjax calibrate`, on logs of
+a robot.
+
+The module also prints the lines of `ravenjax run` about recorded operators.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 
 SET = "power_consistent"
-"""Parameter set whose values are the prior, before the log is read."""
+"""Parameter set whose values are the means of the prior distributions."""
 EVERYTHING = "friction,offsets,motors,cables,delays"
 
 
@@ -35,23 +37,23 @@ def motion(
     overrides: Overrides = None,
     out: Path = Path("results/motions"),
 ) -> None:
-    """Show the content of a recording and the motion that a campaign makes of it.
+    """Show the content of a recording of hands and the motion that a campaign makes from it.
 
     Options are those of a campaign, such as --set operator.rate_hz=1000 operator.cutoff_hz=5.
-    Without a campaign the whole recording or window is replayed. A file that cannot be replayed
-    is drawn if it can be read. It is refused with exit code 2, and the message says what to
-    write.
+    Without a campaign the whole recording or window is replayed. If a recording cannot be
+    replayed, the exit code is 2 and the message states what to change. The command draws the
+    recording even then.
 
     Parameters
     ----------
     file
         Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
     campaign
-        campaign file whose robot, limits and duration it is for
+        campaign file whose robot, limits and duration are used
     arms
-        default those that the file holds
+        arms to replay; default all arms of the recording
     out
-        folder of the picture, SVG and PNG
+        folder for the picture, SVG and PNG
     """  # noqa: E501
     import numpy as np
 
@@ -81,9 +83,9 @@ def motion(
 
 
 def show_operator(config: CampaignConfig, to: Console) -> None:
-    """Print the motion made of a campaign's recorded operator, if it has one.
+    """Print a summary of the motion made from a campaign's recording of hands, if it uses one.
 
-    Raises UserError if the recording cannot be used.
+    Raise UserError if the recording cannot be used.
     """
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.robots.raven2.campaign.config import RavenConfig
@@ -97,6 +99,8 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
+    # Returns a campaign with the recording as its operator, and whether to replay all of the
+    # recording.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
@@ -122,7 +126,7 @@ def _config(
 def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax.store.motion.summary import table_rows
 
-    to.print(console.make_table("Recorded operator", ("what", "how it is"), table_rows(summary)))
+    to.print(console.make_table("Recorded operator", ("property", "value"), table_rows(summary)))
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
@@ -146,42 +150,42 @@ def calibrate(
     ask: str = EVERYTHING,
     draws: int = 200,
 ) -> None:
-    """Estimate your robot's parameters from a log of its joints.
+    """Estimate your robot's parameters from a log of its joint positions.
 
     The parameters are friction, offsets, motor constants, cables and delays. The command fits
-    them to the first half of the log. It tests the fit on the second half, and compares it with
-    a null model. The null model is bare rotors: motors with cut cables and only viscous friction.
-    Parameters that the log does not determine keep their prior. A campaign with `[parameters]
-    from = "my_robot.toml"` then draws a robot for each run.
+    them to the first half of the log. It tests the fit on the second half, and compares the fit
+    with a null model: motors with cut cables and only viscous friction. Parameters that the log
+    does not determine keep their prior distribution. A campaign with `[parameters] from =
+    "my_robot.toml"` then draws a robot for each run.
 
     Parameters
     ----------
     log
-        Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
-        ravenstate or CRTK's measured_js and setpoint_js; or a table, text or .parquet, with
-        columns as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_
-        with dac_.
+        Desired and measured joint positions: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
+        ravenstate or CRTK's measured_js and setpoint_js. Or a table, text or .parquet, with
+        columns such as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_ and mpos_,
+        or mpos_ and dac_.
     out
-        file for campaigns; its pictures beside it
+        file to write, for campaigns; pictures are written beside it
     arm
-        whose joints the log has
+        arm whose joints are in the log
     tool
-        its tool; default the software's own
+        tool of the arm; default the tool of the software
     software
-        decides how the first jaw is strung: raven2 opposes it
+        software of the robot; it determines the direction of the first jaw's cable
     gains
-        PID of the log's robot; default that of its software
+        PID gains of the robot; default those of its software
     period_ms
-        time between samples, instead of the log's own
+        time between samples, instead of the times in the log
     columns
-        names of a table's columns, a comma between: all in order where it has no header line, or
-        NAME=THEIRS for each that the log calls differently
+        names of the columns of a table without a header line, in order and separated by commas;
+        or NAME=THEIRS for each column with another name than expected
     topics
         namespace of the arm's joints in a bag, such as /lab/arm1
     ask
-        what the log is asked for, a comma between
+        groups of parameters to estimate, separated by commas
     draws
-        robots that are written
+        number of robots to draw from the fit and write
     """
     from ravenjax.analyses.calibration import joint_log, parameters, position_loop, tables
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
@@ -192,7 +196,7 @@ def calibrate(
     from ravenjax.store.files import write_text
 
     if draws < 1:
-        raise UserError(f"--draws {draws}: expected at least 1 robot")
+        raise UserError(f"--draws is {draws}, expected at least 1 robot")
     tool = tool or DEFAULT_TOOLS[software][arm]
     given = [word.strip() for word in columns.split(",")] if columns else []
     named = dict(word.split("=", 1) for word in given if "=" in word)
@@ -220,24 +224,25 @@ def calibrate(
     write_text(out, parameters.format_robot_file(values, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
-    replayed = logged.replayed(whole, [calibrated.robot])[0]
+    replayed = logged.replay(whole, [calibrated.robot])[0]
     tables.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
     tables.draw_intervals(pictures[1], calibrated)
-    console.print_text(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
+    console.print_text(f'robots: {out}; use it in a campaign: [parameters] from = "{out.name}"')
     console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
+    # Prints the calibration of one log: following errors before and after, and the parameters.
     from ravenjax.analyses.calibration import tables
 
     joints = logged.log.joints
-    where = ("where the robot was fitted", "on the rest, to which nothing was fitted")
+    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
     titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
-    judged = [
-        tables.by_joint(title, logged.judged(part, robots), joints)
+    error_tables = [
+        tables.by_joint(title, logged.following_errors(part, robots), joints)
         for title, part in zip(titles, logged.halves, strict=True)
     ]
-    for rows in (*judged, tables.tabulate_parameters("What the log determines", calibrated)):
+    for rows in (*error_tables, tables.tabulate_parameters("Estimated parameters", calibrated)):
         console.print_table(*rows)
     integrated = [
         unknown.path

@@ -1,4 +1,4 @@
-"""Commands on result folders: `report`, `verify`, `compare`, `merge`."""
+"""Commands on result folders: `ravenjax report`, `verify`, `compare`, `merge`."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def verify(
     Parameters
     ----------
     sample
-        runs that are made again, 0 for none
+        number of runs to compute again; 0 for none
     seed
-        of the sample
+        seed with which these runs are drawn
     """
     from ravenjax.campaign.inspection import verification
 
@@ -64,7 +64,7 @@ def verify(
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
     ]
-    console.print_table(f"Verified: {folder}", ("what", "", "looked at"), rows)
+    console.print_table(f"Verified: {folder}", ("check", "result", "what was checked"), rows)
     for check in verified.checks:
         for problem in check.problems:
             console.print_error(f"{check.name}: {problem}")
@@ -74,8 +74,8 @@ def verify(
             (column.name, f"{n - column.equal} of {n}", f"{column.largest:.3g}")
             for column in verified.rerun.differing
         ]
-        columns = ("column", "rows that differ", "largest difference")
-        console.print_table("Not equal to the bit", columns, apart)
+        columns = ("column", "runs that differ", "largest difference")
+        console.print_table("Columns that differ when computed again", columns, apart)
     return 0 if verified.fine else 1
 
 
@@ -97,7 +97,7 @@ def merge(
     shards
         Result folders of the same campaign, as `ravenjax run --shard` wrote them.
     partial
-        merge though rows are missing
+        merge although runs are missing
     """
     from ravenjax.store.access import merging, query
 
@@ -105,10 +105,10 @@ def merge(
     record = done.manifest
     parts = len(record.parts)
     count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
-    ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
+    ways = f"{done.linked} files linked, {done.copied} copied, {done.present} already present"
     console.print_text(f"merged: {out}: {count} ({ways})")
     if done.missing:
-        console.print_text(f"missing: rows {query.in_words(done.missing)}")
+        console.print_text(f"missing runs: {query.in_words(done.missing)}")
 
 
 def write_report(folder: Path, prints: bool = True) -> Path:
@@ -125,21 +125,21 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
     """Compare two results run by run: configuration, outcomes, rates, and the runs that changed
     most.
 
-    Differences are second minus first, with 95 % intervals over the faults where these were
-    drawn.
+    Differences are second minus first. If the faults were drawn at random, they have 95 %
+    intervals over the faults.
 
     Parameters
     ----------
     second
-        The same of another campaign with the same faults, or of the same campaign with another
-        setting or code.
+        Result folder of another campaign with the same faults, or of the same campaign with other
+        settings or code.
     most
-        runs that are listed as most changed
+        number of most changed runs to list
     """
     from ravenjax.report import comparison
 
     if first.resolve() == second.resolve():
-        console.print_note(f"{first} and {second} are the same folder, so that nothing can differ")
+        console.print_note(f"{first} and {second} are the same folder, so nothing can differ")
     result = comparison.compare_folders(first, second, most)
     if as_json:
         content = result._asdict()
@@ -152,13 +152,14 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
 
 
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
+    # Yields the tables of a comparison of two result folders.
     changes = [
         (change.path, change.first or "–", change.second or "–")
         for change in (*found.configuration, *found.environment)
     ]
     yield Listing(
         "configuration",
-        "What differs in configuration, code and machine",
+        "Differences in configuration, code and machine",
         ("key", "first", "second"),
         changes,
     )

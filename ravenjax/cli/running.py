@@ -1,4 +1,5 @@
-"""Commands about campaigns and searches: `run`, `check`, `fault-free`, `search`."""
+"""Commands that check and run campaigns and searches: `ravenjax run`, `check`, `fault-free`,
+`search`."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from ravenjax.store.folder import Results
 
 MOST_ROWS = 40
-"""Number of groups that `check` prints; further ones are only counted."""
-ENDED = "ended by a signal; finished parts are kept, and the same command goes on"
+"""Number of groups that `check` prints; further groups are only counted."""
+ENDED = "ended by a signal; finished results are kept, and the same command continues"
 
 
 def run(
@@ -42,27 +43,27 @@ def run(
     """Run a campaign, or continue it in an existing result folder.
 
     Exit codes: 0 is success. 2 means that you can correct the problem: the campaign file, a
-    full disk, workers that die. Signals end it with 130 (Ctrl-C), 143 (SIGTERM) or 129
-    (SIGHUP). Finished parts are always kept, and the same command continues.
+    full disk, workers that die. Signals end the command with 130 (Ctrl-C), 143 (SIGTERM) or 129
+    (SIGHUP). Finished runs are always kept, and the same command continues.
 
     Parameters
     ----------
     file
-        Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
     out
         result folder; default results/NAME of the campaign
     chunk
-        runs per part of the result
+        number of runs in each file of the result
     limit
         compute only the first runs
     executor
         local (this process) or ray (a cluster)
     workers
-        Ray tasks side by side; default one a GPU, or one for some cores
+        number of parallel Ray tasks; default one for each GPU, or one for some cores
     ray_address
-        of a running Ray cluster; default one on this machine
+        address of a running Ray cluster; default a new cluster on this machine
     shard
-        i/N: only the i-th of N shares, for batch schedulers
+        i/N: compute only the i-th of N shares, for batch schedulers
     report
         write report.html at the end
     """
@@ -99,7 +100,9 @@ def run(
         return
     _summary(folder, results)
     if share is not None:
-        console.print_text(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them")
+        console.print_text(
+            f"this is one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all shards"
+        )
     elif report:
         write_report(folder)
 
@@ -115,16 +118,16 @@ def check(
 ) -> None:
     """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
 
-    Simulates nothing. Refuses what `ravenjax run` would refuse, with exit code 2.
+    The command simulates nothing. The exit code is 2 if `ravenjax run` would refuse the file.
 
     Parameters
     ----------
     file
-        Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
     out
-        result folder that is meant; default results/NAME
+        planned result folder; default results/NAME
     limit
-        as for run: only the first runs
+        only the first runs, as for `ravenjax run`
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.inspection.estimate import format_estimate
@@ -153,6 +156,7 @@ def check(
 
 
 def _outcome(folder: Path, results: Results) -> dict[str, Any]:
+    # Returns what `ravenjax run --json` prints at its end.
     from ravenjax.campaign.stop import decisions
     from ravenjax.store import manifest
 
@@ -180,43 +184,45 @@ def fault_free(
 ) -> None:
     """Simulate fault-free motion of a campaign's robot, to measure false alarms per hour.
 
-    Robot, cues and detectors are the same; the operator's motion has other seeds. Each motion
-    is a result folder in FOLDER/fault_free, which the report of FOLDER includes. Existing hours
-    count, and an interrupted command continues. `run` has the same exit codes.
+    Robot, cues and detectors are those of the campaign. The operator's motion has other seeds.
+    Each motion is a result folder in FOLDER/fault_free, and the report of FOLDER includes it.
+    Hours that were computed before count, and an interrupted command continues. Exit codes are
+    those of `ravenjax run`.
 
     Parameters
     ----------
     hours
-        Hours of fault-free motion in pedal-down to have in all; the report says how many it
-        needs.
+        Total hours of fault-free motion in pedal-down, including existing hours. The report states
+        how many hours it needs.
     engine
-        auto, cuda, simd, xla or mjx; auto is a CPU engine: motions run one at a time
+        auto, cuda, simd, xla or mjx; auto is a CPU engine, because motions run one at a time
     report
-        write the result's report.html again at the end
+        write report.html of FOLDER again at the end
     """
     from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.cli import terminal
     from ravenjax.report import wording
     from ravenjax.store.access.fault_free import FOLDER
 
-    place, screen = folder / FOLDER, console.err if as_json else console.out
+    motions_folder, screen = folder / FOLDER, console.err if as_json else console.out
 
     def began(there: float, path: Path) -> None:
-        so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)}"
-        console.print_text(f"{so_far}; next: {path}", screen)
+        so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)} computed"
+        console.print_text(f"{so_far}; next folder: {path}", screen)
 
     with _ended_by_signals(), terminal.Watch(screen) as watch:
         there = more_motion.extend_fault_free(
             folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
         )
     if not as_json:
-        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {place}")
+        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {motions_folder}")
     page = write_report(folder, prints=not as_json) if report else None
     if as_json:
-        console.emit_json({"folder": place, "hours": there, "report": page})
+        console.emit_json({"folder": motions_folder, "hours": there, "report": page})
 
 
 def _summary(folder: Path, results: Results) -> None:
+    # Prints the verdicts of a finished or interrupted campaign.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.outcomes import events
@@ -238,14 +244,14 @@ def _summary(folder: Path, results: Results) -> None:
     if why := decisions.describe_stop(folder):
         console.print_text(why)
     if record.shard is None and not why and record.due < record.runs:
-        rest = "the same command without --limit, or with more, goes on from here"
-        console.print_text(f"{record.due} of the {record.runs} runs of the campaign; {rest}")
+        rest = "the same command without --limit, or with a larger limit, continues"
+        console.print_text(f"computed {record.due} of the campaign's {record.runs} runs; {rest}")
     console.print_text(f"results: {folder}")
 
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """End on SIGTERM and SIGHUP as on Ctrl-C, promptly; exit code 128 + the signal's number."""
+    """Exit on SIGTERM and SIGHUP as on Ctrl-C, with exit code 128 + the number of the signal."""
     with interruption.exit_on_signals(signal.SIGTERM, signal.SIGHUP):
         try:
             with interruption.ended_in_time(ENDED), interruption.held_back():
@@ -263,17 +269,18 @@ def search(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Search for the smallest harmful fault, the deciding inputs, or the probability of a rare
-    event.
+    """Search for the smallest harmful fault, the inputs that matter most, or the probability of a
+    rare event.
 
-    Finished runs are always kept, and the same command continues. `run` has the same exit codes.
+    Finished runs are always kept, and the same command continues. Exit codes are those of
+    `ravenjax run`.
 
     Parameters
     ----------
     file
-        Search file, or the name of a bundled one (see `ravenjax campaigns`).
+        Search file, or the name of a bundled search (see `ravenjax campaigns`).
     out
-        folder; default results/NAME of the search
+        folder to write; default results/NAME of the search
     """
     from ravenjax.analyses.search import runner
     from ravenjax.analyses.search.file import loading

@@ -24,7 +24,7 @@ PLAIN_EVERY_S = 5.0
 
 
 class Watch:
-    """Shows a campaign's progress: a bar in a terminal, otherwise a line now and then.
+    """Shows a campaign's progress: a bar in a terminal, otherwise a line every few seconds.
 
     Use it as a context manager.
     """
@@ -97,22 +97,24 @@ def run_checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, 
 
 
 def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
-    """Return (name, runs, share of the total) of numbers of runs, most frequent first, without "".
+    """Return table rows (name, runs, share of the total), most frequent first, without name "".
 
-    Repeats of a fault count separately, so a share has no interval here. The report counts every
-    fault once.
+    counts: number of runs by name. Repeats of a fault count separately, so the shares have no
+    intervals. The report counts every fault once.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
 
     def share(n: int) -> str:
+        # A share below 0.05 % would be printed as 0.0 %.
         return f"{100 * n / total:.1f} %" if 2000 * n >= total else "< 0.1 %"
 
     return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
 def count_evading(runs: Mapping[str, int], limit_mm: float, own: str = "") -> str:
-    """Return how many runs evade, and how many of these have a cue. runs: counts by verdict. own:
-    what counts as harm, if the campaign has harms of its own.
+    """Return a sentence: how many runs evade, and how many of these have a cue.
+
+    runs: number of runs by verdict. own: name of the harm, if the campaign defines harms itself.
     """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     motion = verdict.HAZARDS[0]

@@ -1,4 +1,4 @@
-"""Commands of the training session: `train`, `robot`, `study`, `log`."""
+"""Commands of the training session: `ravenjax train`, `robot`, `study`, `log`."""
 
 import contextlib
 import signal
@@ -17,10 +17,10 @@ ConsoleProfile = Annotated[str, Parameter("--console")]
 Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
 Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
 
-log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
+log = App(name="log", help="Repair and convert recordings of sessions and traces of runs.")
 study = App(
     name="study",
-    help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.",
+    help="Compare groups of sessions (ravenjax study FOLDERS), and assign participants to groups.",
 )
 
 
@@ -48,69 +48,72 @@ def train(
     robot: str | None = None,
     crtk: Crtk = None,
 ) -> None:
-    """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the
+    """Train on one robot in real time, in the browser: move it, respond to a hazard, and read the
     debrief.
 
     Parameters
     ----------
     scenario
-        Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
+        Scenario file, or the name of a bundled scenario (see `ravenjax campaigns`).
     out
         session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED
     seed
-        of the hazards' timing; default the scenario's
+        seed of the times of hazards; default the scenario's
     participant
-        who drives, for studies
+        code of the participant of a study
     group
         group of the study
     cue
-        whether the force is felt; default the scenario's
+        whether the operator feels the force of the cue; default the scenario's
     blinded
-        hide from everybody which group this is; default the scenario's
+        hide the group from everybody; default the scenario's
     script
-        drive by a scripted operator, or by a recorded FILE.jsonl
+        name of a scripted operator who moves the robot, or a recorded FILE.jsonl
     page
         serve the page in the browser
     headless
-        as fast as it goes, without clock and page
+        simulate as fast as possible, without clock and page
     linger
-        s that the page stays after the end; default until Ctrl-C
+        time in s for which the page stays after the end; default until Ctrl-C
     host
-        address to listen on; others than this machine's need a token
+        address to listen on; addresses that other machines can reach need a token
     port
-        of the page; 0: any free one
+        TCP port of the page; 0: any free port
     token
-        that the page asks for; made up where one is needed
+        token that the page requires; default a new token if one is needed
     instructor_token
-        that makes an instructor; default a new one for each session
+        token of the instructor; default a new token for each session
     itp_port
-        also take an ITP console on this UDP port (36000)
+        also accept an ITP console on this UDP port (36000)
     console_profile
-        what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+        packets of the ITP console: raven, dv_trainer, a .toml file, or auto
     console_host
-        the only host whose ITP console may drive; default any
+        the only host whose ITP console may move the robot; default any
     robot
-        drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT
+        use a robot on another machine: HOST[:ITP_PORT[:JOINT_PORT]]; JOINT_PORT may be ros1 or
+        ros2
     crtk
-        also speak CRTK: ros2 (DDS) or ros1 (rospy)
+        also use CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.errors import UserError
 
     if not (page or headless or script or crtk) and itp_port is None:
-        raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
-    with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
+        raise UserError(
+            "nobody moves the robot: without the page give --script, --itp-port or --crtk"
+        )
+    with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
             from ravenjax.train import page as pages
             from ravenjax.train.processes import SessionHelpers
 
-            # The page answers at once. The helper processes do their imports beside this one.
+            # The page answers at once, while this process and the helper processes import modules.
             listening = None
             if page:
                 token, instructor_token = pages.choose_tokens(host, token, instructor_token)
                 listening = pages.open_port(host, port, token, instructor_token, console.print_text)
             helpers = SessionHelpers(stack, listening)
-            beginning = f"{scenario}: the session is being prepared; the first time takes longest"
+            beginning = f"{scenario}: preparing the session; the first time takes longest"
             helpers.wait_for(beginning, console.print_text)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
@@ -147,8 +150,8 @@ def train(
     while result.wish is not None:
         console.print_text(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
-        console.print_text(f"{options.scenario.name}: the next session is being prepared")
-        with _words_of_a_stop(), interruption.held_back():
+        console.print_text(f"{options.scenario.name}: preparing the next session")
+        with _exit_with_message(), interruption.held_back():
             result = launch.run_realtime(
                 options, with_page=page, linger_s=linger, say=console.print_text
             )
@@ -156,14 +159,14 @@ def train(
 
 
 @contextlib.contextmanager
-def _words_of_a_stop() -> Iterator[None]:
+def _exit_with_message() -> Iterator[None]:
     """On Ctrl-C or SIGTERM before a session, or a third Ctrl-C in it, print a message and exit."""
     with interruption.exit_on_signals(signal.SIGTERM):
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as stop:
             console.print_text(
-                "stopped; of a session that had begun the recording is kept", console.err
+                "stopped; if a session had begun, its recording is kept", console.err
             )
             raise SystemExit(
                 stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
@@ -183,28 +186,29 @@ def robot(
     console_profile: ConsoleProfile = "raven",
     crtk: Crtk = None,
 ) -> None:
-    """Run the control software and the virtual robot as a process that any ITP console can drive.
+    """Run the control software and the virtual robot as a process that any ITP console can move.
 
     Parameters
     ----------
     scenario
-        Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
+        Scenario with the robot and its hazards. `ravenjax train SCENARIO --robot HOST` connects a
+        session to it.
     seed
-        that draws the hazards; default the scenario's
+        seed with which hazards are drawn; default the scenario's
     host
         address to listen on
     itp_port
-        UDP port of the console; 0: any free one
+        UDP port of the console; 0: any free port
     joint_port
-        TCP port of the joint state; 0: any free one
+        TCP port of the joint state; 0: any free port
     token
-        that orders from other machines must carry
+        token that commands from other machines must contain
     console_host
-        the only host that may drive; default any
+        the only host that may move the robot; default any
     console_profile
-        what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+        packets of the ITP console: raven, dv_trainer, a .toml file, or auto
     crtk
-        also speak CRTK: ros2 (DDS) or ros1 (rospy)
+        also use CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.train import scenario as scenarios
     from ravenjax.train.robot_link import process
@@ -226,17 +230,17 @@ def play(
 ) -> None:
     """Send recorded packets of a console to a robot or a session, at the recorded times.
 
-    Before the first packet the pedal is up for 0.4 s, because a robot counts a pedal only after
-    it was up.
+    Before the first packet the pedal is up for 0.4 s, because a robot accepts a pressed pedal only
+    after the pedal was up.
 
     Parameters
     ----------
     packets
         A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
     to
-        HOST:PORT of the robot or the session (its --itp-port)
+        HOST:PORT of the robot, or of the session (its --itp-port)
     console_profile
-        whose packets they are: raven, dv_trainer, a .toml file, or auto
+        format of the packets: raven, dv_trainer, a .toml file, or auto
     """  # noqa: E501
     from ravenjax.store.motion import packet_file
     from ravenjax.train.robot_link import player
@@ -253,8 +257,9 @@ def play(
 def compare(
     folders: list[Path], *, out: Path = Path("results/study"), unblind: Switch = False
 ) -> None:
-    """Compare groups of training sessions, or with and without the cue, with effect sizes and
-    intervals.
+    """Compare groups of training sessions, or sessions with and without the cue.
+
+    The comparison has effect sizes and confidence intervals.
 
     Parameters
     ----------
@@ -278,12 +283,12 @@ def assign(
     groups: Annotated[list[str], Parameter(consume_multiple=True)] = ["on", "off"],  # noqa: B006
     seed: int = 0,
 ) -> None:
-    """Assign participants to groups at random, balanced in blocks; prints CSV.
+    """Assign participants to groups at random, balanced in blocks, and print the result as CSV.
 
     Parameters
     ----------
     participants
-        Their codes, in the order in which they come.
+        Codes of the participants, in the order of their sessions.
     groups
         names of the groups
     """
@@ -302,16 +307,16 @@ def plan(
     paired: Annotated[bool, Parameter(negative="--parallel")] = True,
     effect: float | None = None,
 ) -> None:
-    """Show what a number of participants can prove: the smallest p, and how many are needed.
+    """Show what a study can prove: the smallest p-value, and the number of participants needed.
 
     Parameters
     ----------
     participants
-        How many, all together.
+        Total number of participants.
     paired
-        each does both conditions, or one of them
+        each participant trains under both conditions; --parallel: under one of them
     effect
-        standardised difference to be found with a power of 0.8
+        standardised difference that the study must find with a power of 0.8
     """
     studies = load_module("training.study")
     console.print_text(studies.describe_plan(studies.plan_study(participants, paired, effect)))
@@ -319,21 +324,22 @@ def plan(
 
 @log.command
 def recover(file: Path, *, out: Path | None = None) -> None:
-    """Repair a recording that was cut short or damaged.
+    """Repair a recording that is truncated or damaged.
 
     Parameters
     ----------
     file
-        session.mcap of a session that was killed.
+        session.mcap of a session whose process was killed.
     out
-        whole file; default FILE.recovered.mcap
+        repaired file; default FILE.recovered.mcap
     """
     from ravenjax.errors import UserError
     from ravenjax.store.logs import mcap_records as store
 
     if out is not None and out.exists() and file.exists() and out.samefile(file):
         raise UserError(
-            f"--out {out}: is the recording itself, expected another file: the damaged one is kept"
+            f"--out {out}: is the recording itself; expected another file, because the damaged"
+            " recording is kept"
         )
     console.print_text(store.recover_records(file, out))
 
@@ -358,7 +364,7 @@ def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> 
 
 @log.command
 def debrief(folder: Path) -> None:
-    """Write the debrief of a session, also of one that was cut short.
+    """Write the debrief of a session, even if the session was interrupted.
 
     Parameters
     ----------

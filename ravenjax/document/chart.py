@@ -1,5 +1,6 @@
-"""Describes charts as data: axes and marks in the units of the data. The module `drawing` draws
-them.
+"""Describes a chart as data: axes, and points and lines in the units of the data.
+
+The module `drawing` draws a chart.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from numpy.typing import ArrayLike
 EMPTY = np.zeros(0)
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
-"""Fraction of a step curve's height below which steps may be merged. No larger step is lost."""
+"""Steps of a curve that are smaller than this fraction of its height may be merged."""
 
 
 def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
-    """Return at most about `most` round numbers from low to high.
+    """Return about `most` round numbers from low to high, or fewer.
 
-    If the ends are not round themselves, the list has one number below and one above them.
+    If the ends are not round numbers, the list contains one number beyond each end.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
@@ -31,7 +32,7 @@ def round_values(low: float, high: float, most: int, *, log: bool = False) -> li
 
 @dataclasses.dataclass(frozen=True)
 class ChartAxis:
-    """One axis: what it shows, and how its values are written."""
+    """One axis of a chart: its title, its range, and the format of its values."""
 
     title: str
     low: float
@@ -39,11 +40,11 @@ class ChartAxis:
     # Values are fractions, written in percent.
     share: bool = False
     log: bool = False
-    # Unit of numbers in words, such as "ms".
+    # Unit of the numbers, such as "ms".
     unit: str = ""
     # A value that is marked, such as zero if values lie on both sides of it.
     line: float | None = None
-    # Names of the places 0, 1, 2 ..., the first on top. They replace the numbers.
+    # Names of the positions 0, 1, 2 ..., which replace the numbers. The first is on top.
     names: tuple[str, ...] = ()
 
     def label(self, value: float) -> str:
@@ -52,7 +53,7 @@ class ChartAxis:
         return f"{text}{NARROW}%" if self.share else text
 
     def words(self, value: float) -> str:
-        """Return a number with its unit, with one decimal more than a tick of its size."""
+        """Return a number with its unit as text; a dash if it is not finite."""
         if not np.isfinite(value):
             return DASH
         if self.share:
@@ -99,11 +100,11 @@ class Curve:
         start: float | None = None,
         end: float | None = None,
     ) -> Curve:
-        """Return a step curve [n] reduced to distinguishable points: the first, the last, and each
-        at which curve or band leaves the interval of RESOLUTION around the previous point.
+        """Return a step curve without points that cannot be distinguished from the point before.
 
-        `start`: points with smaller x are drawn at `start`, because a logarithmic axis has no zero;
-        the last of them holds. `end`: the last value is held until `end`. x must not decrease.
+        The first and the last point are kept. x [n] must not decrease. `start`: smallest x, because
+        a logarithmic axis has no zero; the curve has there the value of the last point with smaller
+        x. `end`: the last value is continued to `end`.
         """
         across = np.asarray(x, float)
         values = np.stack([np.asarray(part, float) for part in (y, low, high) if np.size(part)])
@@ -120,14 +121,14 @@ class Curve:
         return Curve(name, colour, across, *values, step=True)
 
     def at(self, x: float) -> tuple[float, float, float]:
-        """Return value and band at x; NaN outside of the curve and without a band."""
+        """Return the value at x and the ends of its band; NaN outside of the curve."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
-        place = int(np.searchsorted(self.x, x, side="right")) - 1
+        index = int(np.searchsorted(self.x, x, side="right")) - 1
         value, low, high = (
             np.nan
             if not len(part)
-            else float(part[place] if self.step else np.interp(x, self.x, part))
+            else float(part[index] if self.step else np.interp(x, self.x, part))
             for part in (self.y, self.low, self.high)
         )
         return value, low, high
@@ -135,7 +136,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Dots:
-    """Marks, with intervals where they exist; arrays [marks]."""
+    """Marks of a chart, perhaps with intervals; arrays [marks]."""
 
     name: str
     colour: str
@@ -150,7 +151,7 @@ class Dots:
     size: tuple[float, ...] = ()
     # Labels beside the marks.
     texts: tuple[str, ...] = ()
-    # Descriptions of the marks, in words.
+    # Description of each mark.
     tips: tuple[str, ...] = ()
     diamond: bool = False
     visible: bool = True
@@ -224,24 +225,21 @@ class Chart:
         return [table for table in tables if table.rows]
 
     def _curve_numbers(self, curves: Sequence[Curve]) -> Numbers:
-        # The table beside the chart: each curve at up to seven round places of the x axis.
+        # Returns the table below the chart: each curve at up to seven round values of x.
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
         ends = (axis.low, axis.high)
-        places = [
-            place for place in round_values(*ends, 6, log=axis.log) if ends[0] <= place <= ends[1]
-        ]
+        places = [x for x in round_values(*ends, 6, log=axis.log) if ends[0] <= x <= ends[1]]
         if ends[1] not in places and any(
             len(curve.x) and curve.x[-1] >= ends[1] for curve in curves
         ):
             places.append(ends[1])
-        heads = [axis.words(place) for place in places]
+        heads = [axis.words(x) for x in places]
         heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
-        rows = [
-            (curve.name, *(self.y.spread(*curve.at(place)) for place in places)) for curve in curves
-        ]
+        rows = [(curve.name, *(self.y.spread(*curve.at(x)) for x in places)) for curve in curves]
         return Numbers(("", *heads), rows)
 
     def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
+        # Yields the rows of the text table that describes a chart's dots for screen readers.
         if not isinstance(mark, Dots):
             return
         none = np.full(len(mark.x), np.nan)

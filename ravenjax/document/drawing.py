@@ -1,7 +1,8 @@
-"""Draws a chart with matplotlib: on axes, for print, and as SVG for a page.
+"""Draws a chart with matplotlib: on given axes, on paper, and as SVG for an HTML page.
 
-On a page, colours are custom properties of the style sheet, so that charts follow its light and
-dark schemes. SVG groups name their series, so that the page's script can hide them.
+In an SVG, colours are custom properties of the page's style sheet, so that charts follow its light
+and dark schemes. SVG groups have the names of the data series, so that the page's script can hide a
+series.
 """
 
 import io
@@ -22,20 +23,21 @@ from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
-"""Widths of the drawings for a page, px. The style sheet shows one of them."""
+"""Widths of the two drawings of a chart, px. The style sheet shows the one that fits the page."""
 ABOUT = 76
 """Height of titles and ticks, px."""
 BAND, FAINT, MANY = 0.16, 0.07, 3
-"""Opacity of a band. FAINT applies if more than MANY bands overlap."""
+"""Opacity of a band. With more than MANY bands in a chart it is FAINT."""
 LONGEST = 0.05
-"""Largest number of letters of a name beside an axis, per px of the width. Longer names are cut;
-the table of numbers has the full names.
+"""Largest number of letters of a name beside an axis, per px of the width. Longer names are
+truncated; the table of numbers has the full names.
 """
 PX_PER_INCH, LETTERS, NAME = 100, 14, 2.3
-"""In print: scale of a chart's height, letters of a title per inch, inches per name of the legend.
+"""In print: px of a chart's height per inch, letters of a title per inch, and width of a name in
+the legend, inches.
 """
 PRINTED = 0.6
-"""Size of dots and lines in print, relative to a page."""
+"""Size of dots and lines in print, relative to their size on a page."""
 _PAPER, _GRID = "#ffffff", STYLE["grid.color"]
 _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
     INK: "ink",
@@ -67,7 +69,7 @@ def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Mark
 
 
 def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
-    # An SVG whose colours are CSS variables, so that it follows a light or dark page.
+    # Returns an SVG whose colours are CSS variables, so that it follows a light or dark page.
     width, height = WIDTHS[kind], chart.height + ABOUT
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
@@ -90,7 +92,7 @@ def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
 
 
 def with_own_ids(svg: str, prefix: str) -> str:
-    """Return SVG whose ids are unique on a page, by a prefix."""
+    """Return an SVG with a prefix before each id, so that ids are unique on a page."""
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
     svg = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', svg)
     return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", svg)
@@ -99,10 +101,7 @@ def with_own_ids(svg: str, prefix: str) -> str:
 def print_figure(
     charts: Sequence[Chart], width: float, columns: int = 1, title: str = ""
 ) -> Figure:
-    """Return charts as panels, for print, with a legend for each series of any of them.
-
-    `width` in inches.
-    """
+    """Return charts as panels of a figure for print, with one legend. width: inches."""
     heights = [
         0.9 + max(chart.height for chart in charts[first : first + columns]) / PX_PER_INCH
         for first in range(0, len(charts), columns)
@@ -130,9 +129,10 @@ def print_figure(
 
 
 def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
-    """Draw on empty axes. The caller adds legend and titles.
+    """Draw a chart on empty axes. The caller adds legend and titles.
 
-    `page`: add what the page's script needs, and draw curves that are hidden at first.
+    `page`: mark curves for the script of an HTML page, and draw hidden curves, too. `longest`:
+    largest number of letters of a name.
     """
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]
@@ -182,6 +182,7 @@ def _label(mark: Mark) -> str:
 
 
 def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
+    # Draws a curve and its band with matplotlib; yields the drawn elements.
     step: Any = {"step": "post"} if mark.step else {}
     style: Any = {"drawstyle": "steps-post"} if mark.step else {}
     if len(mark.low):
@@ -201,6 +202,7 @@ def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]
 
 
 def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
+    # Draws dots with intervals and labels with matplotlib; yields the drawn elements.
     look: Any = {"color": _colour(mark), "lw": 1.6 * scale, "alpha": 0.55, "zorder": 2}
     if len(mark.x_low):
         yield axes.hlines(mark.y, mark.x_low, mark.x_high, **look)

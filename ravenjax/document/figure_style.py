@@ -1,4 +1,4 @@
-"""Reads matplotlib's settings that all figures share, and those of a page's charts."""
+"""Reads the settings of matplotlib for figures in print and for charts of HTML pages."""
 
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,6 @@
-"""Provides style, script and filters that all pages share, and makes pages from Markdown that work
-without a network.
+"""Makes HTML pages that work without a network, from templates and from Markdown.
+
+The module provides the style sheet, the script and the template filters of all pages.
 """
 
 import math
@@ -20,7 +21,7 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
 def template_environment(*packages: str) -> jinja2.Environment:
-    """Return an environment for these packages' templates, with what every page needs."""
+    """Return a Jinja environment for these packages' templates, with style and script of pages."""
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
             [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
@@ -58,11 +59,11 @@ def escape_json(json: str) -> Markup:
 
 
 def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
-    """Return a page from Markdown (CommonMark with tables) whose first heading is its title.
+    """Convert Markdown (CommonMark with tables) to an HTML page. The first heading is its title.
 
-    `drawings`: SVG text by the file names of the Markdown's images; these are embedded in the page.
-    Other images are replaced by their description. A table is named by the heading before it.
-    Headings get anchors and a list of links.
+    `drawings`: SVG text by the file name of an image, to embed in the page. Other images are
+    replaced by their description. The caption of a table is the heading before it. Headings get
+    anchors and a list of links.
     """
     from markdown_it import MarkdownIt
 
@@ -83,7 +84,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
 
 
 def inline_svg(text: str, name: str) -> str:
-    """Return an SVG file's text as an element of a page, with ids of its own."""
+    """Return the text of an SVG file as an element of a page, with unique ids."""
     from ravenjax.document.drawing import with_own_ids
 
     body = text[text.index("<svg") :].strip()
@@ -93,7 +94,7 @@ def inline_svg(text: str, name: str) -> str:
 
 
 def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
-    """Return the title, the body below it, and id and words of each section.
+    """Return the title, the body without it, and (id, heading) of each section.
 
     Tables get captions and a scrollable container.
     """

@@ -1,4 +1,4 @@
-"""Defines chart colours by meaning, for light and dark backgrounds.
+"""Defines the colours of charts by meaning, for light and dark backgrounds.
 
 The colours remain distinguishable in every form of colour blindness.
 """
@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 
 class Colour(NamedTuple):
-    """One colour in its light and dark variant. Print uses the light one."""
+    """One colour for a white background, which print uses, and for a dark background."""
 
-    light: str  # on white
-    dark: str  # on a dark background
+    light: str
+    dark: str
 
 
 CUE, RESPONSE, SAME = "cue", "response", "same"
@@ -26,12 +26,12 @@ SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 
 
 def series_colour(number: int) -> str:
-    """Return the colour's name of a curve by its number; the names repeat."""
+    """Return the name of the colour of curve `number`. The names repeat."""
     return SERIES[number % len(SERIES)]
 
 
 def palette_css() -> str:
-    """Return the custom properties --NAME of a style sheet, for both schemes."""
+    """Return CSS that defines each colour as --NAME, for light and dark schemes."""
     light, dark = (
         " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())
         for scheme in ("light", "dark")

@@ -1,4 +1,4 @@
-"""Injects faults into arrays of any robot or simulator, with pure functions.
+"""Injects faults into arrays, for example into the observations of any robot or simulator.
 
     from ravenjax import faults
 
@@ -9,15 +9,15 @@
         signal, state, activated = faults.apply(signal, state, tick, fault)
         state = faults.reset(state, done)
 
-A signal is an array of any shape, of floats, integers or truth values, from NumPy, JAX, torch or
-another library of the array API standard. Results are arrays of the same library. With JAX the
-functions work under `jit`, `vmap` and `scan`. Each number of a fault may be an array that
-broadcasts against the signal: for a signal [environments, channels], a value [channels] differs
-between channels, and a value [environments, 1] between environments. `tick`, `clock` and `done`
-have the leading axes of the signal, such as [] or [environments].
+All functions are pure. A signal is an array of any shape, of floats, integers or truth values, from
+NumPy, JAX, torch or another library of the array API standard. Results are arrays of the same
+library. With JAX the functions work under `jit`, `vmap` and `scan`. Each number of a fault may be
+an array that broadcasts against the signal. For a signal [environments, channels], a value
+[channels] differs between channels, and a value [environments, 1] between environments. `tick`,
+`clock` and `done` have the leading axes of the signal, such as [] or [environments].
 
-The tick of campaigns computes effects and windows with the same code. Integers and truth values
-are converted to float32 and back, as in int32 and bool channels of a campaign. Bit flips are not.
+Campaigns compute effects and windows with the same code. As in campaigns, integers and truth values
+are converted to float32 and back, except by bit flips.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
 __all__ = ["Fault", "State", "apply", "init", "reset"]
 
 ENDLESS = 2**31 - 1
-"""Duration of a window that stays open."""
+"""Duration of a fault that never ends, ticks."""
 _EFFECTS = (*(name for name in EFFECTS if name not in NETWORK_EFFECTS), "delay")
 _ABSENT = {"value": 0, "every": 0, "period": 1, "key": 0}
-"""Numbers of a fault that does not use them."""
+"""Values of arguments that a fault does not use."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fault:
-    """What a fault does to a signal, and when; with JAX a pytree whose effect is static.
+    """A fault: its effect on a signal, and when it acts. With JAX a pytree with static effect.
 
     effect: as in a campaign's `[[group.fault]]`. The only network effect is "delay": the signal
-    of `value` ticks ago. value: as the effect defines it, in the signal's unit.
+    of `value` ticks ago. value: value of the effect, in the signal's unit.
 
-    The window opens `start` ticks after the reset and lasts `duration` ticks; with `every` it opens
-    again after each `every` ticks. With `probability` a window of `duration` ticks begins with that
-    probability in each tick from `start` on in which none is open. period: ticks, of effect
-    periodic.
+    The fault acts from `start` ticks after the reset for `duration` ticks, and again every `every`
+    ticks. With `probability` it starts at random: in each tick from `start` in which it does not
+    act, it starts with this probability, and acts for `duration` ticks. period: period of effect
+    periodic, ticks.
 
-    key: int32, selects the random numbers of effect random and of `probability`. The elements that
-    share a key share their windows. The numbers of effect random differ in each element. at: bool,
-    where the fault may act.
+    key: int32, key of the random numbers of effect random and of `probability`. Elements of the
+    signal with the same key start at the same time. Effect random has different numbers in each
+    element. at: bool, elements on which the fault may act.
 
-    Raises UserError, a ValueError, for an unknown effect, a missing number, a number that would
-    have no effect, and a number out of range.
+    Raise UserError, a ValueError, for an unknown effect, and for a number that is missing, unused
+    or out of range.
     """
 
     effect: str
@@ -96,7 +96,7 @@ class Fault:
         if self.effect in ("bit_flip", "delay"):
             bounds["value"] = (0, 31 if self.effect == "bit_flip" else ENDLESS)
         for name, (low, high) in bounds.items():
-            # Numbers that are traced or on a device are not looked at.
+            # Numbers that are traced or on a device are not checked.
             if isinstance(numbers := getattr(self, name), int | float | list | tuple | np.ndarray):
                 for number in np.ravel(numbers).tolist():
                     if not low <= number <= high:
@@ -114,20 +114,19 @@ when_loaded(
 
 @record
 class State:
-    """The state of one fault on one signal; its arrays have the signal's shape."""
+    """The state of one fault on one signal. Its arrays have the signal's shape."""
 
-    # Whether the window is open, and activation since the reset: first_tick and last_tick (-1:
-    # never), changed_ticks.
+    # Whether the fault acts, and when it changed the signal since the reset: first_tick and
+    # last_tick (-1: never), changed_ticks.
     slot: SlotState
-    began: Scalar  # int32, tick of the first call since the reset; -1: none
-    history: tuple[Scalar, ...]  # numbers of the ticks before, newest first, for effect delay
+    began: Scalar  # int32, tick of the first call since the reset; -1: no call
+    history: tuple[Scalar, ...]  # signals of earlier ticks, newest first, for effect delay
 
 
 def init(signal: Any, fault: Fault) -> State:
-    """Return the state before the first tick. The numbers of `signal` do not matter.
+    """Return the state before the first tick. Only the shape and type of `signal` are used.
 
-    With effect delay, `fault.value` must be known here, not traced: it is the length of the
-    history.
+    With effect delay, `fault.value` must not be traced, because it is the length of the history.
     """
     with at_once(signal) as signal:
         depth = 0
@@ -147,11 +146,11 @@ def reset(state: State, done: Any) -> State:
 def apply(
     signal: Any, state: State, tick: Any, fault: Fault, clock: Any = None
 ) -> tuple[Any, State, Any]:
-    """Return the signal after the fault, the new state, and where the fault changed a bit (bool).
+    """Return the signal with the fault, the new state, and which elements changed a bit (bool).
 
-    Call it once in each tick. tick: int, counts all ticks and is not reset. clock: int, the time
-    of fault windows, such as ticks since a trigger; negative keeps windows closed. None: ticks
-    since the reset.
+    Call this function once in each tick. tick: int, counts all ticks and is not reset. clock: int,
+    time with which `start` is compared, such as ticks since a trigger; while it is negative, the
+    fault does not act. None: ticks since the reset.
     """
     with np.errstate(all="ignore"), at_once(signal) as signal:
         shape, (kind, real) = signal.shape, _kind_and_real(signal)
@@ -194,17 +193,17 @@ def apply(
 
 
 def _kind_and_real(signal: Any) -> tuple[str, Any]:
-    """Return the kind of a campaign's channel with such numbers, and the type to compute with."""
+    """Return the number type of a fault channel for this signal, and the type of computations."""
     name = str(signal.dtype)
     if "float" in name:
         return "float", signal.dtype
     if "int" not in name and "bool" not in name:
-        raise UserError(f"signal holds {name}, expected floats, integers or truth values")
+        raise UserError(f"signal has type {name}, expected floats, integers or truth values")
     return "int32" if "int" in name else "bool", jnp.float32
 
 
 def _start(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
-    # State before the first tick: windows are closed, and no value was seen.
+    # Returns the state before the first tick: the fault does not act, and no signal is known.
     def filled(x: float, dtype: Any = jnp.int32) -> Any:
         return _spread("", x, shape, dtype)
 
@@ -214,13 +213,14 @@ def _start(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State
 
 
 def _leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
-    """Return whole numbers for the signal's leading axes, spread over its other ones."""
+    """Broadcast int32 numbers for the leading axes of the signal to its whole shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
     return _spread(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
 
 
 def _spread(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+    # Converts an argument to an array of the signal's shape.
     x = jnp.asarray(x, dtype=dtype)
     try:
         return jnp.broadcast_to(x, shape)

@@ -1,10 +1,12 @@
-"""Computes with NumPy, before a run, when the fault windows of many faults are open.
+"""Computes, before a run, in which ticks its faults are active.
 
-The clock of a trigger rises by at most one per tick. Time is 0 in tick 0. The number of packets is
-1 in tick 0. Pedal time starts at 0 whenever the pedal goes down. A window opens when its clock
-reaches `start`. From then on, take the reading minus `start`, modulo `every` if `every` is not 0.
-The window is open while this number is less than `duration` (see `window`). This module does not
-depend on the robot.
+A fault is active while its *window* is open. A *clock* counts ticks, packets of the console, or
+ticks since the pedal went down. A clock rises by at most one per tick. It is 0 in tick 0, except
+that the count of packets is 1. Pedal time starts at 0 whenever the pedal goes down.
+
+A window opens when its clock reaches `start`. From then on, take the reading minus `start`, modulo
+`every` if `every` is not 0. The window is open while this number is less than `duration` (see
+`window`). The functions use NumPy and do not depend on the robot.
 """
 
 import dataclasses
@@ -13,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 NEVER = 2**62
-"""Used for a reading or tick that never comes."""
+"""Replaces a reading or a tick that never occurs."""
 
 
 class Opening(NamedTuple):
@@ -24,7 +26,7 @@ class Opening(NamedTuple):
     every: np.ndarray  # 0: the window opens once
 
     def first(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
-        """Return the least reading from `low` to `high` at which the window is open, or NEVER."""
+        """Return the smallest reading from `low` to `high` with an open window, or NEVER."""
         reading = np.maximum(low, self.start)
         repeats = self.every > 0
         beyond = (reading - self.start) % np.where(repeats, self.every, NEVER)
@@ -33,7 +35,7 @@ class Opening(NamedTuple):
         return np.where(reading <= high, reading, NEVER)
 
     def last(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
-        """Return the greatest reading from `low` to `high` at which the window is open, or -1."""
+        """Return the largest reading from `low` to `high` with an open window, or -1."""
         beyond = (high - self.start) % np.where(self.every > 0, self.every, NEVER)
         reading = high - np.maximum(beyond - self.duration + 1, 0)
         return np.where(reading >= np.maximum(low, self.start), reading, -1)
@@ -44,7 +46,8 @@ class Arrivals(Protocol):
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
-        For a packet after the run's end, any later tick is returned.
+
+        For a packet after the end of the run, the result is any later tick.
         """
         ...
 
@@ -55,14 +58,14 @@ class Arrivals(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PedalPhases:
-    """Times at which the pedal is down in a run, until a stop."""
+    """Times at which the pedal is down in a run, unless a check stops the robot."""
 
-    begins: np.ndarray  # int64 [phases], ticks in which the pedal clock reads 0, ascending
-    ends: np.ndarray  # int64 [phases], first tick after each phase, or the run's end
-    later: int | None = 0  # Ticks by which each of these times may be delayed; None: unknown
+    begins: np.ndarray  # int64 [phases], ticks in which the pedal clock is 0, ascending
+    ends: np.ndarray  # int64 [phases], first tick after each phase, or the end of the run
+    later: int | None = 0  # number of ticks by which these times may be delayed; None: unknown
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after which no window is open, or 0 if none ever is."""
+        """Return the first tick after the last window of each fault; 0 if no window opens."""
         after = np.zeros(len(opening.start), np.int64)
         if self.later is None:
             return np.full_like(after, ticks)
@@ -81,16 +84,16 @@ class Clocks:
     arrivals: Arrivals | None  # None: a fault may stop the packets
     phases: tuple[PedalPhases, ...]
     kind: np.ndarray  # int [runs], index in `phases`
-    # bool [channels], by code: whether faults on the channel move the pedal, other than by stopping
-    # the robot
+    # bool [channels], by code: True if faults on the channel may change the pedal, other than by
+    # stopping the robot
     moved: np.ndarray
 
     def first_down(self, ticks: int) -> np.ndarray:
-        """Return the tick in which the pedal is first down in each run; `ticks`: in none."""
+        """Return the first tick with the pedal down in each run; `ticks` if there is none."""
         return np.array([min((*phases.begins, ticks)) for phases in self.phases])[self.kind]
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window; 0: none opens. For packet triggers."""
+        """Return the first tick after the last window on the packet clock; 0: no window opens."""
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
@@ -106,9 +109,9 @@ class Clocks:
         )
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window on the pedal clock; 0: none ever opens.
+        """Return the first tick after the last window on the pedal clock; 0: no window opens.
 
-        For runs in which no fault moves the pedal.
+        The result is valid for runs in which no fault changes the pedal.
         """
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):

@@ -1,4 +1,4 @@
-"""Defines a fault as numbers, its state, and its window on the trigger's clock, for any robot."""
+"""Defines a fault as numbers, the state of a fault, and the rule by which a fault is active."""
 
 from ravenjax.numbers import Scalar, Setup, jnp, lax, record, replace
 from ravenjax.vocabulary.effects import TRIGGER_CODES
@@ -50,7 +50,7 @@ class FaultState:
 
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:
-    """Return what the faults have done so far, as columns of the result table."""
+    """Return when and how often each fault changed its channel, as columns of the result table."""
     out: dict[str, Scalar] = {}
     first, ticks = jnp.int32(-1), jnp.int32(0)
     for k, slot in enumerate(state.slots):
@@ -78,7 +78,7 @@ def init(setup: Setup) -> FaultState:
 
 @record
 class TriggerClocks:
-    """The clocks that fault triggers read, all int32."""
+    """The clocks that determine when faults act, all int32."""
 
     tick: Scalar  # ticks since the run began
     packet: Scalar  # sequence number of the console's newest packet
@@ -86,7 +86,7 @@ class TriggerClocks:
 
 
 def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    # Opens the slot's window by the clock of its trigger: time, packets or pedal.
+    # Updates whether the slot's fault acts, from the clock of its trigger: time, packets or pedal.
     used = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[used[0]]
@@ -100,9 +100,9 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
 
 
 def open_window(fault: FaultSlot, state: SlotState, since: Scalar) -> SlotState:
-    """Update whether a slot acts in this tick, and since when.
+    """Update whether the fault of a slot acts in this tick, and for how many ticks it has acted.
 
-    since: int32, the clock's reading minus the start of the window; negative: not yet open.
+    since: int32, the clock's reading minus the start of the fault; negative: before the start.
     """
     repeats = fault.every > 0
     cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
@@ -114,11 +114,13 @@ def open_window(fault: FaultSlot, state: SlotState, since: Scalar) -> SlotState:
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Update which slots act in this tick, and since when. Call once per tick, before any site.
+    """Update which faults act in this tick. Call this once per tick, before any fault site.
 
-    Windows are counted on the trigger's clock: one in packets stays open while its packet lasts.
+    Start and duration are on the trigger's clock. A fault that counts packets acts in all ticks of
+    a packet.
     """
-    if not setup.injection.triggers:  # the campaign has slots, but no run has a fault
+    # The campaign may have slots although no run has a fault.
+    if not setup.injection.triggers:
         return state
     return FaultState(
         tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True))

@@ -1,8 +1,9 @@
-"""Injects faults into the signals at the seams of a tick; for any robot.
+"""Injects faults into the signals of a simulated robot, between two parts of its tick.
 
-Sites and channels are declared in `ravenjax.vocabulary.sites`. A campaign's `Setup.injection` names
-the sites that it uses, and only these add code to the tick. At a site, each fault slot selects its
-channel, applies its effect once, and writes the result back. Every other channel keeps its bits.
+Fault sites and channels are declared in `ravenjax.vocabulary.sites`. The setting `Setup.injection`
+of a campaign names the sites with faults, and only these sites add code to the tick. At a site,
+each fault slot selects its channel, applies its effect once, and writes the result back. Every
+other channel keeps its bits.
 """
 
 import dataclasses
@@ -37,7 +38,10 @@ def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
 
 
 def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    """Return the float that replaces `x` under an effect; `flip_bit` does so for whole numbers."""
+    """Return the float that replaces `x` under an effect.
+
+    For whole numbers under effect bit_flip, `flip_bit` is used instead.
+    """
     match effect:
         case "overwrite":
             return fault.value
@@ -50,8 +54,8 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
         case "drift":
             return x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
         case "stuck":
-            # A window that is open from the first tick on has no earlier value. It holds that
-            # tick's number.
+            # A fault that acts from the first tick has no earlier value, so it keeps the number of
+            # the first tick.
             return jnp.where(slot.before == slot.before, slot.before, x)
         case "bit_flip":
             pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
@@ -65,7 +69,7 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
             uniform = lax.convert_element_type(random_uniform(fault.key, tick, 0), x.dtype)
             return fault.value * (2.0 * uniform - 1.0)
         case "lose":
-            # The ticks that the present loss still lasts; 0: none. `latched` has them.
+            # Remaining ticks of the current loss, stored in `latched`; 0: no loss.
             before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
             length = lax.convert_element_type(fault.period, x.dtype)
             return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
@@ -74,9 +78,9 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
 
 
 class Strike:
-    """One fault acts on one number in one tick.
+    """The action of one fault on one number in one tick.
 
-    hit: bool, whether it acts: its window is open, and its channel is `here` and `present`.
+    hit: bool, True if the fault acts in this tick, on a channel of this site, which is present.
     """
 
     def __init__(
@@ -89,7 +93,10 @@ class Strike:
         here: Scalar,
         present: Scalar,
     ) -> None:
-        """Compute the float that replaces `x`, a float; the fault's effect is one of `effects`."""
+        """Compute the float that replaces `x`. effects: all effects that occur at the site.
+
+        here: bool, the fault's channel is one of the site. present: bool, the signal exists.
+        """
         first, *others = effects
         y = _affected(first, x, fault, slot, tick)
         for name in others:
@@ -106,11 +113,14 @@ class Strike:
         self._fault, self._slot, self._x, self._tick, self._here = fault, slot, x, tick, here
 
     def replacement(self, kind: str, number: Scalar) -> tuple[Scalar, Scalar]:
-        """Return what a channel of that kind holds instead of `number`, and whether it differs."""
+        """Return the number that replaces `number` in a channel of this type, and whether they
+        differ in a bit.
+        """
         value = _store(kind, self._y, number)
         differs = value != number
         if self._may_flip and kind == "float":
-            # flipping the lowest bit of 0 gives a denormal, which an engine may treat as 0
+            # Flipping the lowest bit of 0 gives a denormal, which compares equal to 0 on engines
+            # that flush denormals.
             differs = differs | self._flips
         elif self._may_flip:
             bits = flip_bit(lax.convert_element_type(number, jnp.int32), self._fault)
@@ -120,7 +130,7 @@ class Strike:
         return value, differs
 
     def slot_after(self, changed: Scalar) -> SlotState:
-        """Return the slot's state after this tick, in which the fault `changed` a bit or not."""
+        """Return the slot's state after this tick. changed: bool, the fault changed a bit."""
         slot, tick = self._slot, self._tick
         return replace(
             slot,
@@ -140,11 +150,11 @@ Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]
 """(site, arm or "", channel)."""
 Target = tuple[Path, str]
-"""Path of a channel in its site's signal, and its kind."""
+"""Path of a channel in the signal of its site, and the channel's number type."""
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return every channel that faults change; a fault's code is the index plus one."""
+    """Return all channels with faults. The code of a fault is the index of its channel plus 1."""
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
@@ -170,7 +180,7 @@ def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """Return `y` (float) as the channel stores it. A number beyond int32 becomes -2147483648."""
+    """Convert `y` (float) to the channel's type. A number beyond int32 becomes -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -186,7 +196,7 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
 
 @dataclasses.dataclass(eq=False)
 class Injector:
-    """Injects faults by `inject(site, signal)` in one tick, from site to site."""
+    """Injects faults in one tick: call it with each site and its signal, in order."""
 
     setup: Any  # a setup of the robot's class
     # Path in its site's signal and kind of each channel of `channel_keys`; the kinds are "int16",
@@ -214,7 +224,7 @@ class Injector:
         return params
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """Return a site's signal after its faults, which act only if it is `present` (bool)."""
+        """Return the signal of a site with its faults. present: bool, the signal exists."""
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -235,7 +245,10 @@ class Injector:
         signal: Any,
         present: Scalar,
     ) -> tuple[SlotState, Any]:
-        """Apply one slot at one site; `targets` are (code, path, kind) of the site's channels."""
+        """Apply one fault slot at one site. Return the slot's state and the signal.
+
+        targets: (code, path, number type) of the site's channels.
+        """
         real, tick = self.setup.precision.real, self.clock.tick
         numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
         aims = [fault.code == code for code, _, _ in targets]
@@ -260,7 +273,7 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
-    """Return path and kind of each channel with faults that the robot declares."""
+    """Return path and number type of each channel with faults, except of parameters."""
     table = {}
     for site, arm, name in (key for key in channel_keys(setup) if key[0] != PARAMETER):
         channel = robot.sites[site].channel(name)

@@ -1,4 +1,4 @@
-"""A vector environment of Gymnasium with faults on its actions and observations."""
+"""Wraps a vector environment of Gymnasium, to inject faults into its actions and observations."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from ravenjax import faults
 
 
 class FaultyVectorEnv(VectorWrapper):
-    """Wraps a Gymnasium `VectorEnv` whose actions or observations have faults.
+    """A Gymnasium `VectorEnv` with faults in its actions or observations.
 
-    The faults of each list act one after the other on an array [environments, ...]. They may leave
-    the action or observation space. `info["faults"]` has the keys actions and observations, each a
-    list of bool arrays: where each fault changed a bit. Windows restart with each episode, and
-    random numbers with each `reset(seed=...)`. `info["final_obs"]` has no faults.
+    The faults of each list act one after the other on an array [environments, ...]. Faulty values
+    may be outside of the action or observation space. `info["faults"]` has the keys actions and
+    observations, each a list of bool arrays that mark changed elements. Start times count from the
+    beginning of an episode, random numbers from the last `reset(seed=...)`. `info["final_obs"]` has
+    no faults.
 
     Needs gymnasium (`pip install 'ravenjax[gym]'`).
     """
@@ -59,7 +60,8 @@ class FaultyVectorEnv(VectorWrapper):
         self._states = {key: faults.reset(one, done) for key, one in self._states.items()}
 
     def _strike(self, side: str, signal: Any) -> tuple[Any, list[Any]]:
-        # Applies the faults of one side in order. Returns the signal, and where each changed it.
+        # Applies the faults of actions or observations. Returns the signal, and for each fault
+        # which elements it changed.
         masks = []
         for key, fault in enumerate(self._faults[side]):
             state = self._states.get((side, key)) or faults.init(signal, fault)

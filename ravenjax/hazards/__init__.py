@@ -1,5 +1,6 @@
-"""Holds the hazard library: what can go wrong with this robot, from console to cables.
+"""The hazard library: published hazards of the Raven-II, from the console to the cables.
 
-`library` reads and checks the data. `expansion` turns a campaign's group that names hazards into
-plain groups. `ranges` holds the normal range of each channel. `listing` puts hazards into words.
+`library` reads and checks the hazards. `expansion` converts a campaign's group that names hazards
+into ordinary groups of runs. `ranges` reads the normal range of each channel. `listing` describes
+hazards as text.
 """

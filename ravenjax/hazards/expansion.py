@@ -1,16 +1,16 @@
-"""Expands a campaign's group that names hazards into plain groups, one for each case.
+"""Expands a group of a campaign file that names hazards into ordinary groups, one for each case.
 
     [[group]]
     name = "library"
     hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
     start_ms = 1200             # optional, like arm, value, duration_ms: replaces the library's
 
-Groups without `hazards` are left unchanged. The plain groups are checked like any other group.
+Groups without `hazards` are left unchanged. The new groups are checked like any other group.
 
 In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
-both acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
--green at the end of its name. `arm` overrides this with one arm or a list of arms. Sites without an
-arm get one group.
+both arms acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
+-green at the end of its name. The key `arm` overrides this with one arm or a list of arms. Fault
+sites without an arm get one group.
 """
 
 import itertools
@@ -29,22 +29,22 @@ KEY = "hazards"
 ALL = "all"
 _TABLES = resources.read_tables(__file__, "expansion.toml")
 OVERRIDES, PASSED_ON = _TABLES["overrides"], _TABLES["passed_on"]
-"""Keys of a fault that such a group may set for all its hazards, and keys that plain groups
-inherit, with their meanings.
+"""Keys of faults that a group with hazards may set for all its hazards, and keys that the ordinary
+groups inherit, with their meanings.
 """
 KEYS: dict[str, str] = _TABLES["keys"] | OVERRIDES | PASSED_ON
 """Keys that a group with hazards may have."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
-"""Keys whose values are combined if several channels are faulty together."""
+"""Keys whose values are combined if several channels are faulty in the same run."""
 
 LARGEST = 1e300
-"""Largest magnitude of a value that can be shared among channels."""
+"""Largest magnitude of a value that is divided among channels."""
 
 
 class WrongGroup(UserError):
-    """A group with hazards that cannot be expanded.
+    """Raised for a group with hazards that cannot be expanded.
 
-    `key` is the wrong key: of the group or, if raised by `expand_tables`, of the file.
+    `key` is the wrong key of the group, or of the file if `expand_tables` raised the error.
     """
 
     def __init__(self, key: str | tuple[str | int, ...], message: str) -> None:
@@ -53,10 +53,10 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """Return a campaign's tables with plain groups only, and the index of the group of each.
+    """Return a campaign's tables with only ordinary groups, and for each of these the index of its
+    group in the file.
 
-    Values that are not a list of tables are passed on, for later checks to refuse. Raises
-    WrongGroup.
+    Groups that are not a list of tables are left for later checks. Raise WrongGroup.
     """
     groups = raw.get("group")
     if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
@@ -78,11 +78,10 @@ def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
 
 
 def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """Return the plain groups of a raw table [[group]] of a campaign file with these arms.
+    """Return the ordinary groups of a table [[group]] of a campaign file with these arms.
 
-    They are named GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. The name ends in -ARM
-    if faults act on each arm in separate groups. arms: () for a campaign with one arm, on which all
-    faults of an arm then act. Raises WrongGroup.
+    Their names are GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. If each arm has a
+    separate group, the name ends in -ARM. arms: () for a campaign with one arm. Raise WrongGroup.
     """
     if KEY not in group:
         return [dict(group)]
@@ -91,7 +90,7 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
             message = describe_unknown_name("key", key, KEYS)
             raise WrongGroup(key, f"a group that names hazards has an {message}")
     if not isinstance(group.get("name"), str):
-        raise WrongGroup("name", "missing: names the group in tables and report")
+        raise WrongGroup("name", "missing: name of the group in tables and in the report")
     return [
         table
         for hazard in select_hazards(group[KEY])
@@ -119,12 +118,13 @@ def hazard_words() -> list[str]:
 
 
 def _named(word: str) -> list[Hazard]:
-    # Hazards by id or layer, or all. One that cannot be run is refused only if named alone.
+    # Returns the hazards that a word names. A hazard that cannot be simulated is an error only if
+    # the word is its id.
     named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable
     for row in named:
-        raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
+        raise WrongGroup(KEY, f"{word} ({row.title}) cannot be simulated: {row.documented_only}")
     hint = suggest_name(word, hazard_words())
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
@@ -132,7 +132,7 @@ def _named(word: str) -> list[Hazard]:
 def _groups(
     group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
-    # Yields the groups of a hazard's case, one for each choice of arms.
+    # Yields the ordinary groups of a hazard's case, one for each choice of arms.
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
@@ -154,7 +154,7 @@ def _groups(
 def _arm_choices(
     hazard: Hazard, arm: Any, arms: Sequence[str]
 ) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return (suffix of the name, arms with faults in the same run) for each group of a case."""
+    """Return (suffix of the name, arms with faults in a run) for each group of a case."""
     if arm is not None:
         named = _listed(arm) or [arm]
         return [(f"-{name}" if len(named) > 1 else "", (name,)) for name in named]
@@ -168,29 +168,29 @@ def _arm_choices(
 def _mistakes(
     case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[tuple[str, str]]:
-    """Yield (key, message) for each override that does not suit a case."""
+    """Yield (key, message) for each override that a case does not permit."""
     first, *others = case.fault
     if "value" in overrides and others:
-        yield "value", f"strikes {len(case.fault)} channels, each with a value of its own"
+        yield "value", f"has faults on {len(case.fault)} channels with different values"
     if "value" in overrides and not EFFECTS[first.effect].takes_value:
-        yield "value", f"has effect {first.effect!r}, which takes none"
+        yield "value", f"has effect {first.effect!r}, which has no value"
     for key, value in (("arm", [] if [] in arms else None), *overrides.items()):
         got = format_value(value)
         if value == []:
             yield key, "has an empty list, expected at least one value"
         if (others or first.along or len(arms) > 1) and isinstance(value, dict):
             what = "both arms" if len(arms) > 1 else "several channels"
-            yield key, f"strikes {what} at once, expected numbers, got {got}"
+            yield key, f"has faults on {what} in the same run, expected numbers, got {got}"
         if others and isinstance(value, list):
             yield key, f"has faults on several channels, expected one number, got {got}"
         if key == "value" and first.along and not all(map(_is_number, _listed(value))):
-            yield key, f"shares its value among channels, expected finite numbers, got {got}"
+            yield key, f"divides its value among channels, expected finite numbers, got {got}"
 
 
 def _slots(
     struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
-    """Yield a [[group.fault]] table for each channel and arm that are faulty together."""
+    """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
     table = struck.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
     )

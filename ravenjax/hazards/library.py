@@ -1,8 +1,8 @@
-"""Reads the hazard library: one TOML file per layer, with one row per hazard.
+"""Reads the hazard library: one TOML file per layer of the robot, with one entry per hazard.
 
-A row states what was published (target, kind, values, timing, expected outcome, impact, source).
-Its cases state how the simulator runs the hazard; a row without cases states why it cannot. The
-terms are explained in `data/terms.toml`.
+An entry contains what was published: target, kind, values, timing, expected outcome, impact and
+source. Its *cases* define how the hazard is simulated. An entry without cases gives the reason. The
+file `data/terms.toml` explains the terms.
 """
 
 import tomllib
@@ -21,7 +21,7 @@ DATA = Path(__file__).with_name("data")
 
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
-"""One number, a list of numbers, or a distribution, as in a campaign file."""
+"""One number, a list of numbers, or a distribution, with the form of a campaign file."""
 
 
 class LibraryTable(BaseModel):
@@ -31,11 +31,11 @@ class LibraryTable(BaseModel):
 
 
 class Struck(LibraryTable):
-    """One fault slot of a case: the keys of [[group.fault]], and `along` in place of channel."""
+    """One fault of a case: the keys of [[group.fault]], or `along` instead of channel."""
 
     site: str
     channel: str | tuple[str, ...] | None = None
-    # Channels that are faulty together, and the share of the value for each
+    # Channels that are faulty in the same run, and the share of the value for each
     along: dict[str, float] | None = None
     effect: str
     value: Numbers | None = None
@@ -62,54 +62,56 @@ class Struck(LibraryTable):
 
 
 class Case(LibraryTable):
-    """One way of running a hazard: the faults of one run, and a design."""
+    """One way to simulate a hazard: the faults of one run, and a design."""
 
-    name: str = ""  # Distinguishes the cases of a row
+    name: str = ""  # distinguishes the cases of a hazard
     design: Literal["grid", "zip", "lhs", "random"] = "grid"
     runs: int | None = Field(default=None, ge=1)
     fault: tuple[Struck, ...] = Field(min_length=1)
 
 
 class Hazard(LibraryTable):
-    """One row of the library."""
+    """One hazard of the library. The source is the publication that describes it."""
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
     layer: str = Field(pattern=r"^L([1-9]|10)$")  # layer of the loop, L1 console .. L10 mechanics
     title: str = Field(min_length=1)
-    target: str = Field(min_length=1)  # What the source names as the target
-    # The arm that the source attacks. both: at once; either or none: each arm in turn, if there are
-    # two
+    target: str = Field(min_length=1)  # target of the fault, in the words of the source
+    # Faulty arm in the source. both: in the same run; either or None: each arm in another run
     arm: Literal["gold", "green", "both", "either"] | None = None
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
-    # D dynamics and control, S state machine and PLC, O operator, X beyond a simulator
+    # Models that a simulation needs: D dynamics and control, S state machine and PLC, O operator,
+    # X more than a simulator has
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(min_length=1)
     kind: str = Field(min_length=1)
-    values: str = Field(min_length=1)  # As the source states them
-    when: str = Field(min_length=1)  # trigger, onset and duration as the source has them
-    expected: str = Field(min_length=1)  # outcome in the source's words
+    values: str = Field(min_length=1)  # values in the source
+    when: str = Field(min_length=1)  # trigger, start and duration in the source
+    expected: str = Field(min_length=1)  # outcome in the words of the source
     expected_class: tuple[str, ...] = Field(min_length=1)
-    activated: int | None = Field(default=None, ge=0)  # injections with an effect, of `injected`
-    injected: int | None = Field(default=None, ge=1)
-    impact: str = Field(min_length=1)  # clinical; bare numbers count adverse event reports
+    activated: int | None = Field(default=None, ge=0)  # number of injections with an effect
+    injected: int | None = Field(default=None, ge=1)  # number of all injections
+    impact: str = Field(min_length=1)  # clinical impact; numbers count adverse event reports
     source: str = Field(min_length=1)
     scenarios: tuple[  # Training scenarios of IROS 2016 that contain the hazard
         Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
     ] = ()
-    note: str = ""  # What the simulator runs of it, and where that differs from the source
-    departure: str = ""  # where the outcome differs from the published one, and why
-    documented_only: str = ""  # Why the simulator cannot run it: what is missing
+    note: str = ""  # how the hazard is simulated, and differences from the source
+    departure: str = ""  # difference between simulated and published outcome, and its reason
+    documented_only: str = ""  # why the hazard cannot be simulated
     case: tuple[Case, ...] = ()
 
     @property
     def runnable(self) -> bool:
-        """Whether the simulator can run it."""
+        """Whether the hazard can be simulated."""
         return bool(self.case)
 
 
 @cache
 def library_terms() -> dict[str, dict[str, str]]:
-    """Return word -> meaning of accidents, hazards, control actions, classes and sources."""
+    """Return the meanings of words, by kind: accidents, hazards, control actions, classes,
+    sources.
+    """
     return resources.read_tables(__file__, "data/terms.toml")
 
 
@@ -136,7 +138,7 @@ def all_hazards() -> tuple[Hazard, ...]:
 
 
 def find_hazard(name: str) -> Hazard:
-    """Return the hazard with that id. Raises UserError."""
+    """Return the hazard with the id `name`. Raise UserError for an unknown id."""
     by_id = {row.id: row for row in all_hazards()}
     if name not in by_id:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Describes hazards in words: rows of a list, and the full description of one hazard."""
+"""Describes hazards as text, in a table or in full."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +10,10 @@ from ravenjax.hazards.library import Hazard, Struck
 from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
-"""Columns of `table`."""
+"""Columns of `hazard_table`."""
 
 LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
-"""Columns of `layers`."""
+"""Columns of `layer_table`."""
 
 
 def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
@@ -61,9 +61,9 @@ def layer_table() -> list[tuple[str, ...]]:
 
 
 def describe_hazard(name: str) -> list[tuple[str, str]]:
-    """Return (heading, text) for everything that the library states about one hazard.
+    """Return (heading, text) for each property of a hazard in the library.
 
-    Raises UserError for an unknown id.
+    Raise UserError for an unknown id.
     """
     rows = resources.render_rows(
         Path(__file__).with_suffix(".j2"),
@@ -76,7 +76,7 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
 
 
 def _struck(struck: Struck) -> str:
-    # Describes a fault slot: effect, value, site and window.
+    # Describes a fault as text: effect, value, site, start and duration.
     channels = " + ".join(struck.along) if struck.along else ", ".join(struck.channels)
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""

@@ -1,6 +1,6 @@
-"""Finds the hazards that a campaign's group represents, and their titles, from its name alone.
+"""Finds the hazards that a group of runs represents, and their titles, from the name of the group.
 
-Reports only have the name, so nothing else may be needed.
+A report has no other information than this name.
 """
 
 import re
@@ -15,10 +15,10 @@ _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
 
 
 def hazards_of(group: str) -> tuple[str, ...]:
-    """Return the ids with which a group's name begins, after the last "/"; () if it has none.
+    """Return the ids of hazards with which a group's name begins, after the last "/".
 
-    The plain groups of `expansion.expand_group` have such names. So have groups that a campaign's
-    author calls "B07,B08 no write" or "K15-K17 run level": a dash includes the ids between.
+    Groups of `expansion.expand_group` have such names. An author may also choose names such as
+    "B07,B08 no write", or "K15-K17 run level", which includes K16. The result is () without ids.
     """
     match = _IDS.match(group)
     if match is None:
@@ -32,12 +32,12 @@ def hazards_of(group: str) -> tuple[str, ...]:
 
 
 def kind_of(group: str) -> str:
-    """Return the kind of a group's faults, an author's choice: its hazards, or the group itself."""
+    """Return the kind of a group's faults: the ids of its hazards, or else its name."""
     return ",".join(hazards_of(group)) or group
 
 
 def titles_of(group: str) -> str:
-    """Return the titles of these hazards; "" if the name begins with no known hazard."""
+    """Return the titles of the hazards in a group's name; "" without a known hazard."""
     names = hazards_of(group)
     titles = [row.title for row in library.all_hazards() if row.id in names]
     more = f"; {len(titles) - MOST} more" if len(titles) > MOST else ""

@@ -1,7 +1,7 @@
-"""Normal range of each channel, measured in fault-free runs.
+"""Reads the normal range of each fault channel, measured in fault-free runs.
 
-`data/normal_ranges.csv` holds the ranges. They come from fault-free runs of every generated motion
-at teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
+`data/normal_ranges.csv` contains the ranges. They come from runs of every generated motion at
+teleoperation scales 0.05 and 0.1, in which no check trips (`analysis/normal_ranges/measure.py`).
 """
 
 import csv
@@ -41,11 +41,14 @@ def measured_ranges() -> dict[tuple[str, str, str], ChannelRange]:
 
 
 def normal_range(site: str, channel: str, arm: str) -> ChannelRange:
-    """Return a channel's normal range; `arm` matters at sites of each arm. Raises UserError."""
+    """Return a channel's normal range. `arm` is used only for sites that each arm has.
+
+    Raise UserError for a channel without a known range.
+    """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured_ranges():
         raise UserError(
-            f"no normal range of channel {channel!r} at site {site!r}, arm {arm!r}: see `ravenjax"
-            " faults`"
+            f"the normal range of channel {channel!r} at site {site!r}, arm {arm!r} is unknown;"
+            " `ravenjax faults` lists all channels"
         )
     return measured_ranges()[key]

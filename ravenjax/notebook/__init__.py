@@ -1,3 +1,2 @@
-"""Declares campaigns and shows their results in Python. Its public names are those of `import
-ravenjax`.
-"""
+"""Declares campaigns and shows their results in Python. Its public names are those of
+`ravenjax`."""

@@ -1,9 +1,8 @@
-"""Functions for the values of a campaign's keys: distributions to draw from, and positions in a
-phase.
+"""Functions that declare how a key of a campaign varies, for campaigns in Python.
 
-Each function returns the table that a campaign file would hold: `uniform(0, 1)` is `{ uniform = [0,
-1] }`. The numbers are checked with the campaign, by the same rules as in a file. A plain list is a
-list of values.
+A key may be drawn from a distribution, or start in a phase of the operation. Each function returns
+the table that a campaign file contains: `uniform(0, 1)` is `{ uniform = [0, 1] }`. The numbers are
+checked with the campaign, by the same rules as in a file. A plain list is a list of values.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 Form: TypeAlias = dict[str, Any]
-"""A table in place of a value, as in a campaign file."""
+"""A table that replaces a value, with the form of a campaign file."""
 
 
 def uniform(low: float, high: float) -> Form:
@@ -36,10 +35,7 @@ def choice(values: Sequence[Any]) -> Form:
 
 
 def together(values: Sequence[float]) -> Form:
-    """Draw one of the values together with all other parameters that use `together`.
-
-    In each run, all of them take the value of the same index.
-    """
+    """Draw one of the values. All parameters with `together` have the value of the same index."""
     return {"together": list(values)}
 
 
@@ -47,8 +43,7 @@ def phase(name: str, share: float | Sequence[float] | None = None) -> Form:
     """Return a time within a phase of the operation, for `start_ms`.
 
     share: position in the phase, from 0 (its first millisecond) to 1 (its last), or a list of
-    positions, which the group's design uses as any list of values. None: draw a millisecond of the
-    phase with equal probability.
+    positions. None: draw a millisecond of the phase with equal probability.
     """
     if share is None:
         return {"phase": name}

@@ -1,4 +1,5 @@
-"""The class Campaign: declared in Python or read from a TOML file, checked at once, and run."""
+"""The class Campaign: a campaign that is declared in Python or read from a TOML file, checked, and
+run."""
 
 from __future__ import annotations
 
@@ -23,11 +24,12 @@ if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
 
 SECTION = "campaign"
-"""The table that holds the general keys of a campaign."""
+"""The table with the general keys of a campaign."""
 
 
 class Campaign:
-    """A campaign: the keys of [campaign] in a file, and its other tables as objects or plain dicts.
+    """A campaign. Arguments are the keys of [campaign] in a file, and its other tables as objects
+    or dicts.
 
         campaign = rj.Campaign(
             name="mine",
@@ -52,14 +54,13 @@ class Campaign:
         results = campaign.run()
 
     The keys and rules are those of a campaign file. The constructor raises UserError, which names
-    each wrong key, its value and the allowed values. Two campaigns with the same content are equal,
-    however they were written. A campaign is immutable; `replace` returns a copy with other values.
-    Paths of files are relative to the working directory.
+    each wrong key, its value and the allowed values. Two campaigns with the same content are equal.
+    A campaign is immutable; `replace` returns a copy with other values. Paths of files are relative
+    to the working directory.
     """
 
     config: CampaignConfig
-    """The checked campaign: every key with its default, and hazards of the library as plain
-    groups.
+    """The checked campaign with all defaults, and with hazards of the library as ordinary groups.
     """
     _tables: dict[str, Any]
 
@@ -77,8 +78,8 @@ class Campaign:
         """Return the campaign from a TOML file, a bundled campaign's name, or a TOML text of
         several lines.
 
-        overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises
-        UserError that names file, line, key, what was found and what was expected.
+        overrides: `key.path=value`, as for `--set` on the command line. Comments are lost. Raise
+        UserError with file, line, key, value and expected values.
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source
@@ -100,8 +101,8 @@ class Campaign:
         """Return the text of a campaign file with the same content, and write it to `path` if
         given.
 
-        Paths of files in the folder of `path` are written relative to it, others unchanged. Raises
-        StoreError if `path` cannot be written.
+        Paths of files in the folder of `path` are written relative to this folder. Raise StoreError
+        if `path` cannot be written.
         """
         if path is None:
             return writing.format_toml(self._tables)
@@ -129,10 +130,10 @@ class Campaign:
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run the campaign; the arguments are those of `run`.
+        """Run the campaign. The arguments are those of the function `run`.
 
-        Without `out` the results are in a temporary folder that is deleted with them. Raises
-        UserError, and StoreError for errors of `out`.
+        Without `out` the results are in a temporary folder that is deleted together with them.
+        Raise UserError, and StoreError for errors of `out`.
         """
         from ravenjax.notebook.results import CampaignResults
 
@@ -140,7 +141,9 @@ class Campaign:
         return CampaignResults(results.path, results)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"a campaign is frozen: write changed = campaign.replace({name}=...)")
+        raise AttributeError(
+            f"a campaign cannot be changed: write changed = campaign.replace({name}=...)"
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Campaign) and self.config.model_dump() == other.config.model_dump()
@@ -178,7 +181,7 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
-    # Separates the keys of [campaign] from other tables, as Python gives both side by side.
+    # Separates the keys of [campaign] from other tables, because Python code mixes them.
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
@@ -188,7 +191,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     except UserError:
         model = CampaignConfig
     own = _campaign_keys(model)
-    # An unknown key that holds a table is taken for a table beside [campaign].
+    # An unknown key with a table as value is an unknown table, not a key of [campaign].
     tables = {
         key: value
         for key, value in keys.items()
@@ -208,6 +211,7 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
     } | {("parameters", population.KEY)}
 
     def entered(place: tuple[str, ...], value: Any) -> Any:
+        # Returns the tables with `changed` applied to every text at one of the paths in `places`.
         if isinstance(value, dict):
             return {key: entered((*place, key), one) for key, one in value.items()}
         if isinstance(value, list):
@@ -225,10 +229,10 @@ def run_config(
     executor: str | None,
     workers: int | None,
 ) -> Results:
-    """Run a campaign into `out`, a path, or into a temporary folder that is deleted with the
-    results.
+    """Run a campaign and store its results in the folder `out`.
 
-    Raises UserError and StoreError.
+    Without `out`, a temporary folder is used, which is deleted together with the results. Raise
+    UserError and StoreError.
     """
     if out is not None:
         out = location.require_path("out", out, "a result folder, or None for a temporary one")

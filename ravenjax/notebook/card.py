@@ -1,4 +1,4 @@
-"""Makes the HTML cards that a notebook shows for a campaign and for its results."""
+"""Makes the HTML with which a notebook shows a campaign or its results."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from ravenjax.report.data.runs import Runs
 
 MOST_GROUPS = 8
-"""Number of groups that a card lists; further ones are only counted."""
+"""Number of groups that a card lists; further groups are only counted."""
 
 
 def of_campaign(config: CampaignConfig) -> str:
-    """Return the card of a campaign: its robot, its operation and its groups."""
+    """Return the HTML card of a campaign: its robot, its operation and its groups."""
     return _page(
         "campaign.html.j2",
         config=config,
@@ -33,7 +33,7 @@ def of_campaign(config: CampaignConfig) -> str:
 
 
 def of_results(runs: Runs, manifest: Manifest) -> str:
-    """Return the card of results: outcomes of the faults, and the groups by outcome."""
+    """Return the HTML card of results: outcomes of all faults, and of each group."""
     from ravenjax.report import paper
     from ravenjax.report.sections import tables
 
@@ -64,6 +64,7 @@ def _page(template: str, **content: Any) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
+    # Returns the Jinja templates of the HTML cards, with their style sheet.
     from ravenjax.document import html
     from ravenjax.report import wording
 

@@ -1,4 +1,5 @@
-"""Shows how faults propagate: many runs as a table, or one run as a figure."""
+"""Shows how errors propagate from a fault to a failure: many runs as a table, or one run as a
+figure."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def explain_table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.D
 
 
 def explain_figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
-    """Return one run's chain over time; None if nothing differs. Raises UserError."""
+    """Return a figure of the signals that differ from the golden run; None if no signal does."""
     explainer = _explainer(source, engine)
     explanation, config = explainer.explain([explainer.index(run)]), explainer.config
     row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()

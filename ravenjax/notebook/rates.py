@@ -1,4 +1,4 @@
-"""Computes rates of events over the distinct faults of a result, counted as in the report."""
+"""Computes rates of events in a result, counting each distinct fault once, as in the report."""
 
 from collections.abc import Sequence
 
@@ -13,40 +13,40 @@ from ravenjax.report.sections import tables
 from ravenjax.store.access.query import RESULTS, quote_name
 
 _WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
-"""Columns of `facts` by which the report groups faults."""
+"""Columns of the table `facts` by which the report groups faults."""
 _PREFIXES = ("", "fault0_", "param:")
-"""Prefixes that a name may lack: "fault0_" for the first fault, "param:" for a parameter."""
+"""Prefixes of columns that a user may leave out: of the first fault, and of parameters."""
 NUMBERS = ("event", "k", "n", "rate", "low", "high")
-"""Columns of the result, after those that the rates are grouped by."""
+"""Columns of the result, after the columns that define classes."""
 
 
 def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> pd.DataFrame:
-    """Return a row per event and class of faults: columns `by`, then NUMBERS.
+    """Return a row per event and class of faults, with the columns `by`, then NUMBERS.
 
-    If classes are words, those with the largest rate come first. n counts distinct faults: the
-    first valid run of each in which nobody reacts. low and high are the 95 % Wilson interval, NaN
-    for classes whose faults were enumerated. Raises UserError for an unknown event or column.
+    Classes that are words have the order of their rates, the largest first. n counts distinct
+    faults: for each, the first valid run without a reaction of the operator. low and high are the
+    95 % Wilson interval, NaN for enumerated faults. Raise UserError for an unknown event or column.
     """
     keys = {name: _column(runs, name) for name in by}
     marks = [
-        f"({_event(runs, name, rules)})::BOOLEAN AS event{place}"
-        for place, name in enumerate(names)
+        f"({_event(runs, name, rules)})::BOOLEAN AS event{number}"
+        for number, name in enumerate(names)
     ]
     columns = [
-        *(f"{column} AS key{place}" for place, column in enumerate(keys.values())),
+        *(f"{column} AS key{number}" for number, column in enumerate(keys.values())),
         "count(*)",
         'list(DISTINCT f."group"::VARCHAR)',
-        *(f"count(*) FILTER (r.event{place})" for place in range(len(names))),
+        *(f"count(*) FILTER (r.event{number})" for number in range(len(names))),
     ]
     lines = runs.table.rows(
         f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN"
         f" {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
     )
     rows = []
-    for place, name in enumerate(names):
+    for number, name in enumerate(names):
         for line in lines:
             n, groups, *counts = line[len(by) :]
-            rate = tables.of_faults(runs, k := counts[place], n, groups)
+            rate = tables.of_faults(runs, k := counts[number], n, groups)
             rows.append((*line[: len(by)], name, k, n, rate.value, rate.low, rate.high))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
             rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])
@@ -54,7 +54,7 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
 
 
 def as_list(value: object, what: str) -> list[str]:
-    """Return one text or several as a list. Raises UserError for anything else."""
+    """Return one or several texts as a list. what: name of the argument, for UserError."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, Sequence) or not all(isinstance(one, str) for one in several):
         raise UserError(f"{what} is {format_value(value)}, expected a text or a list of texts")
@@ -62,6 +62,7 @@ def as_list(value: object, what: str) -> list[str]:
 
 
 def _event(runs: Runs, name: str, rules: Rules) -> str:
+    # Returns the SQL condition of an event, or raises UserError if the results do not contain it.
     if name not in events.EVENTS:
         raise UserError(describe_unknown_name("event", name, events.EVENTS))
     for column in events.event_columns([name], rules):
@@ -71,7 +72,7 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
 
 
 def _column(runs: Runs, name: str) -> str:
-    # Returns SQL for a column by its name, or by the short name of a fault's key.
+    # Returns SQL for a column, whose name may lack one of _PREFIXES.
     if name in _WORDS and name in runs.facts:
         return f"f.{quote_name(name)}::VARCHAR"
     for prefix in _PREFIXES:
@@ -80,6 +81,6 @@ def _column(runs: Runs, name: str) -> str:
             return f"r.{quote_name(prefix + name)}" + ("::VARCHAR" if words else "")
     names = [*_WORDS, *(one.removeprefix("fault0_") for one in runs.names)]
     raise UserError(
-        f"by {name!r}: no such column, expected {', '.join(_WORDS)}, a key of a fault, the path of"
-        f" a varied parameter or a column of the result table{suggest_name(name, names)}"
+        f"by {name!r}: no such column, expected one of {', '.join(_WORDS)}, a key of a fault, the"
+        f" path of a varied parameter or a column of the result table{suggest_name(name, names)}"
     )

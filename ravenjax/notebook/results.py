@@ -1,4 +1,4 @@
-"""The class CampaignResults: the results of a campaign, counted as in the report."""
+"""The class CampaignResults: tables, rates and figures of the results of a campaign."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 def _style() -> AbstractContextManager[None]:
+    # Returns a context in which matplotlib uses ravenjax's style.
     import matplotlib
 
     from ravenjax.document.figure_style import STYLE
@@ -34,10 +35,7 @@ def _style() -> AbstractContextManager[None]:
 
 
 class ShownFigure:
-    """A figure that a notebook shows with any backend of matplotlib.
-
-    `figure` is the matplotlib figure, to change or save.
-    """
+    """A figure that a notebook shows. `figure` is the matplotlib figure, to change or save."""
 
     def __init__(self, figure: Figure) -> None:
         self.figure = figure
@@ -66,32 +64,30 @@ _WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
 
 
 class CampaignResults:
-    """Results of a campaign, one row per run, as `Campaign.run` and `open_results` return them.
+    """The results of a campaign, one row per run.
 
-    The table may be larger than memory: methods read only what they need. All counts are of
-    distinct faults, as in the report. If a fault was run several times, only its first valid run
-    without a reaction counts. Raises StoreError if a part is missing or damaged.
+    `Campaign.run` and `open_results` return such objects. The table may be larger than memory:
+    methods read only what they need. As in the report, counts are of distinct faults. If a fault
+    was run several times, only its first valid run without a reaction of the operator counts. Raise
+    StoreError if a file is missing or damaged.
     """
 
     def __init__(self, folder: str | Path, results: Results | None = None) -> None:
-        """folder: result folder of a run; results: object that keeps a temporary folder alive.
-
-        Raises StoreError.
-        """
+        """folder: result folder. results: object that keeps a temporary folder from deletion."""
         self.folder = location.require_path("folder", folder, "a result folder")
         self._manifest = manifests.read_manifest(self.folder)
         self._results = results or Results(self._manifest.shape, self.folder)
 
     @property
     def manifest(self) -> Manifest:
-        """What was computed, by which code, on which device."""
+        """The record of what was computed, by which code, on which device."""
         return self._manifest
 
     def __len__(self) -> int:
         return self._manifest.done
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """Return the table, or some columns, as a DataFrame; its attrs hold units and meanings."""
+        """Return the table, or some columns, as a DataFrame. attrs: units and meanings."""
         frame = self._results.frame(columns)
         frame.attrs.update(column_meanings(self._manifest.shape))
         return frame
@@ -101,11 +97,11 @@ class CampaignResults:
         return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """Run an SQL query over two tables: `results` (the columns of the result) and `facts` (what
-        the report derives from them).
+        """Run an SQL query on the tables `results` (the result table) and `facts` (columns that the
+        report computes from it).
 
-        Join them on the column `row`. Example: `results.query("SELECT site, count(*) AS n FROM
-        facts WHERE evaded GROUP BY site")`. Raises UserError if DuckDB refuses the query.
+        Join the tables on the column `row`. Example: `results.query("SELECT site, count(*) AS n
+        FROM facts WHERE evaded GROUP BY site")`. Raise UserError for an invalid query.
         """
         import duckdb
 
@@ -122,21 +118,21 @@ class CampaignResults:
         except duckdb.Error as error:
             reason = str(error).strip().splitlines()[0].rstrip(".")
             raise UserError(
-                f"sql: {reason}. Tables are results and facts; SELECT * FROM facts LIMIT 5 shows"
+                f"sql: {reason}. The tables are results and facts; see SELECT * FROM facts LIMIT 5"
             ) from None
 
     def rates(
         self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
     ) -> pd.DataFrame:
-        """Return rates of events, over distinct faults: one row per event and class, with k (faults
+        """Return rates of events over distinct faults: one row per event and class, with k (faults
         with the event), n (faults), rate, low and high.
 
-        event: one or several names of events, as in `[stop] rates`. by: one or several columns that
-        define the classes: group, site, layer, block (site and effect), response, hazard, outcome,
-        a key of the first fault, such as effect, the path of a varied parameter, or any column; ():
-        one class with all faults. low and high are the 95 % Wilson interval if faults were drawn.
-        They are NaN if faults were enumerated, because such a share has no sampling error. Raises
-        UserError for an unknown name.
+        event: one or several names of events, as for `[stop] rates`. by: one or several columns
+        that define the classes: group, site, layer, block (site and effect), response, hazard,
+        outcome, a key of the first fault, such as effect, the path of a varied parameter, or any
+        column; (): one class with all faults. low and high are the 95 % Wilson interval of drawn
+        faults. For enumerated faults they are NaN, because nothing was sampled. Raise UserError for
+        an unknown name.
         """
         from ravenjax.notebook import rates
 
@@ -145,10 +141,10 @@ class CampaignResults:
         )
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
-        """Return the n worst valid runs with a fault, the worst first; fewer if fewer runs qualify.
+        """Return the n worst valid runs with a fault, the worst first, or fewer.
 
         by: quantity that orders the runs: unintended, loss, report, tissue, cue or response. The
-        last column holds this quantity; attrs hold its unit and meaning. Raises UserError.
+        last column has this quantity; attrs have its unit and meaning. Runs with 0 are left out.
         """
         import pandas as pd
 
@@ -174,13 +170,13 @@ class CampaignResults:
     def explain(
         self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto"
     ) -> pd.DataFrame:
-        """Return how faults propagate, signal by signal, as the function `explain` does."""
+        """Return how errors propagate through signals, as the function `explain` does."""
         from ravenjax.notebook import explaining
 
         return explaining.explain_table(self.folder, runs, engine)
 
     def plot_verdicts(self) -> ShownFigure:
-        """Plot each group's distinct faults by outcome."""
+        """Plot the number of distinct faults of each group by outcome."""
         from ravenjax.report import paper
 
         return self._figure(paper.verdict_figure, "no run has a fault")
@@ -207,13 +203,13 @@ class CampaignResults:
         """
         from ravenjax.report import paper
 
-        nothing = "no fault-free motion stands beside the faults"
+        nothing = "the results contain no fault-free motion"
         return self._figure(paper.tradeoff_figure, nothing)
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
-        """Plot how the fault of one run propagated over time. The run is computed again.
+        """Plot over time which signals of a run differ from the golden run. It is computed again.
 
-        run: see `simulate`.
+        run: index, run id, or first letters of a run id.
         """
         from ravenjax.notebook import explaining
 
@@ -223,6 +219,7 @@ class CampaignResults:
         )
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
+        # Draws a figure. absent: what the results lack if there is nothing to draw.
         with _style():
             figure = drawn(self._runs)
         if figure is None:
@@ -231,6 +228,7 @@ class CampaignResults:
 
     @functools.cached_property
     def _runs(self) -> Runs:
+        # Opens the result table; it is closed when this object is deleted.
         from ravenjax.report.data.runs import Runs
 
         runs = Runs.open(self.folder, self._manifest)

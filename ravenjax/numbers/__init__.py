@@ -1,6 +1,7 @@
-"""Defines the number types for the code of a tick: scalars, vectors, records and paths.
+"""Defines the number types in which a tick of the simulation is written: scalars, vectors and
+records.
 
-The names that most stages need can be imported from here.
+The types that most modules need can be imported from here.
 """
 
 # ruff: noqa: F401

@@ -1,8 +1,8 @@
-"""Small linear algebra on single numbers that drops literal zeros and ones.
+"""Linear algebra on small vectors and matrices that leaves out literal zeros and ones.
 
 Vectors are `Vec`s. Matrices are `Vec`s of row `Vec`s, of any size. A Python `0`, `1` or `-1` among
-the factors is structure, not data: `0 * x` is `0` and `0 + x` is `x`. Products with sparse
-constants therefore trace to nothing.
+the factors is treated as part of the program, not as data: `0 * x` is `0` and `0 + x` is `x`. Such
+products therefore add no code to the compiled tick.
 """
 
 from functools import reduce
@@ -12,7 +12,7 @@ from ravenjax.numbers.vec import Scalar, Vec
 
 
 def _is(x: Scalar, value: int) -> bool:
-    """Return whether x is the literal `value`; NumPy and JAX numbers are data and never literal."""
+    """Return whether x is the Python number `value`. NumPy and JAX numbers count as data."""
     return type(x) in (int, float) and x == value
 
 
@@ -96,11 +96,11 @@ def matrix(*rows: tuple[Scalar, ...]) -> Vec:
 def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
     """Return x of matrix x = right, by the factorisation matrix = L^T D L.
 
-    Only the lower triangle is read, and nothing is computed with literal zeros. Elimination runs
-    from the last row to the first: for the mass matrix of a tree, parents before children, no
-    structural zero fills in (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). x
-    has the unit of `right` divided by that of `matrix`. A matrix that is not positive definite
-    gives infinities or NaN, not an error.
+    Only the lower triangle is read, and literal zeros cost nothing. Elimination begins with the
+    last row. For the mass matrix of a kinematic tree with parents before children, literal zeros
+    then remain zeros (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). x has
+    the unit of `right` divided by that of `matrix`. A matrix that is not positive definite gives
+    infinities or NaN, not an error.
     """
     n = len(right)
     lower = [list(row) for row in matrix]

@@ -1,12 +1,12 @@
 """Generates random numbers by counter: a (key, tick, channel) gives the same number on every
 engine.
 
-A run's noise therefore does not depend on its batch, chunk or worker. A run and its golden run
-share a key, so they share every draw. Only 32-bit integer multiplications, xors and shifts are
-used, so the stream is bit-identical wherever it is computed.
+A run's noise therefore does not depend on the order in which runs are computed. A run and its
+golden run have the same key, so they have the same random numbers. Only 32-bit integer
+multiplications, xors and shifts are used, so the numbers have the same bits on every machine.
 
-Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018;
-exact bias 0.174), applied to the key, then to the counter.
+The function `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018; exact bias 0.174) is
+applied to the key, then to the counter.
 """
 
 import math
@@ -14,8 +14,8 @@ import math
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.vec import Scalar
 
-GOLDEN = 0x9E3779B9  # 2^32 / golden ratio: consecutive ticks land far apart
-CHANNEL_STRIDE = 0x85EBCA6B  # odd, so that channels never coincide within 2^32 ticks of each other
+GOLDEN = 0x9E3779B9  # 2^32 / golden ratio, so that counters of consecutive ticks differ much
+CHANNEL_STRIDE = 0x85EBCA6B  # an odd number, so that channels have different counters
 
 
 def _u32(x: int) -> Scalar:
@@ -36,13 +36,13 @@ def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def random_uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a uniform float32 in [0, 1), made exactly from the upper 24 of the random bits."""
+    """Return a uniform float32 in [0, 1): the upper 24 of the random bits, divided by 2^24."""
     upper = lax.convert_element_type(random_bits(key, tick, channel) >> _u32(8), jnp.float32)
     return upper * 2.0**-24
 
 
 def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a standard normal float32 from one draw (Box and Muller); ends at 4.9 sigma."""
+    """Return a standard normal float32 (Box and Muller), at most 4.9 standard deviations."""
     word = random_bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)

@@ -11,7 +11,7 @@ from ravenjax.vocabulary.failures import CODES
 
 @record
 class FiniteState:
-    """The first number of a run that was not finite."""
+    """The first number of a run that was infinite or NaN."""
 
     first: Scalar  # int32, first tick in which a number was not finite; -1: never
     signal: Scalar  # int32, code of that number in `failures.CODES`; -1: none
@@ -25,9 +25,9 @@ def init() -> FiniteState:
 def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scalar) -> FiniteState:
     """Return the state after this tick.
 
-    `watched` maps names of `failures.SIGNALS` to the numbers of each. The sum of the numbers is
-    tested, which is not finite if one of them is not. Only the first such tick of a run is
-    recorded. If several signals fail in it, the first one in `watched` is recorded.
+    `watched` maps names of `failures.SIGNALS` to their numbers. The sum of the numbers is tested,
+    which is infinite or NaN if one of them is. Only the first such tick of a run is recorded, with
+    the first such signal in `watched`.
     """
     signal = jnp.int32(-1)
     for name, numbers in reversed(list(watched.items())):

@@ -1,14 +1,15 @@
-"""Harms that a campaign defines, as expressions in the notation of signal temporal logic.
+"""Defines harms as expressions of signal temporal logic, such as those in a campaign file.
 
     depth > 2 and once[0:100](speed > 50)
 
 An expression is true if its *robustness* is positive (Donze and Maler 2010). The robustness of a
 comparison is the distance of its signal from the limit, in the unit of the signal. `and` takes the
-smallest robustness of its operands, `or` the largest, and `not` changes the sign. A window `[a:b]`
-is in ms. `once` takes the largest robustness in a window of the past, and `historically` the
-smallest; without a window they take the whole past. `eventually` and `always` do the same for a
-window ahead. An expression that looks ahead is evaluated when all of its windows are over. No
-window reaches beyond the beginning of the run.
+smallest robustness of its operands, `or` the largest, and `not` changes the sign.
+
+A window `[a:b]` is in ms. `once` takes the largest robustness in a window of the past, and
+`historically` the smallest; without a window they take the whole past. `eventually` and `always` do
+the same for a window in the future. Such an expression is evaluated when all of its windows are
+over. No window reaches beyond the beginning of the run.
 """
 
 import ast
@@ -25,35 +26,42 @@ from ravenjax.numbers.setup import Setup, cast_to_real, for_each_arm
 from ravenjax.numbers.vec import Scalar, Vec, earliest_tick, first_tick, largest, record
 
 SIGNALS: dict[str, str] = resources.read_tables(__file__, "harm.toml")
-"""What an expression reads, for each arm. All tips are the true ones."""
+"""Signals of one arm that an expression may read. All are computed from the true tip positions."""
 MOST_MS = 500
-"""Longest memory of an expression. Each millisecond costs every run some time."""
+"""Largest number of past values, one per ms, that an expression may keep. Each slows every run."""
 _WINDOWS = {"once": True, "eventually": True, "historically": False, "always": False}
-"""Whether the operator takes the largest, rather than the least, of its window."""
+"""True if the temporal operator is the maximum of the values in its window; False: the minimum."""
 _AHEAD = ("eventually", "always")
+"""Temporal operators whose window lies in the future."""
 _ARITHMETIC = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
 
 
 class HarmUse(NamedTuple):
-    """One harm of a campaign; static."""
+    """One kind of harm that a campaign defines; fixed while its code is compiled."""
 
     name: str
     when: str  # expression
-    counts: str  # joins, replaces or watch: what becomes of the limit of unintended motion
+    # "joins": counts as harm like unintended motion; "replaces": counts instead of it; "watch": is
+    # only recorded.
+    counts: str
 
 
 @record
 class HarmState:
-    """What one harm has done so far."""
+    """State of one kind of harm during a run."""
 
-    memory: tuple[tuple[Vec, ...], ...]  # of each arm: values of the last milliseconds
-    peak: Scalar  # largest robustness
-    first: Scalar  # int32, tick in which it was first positive; -1: never
+    memory: tuple[tuple[Vec, ...], ...]  # per arm: past values that the expression needs
+    peak: Scalar  # largest robustness so far
+    first: Scalar  # int32, tick in which the robustness was first positive; -1: never
 
 
 @dataclasses.dataclass(eq=False)
 class Moment:
-    """The signals of one arm in this tick, and what its expression remembers."""
+    """The signals of one arm in this tick, and the past values that the expression needs.
+
+    The delays of an expression read `before` in a fixed order, and append their new values to
+    `after` in the same order.
+    """
 
     signals: Mapping[str, Scalar]
     tick: Scalar
@@ -61,7 +69,10 @@ class Moment:
     after: list[Vec] = dataclasses.field(default_factory=list)
 
     def remember(self, ticks: int, empty: Scalar, new: Callable[[Vec], Vec]) -> Vec:
-        """Return the values of the last ticks, latest first, and remember `new` of them."""
+        """Return the stored values of the last `ticks` ticks, latest first; store `new` of them.
+
+        empty: stored value before the first tick. new: returns the values to store.
+        """
         first = self.before is None
         before = Vec.full(ticks, empty) if self.before is None else next(self.before)
         self.after.append(before if first else new(before))
@@ -79,15 +90,16 @@ class Moment:
 
 
 class Formula(NamedTuple):
-    """A part of an expression. value: returns its robustness a given number of ms ago."""
+    """A part of an expression, compiled to a function."""
 
-    ahead: int  # ms that it looks ahead
+    ahead: int  # how far the windows reach into the future, ms
+    # (moment, delay) -> robustness as it was `delay` ms ago.
     value: Callable[[Moment, int], Scalar]
 
 
 @functools.cache
 def parse_harm(text: str) -> Formula:
-    """Return the expression of a harm. Raises ValueError for one that is not understood."""
+    """Compile the expression that defines a harm. Raise ValueError if it is not valid."""
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError) as error:
@@ -97,8 +109,9 @@ def parse_harm(text: str) -> Formula:
     formula.value(moment, formula.ahead)
     if (needed := sum(map(len, moment.after))) > MOST_MS:
         raise ValueError(
-            f"its windows and delays take a memory of {needed} ms, expected at most {MOST_MS}:"
-            " shorten them, or write once(..) or historically(..) of the whole past"
+            f"its windows and delays need {needed} ms of past values, expected at most {MOST_MS}:"
+            " shorten them, or use once(..) or historically(..) without a window, which cover the"
+            " whole past"
         )
     return formula
 
@@ -108,6 +121,7 @@ def _error(node: ast.AST, expected: str) -> ValueError:
 
 
 def _number(node: ast.AST) -> Callable[[Moment], Scalar]:
+    # Compiles a numeric expression to a function of the signals of one arm.
     match node:
         case ast.Name(name) if name in SIGNALS:
             return lambda moment: moment.signals[name]
@@ -133,6 +147,7 @@ def _truth(node: ast.AST) -> Formula:
             terms = [_number(term) for term in (left, *rights)]
 
             def distance(moment: Moment, delay: int) -> Scalar:
+                # A chain of comparisons is as far from being violated as its closest comparison.
                 pairs = itertools.pairwise(term(moment) for term in terms)
                 least = functools.reduce(
                     jnp.minimum,
@@ -182,11 +197,12 @@ def _combine(most: Any, parts: Sequence[Formula]) -> Formula:
 
 
 def _side(upper: bool) -> tuple[Any, float]:
-    """Return the operation of a window, and its result over no values."""
+    """Return the maximum (upper) or minimum operation of a window, and its result for no values."""
     return (jnp.maximum, -float("inf")) if upper else (jnp.minimum, float("inf"))
 
 
 def _over_past(upper: bool, inner: Formula) -> Formula:
+    # Compiles once(..) or historically(..) over the whole past: one stored value is enough.
     def value(moment: Moment, delay: int) -> Scalar:
         most, empty = _side(upper)
         now = moment.since(delay, inner.value(moment, delay), empty)
@@ -197,11 +213,13 @@ def _over_past(upper: bool, inner: Formula) -> Formula:
 
 
 def _over_window(upper: bool, ahead: bool, a: int, b: int, inner: Formula) -> Formula:
+    # Compiles a temporal operator with the window a..b ms in the past, or ahead in the future.
     def value(moment: Moment, delay: int) -> Scalar:
         most, empty = _side(upper)
         shift = delay - b if ahead else delay + a
         found, span = moment.since(shift, inner.value(moment, shift), empty), 1
-        # Twice the span at a time: the memory is that of a ring buffer, with fewer operations.
+        # `found` covers `span` ms and is combined with its own delayed value, which doubles the
+        # span each time. This needs as much memory as a ring buffer, with fewer operations.
         while (step := min(span, b - a + 1 - span)) > 0:
             found, span = most(found, moment.delay(found, step, empty)), span + step
         return found
@@ -231,7 +249,7 @@ def step(
     signals: Sequence[Mapping[str, Scalar]],
     tick: Scalar,
 ) -> tuple[HarmState, ...]:
-    """Return the harms after this tick. signals: SIGNALS of each arm."""
+    """Return the state of each harm after this tick. signals: values of SIGNALS for each arm."""
     after = []
     for use, before in zip(setup.harms, state, strict=True):
         memories = map(iter, before.memory)
@@ -244,7 +262,7 @@ def step(
 
 
 def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
-    """Return the outcome columns of each harm: when it began, and its margin."""
+    """Return the outcome columns of each harm: first tick with harm (ms; -1: none), and margin."""
     out: dict[str, Scalar] = {}
     for use, harm in zip(setup.harms, state, strict=True):
         out |= {f"harm_{use.name}_first_ms": harm.first, f"harm_{use.name}_margin": -harm.peak}
@@ -252,9 +270,10 @@ def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
 
 
 def decide_harm(setup: Setup, state: tuple[HarmState, ...], moved: Scalar) -> Scalar:
-    """Return the first tick of any harm that counts. moved: tick of unintended motion; -1: never.
+    """Return the first tick with any harm that counts; -1: none. moved: first tick with unintended
+    motion; -1: none.
 
-    This decides what counts as harm in every table, report and analysis.
+    This function decides what counts as harm in every table, report and analysis.
     """
     replaced = any(use.counts == "replaces" for use in setup.harms)
     counted = [

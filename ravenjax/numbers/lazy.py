@@ -1,12 +1,11 @@
 """Imports JAX at its first use, so that code that needs no JAX runs without it.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
-and `from jax import lax`. Within `at_once()`, functions of NumPy take the place of `jnp` and `lax`.
-Code of the tick then runs on plain numbers, without JAX. `at_once(array)` computes with the library
-of that array.
+and `from jax import lax`. Within `at_once()`, `jnp` and `lax` call functions of NumPy. The code of
+the tick then computes plain numbers, without JAX. `at_once(array)` uses the library of that array.
 
-NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine are the
-exception: they are those of `trigonometry`, the same on every host.
+NumPy's results have the types and the bits that XLA gives on a CPU. Only sine and cosine differ:
+they are those of `trigonometry`, with the same bits on every machine.
 """
 
 import contextlib
@@ -29,7 +28,7 @@ from ravenjax.numbers import tree, trigonometry
 
 
 class Numpy:
-    """Functions of NumPy under the names of `jax.numpy`, for plain numbers or arrays of them."""
+    """Functions of NumPy with the names of `jax.numpy`, for plain numbers and arrays."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(np, name)
@@ -62,7 +61,7 @@ class Lax:
 
     @staticmethod
     def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
-        """Return the result of `yes` or of `no`. Both are computed; their numbers may be arrays."""
+        """Return the result of `yes` or of `no`. Both are computed. Numbers may be arrays."""
         return tree.map_leaves(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
@@ -71,7 +70,7 @@ def _modulo(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 
 class Uint32:
-    """Whole numbers modulo 2^32, kept in int64: torch has no arithmetic of uint32."""
+    """Whole numbers modulo 2^32, stored as int64, because torch cannot compute with uint32."""
 
     def __init__(self, number: Any) -> None:
         self.number = number & 0xFFFFFFFF
@@ -83,9 +82,9 @@ class Uint32:
 
 
 class Arrays:
-    """Functions of `jax.numpy` and `jax.lax` that a fault uses, by another library of arrays.
+    """Functions of `jax.numpy` and `jax.lax` that fault injection uses, from another library.
 
-    The library must follow the array API standard, and have a method `view` to flip bits.
+    The library must follow the array API standard. Bit flips need a method `view`.
     """
 
     uint32 = Uint32
@@ -137,7 +136,7 @@ _WAITING: list[Callable[[Any], Any]] = []
 
 
 def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used through this module, or now if it is there."""
+    """Call `action(jax)` before JAX is first used, or now if JAX is already imported."""
     with _LOADING:
         _WAITING.append(action)
     if "jax" in sys.modules:
@@ -145,10 +144,11 @@ def when_loaded(action: Callable[[Any], Any]) -> None:
 
 
 def _load(name: str) -> Any:
-    # Imports a module of JAX. Before the first one, runs the actions that wait for JAX.
+    # Imports a module of JAX. The first import also runs the actions that wait for JAX.
     if _WAITING:
         real = importlib.import_module("jax")
-        with _LOADING:  # a second thread waits until all actions are done
+        # Another thread waits until all actions are done.
+        with _LOADING:
             for action in _WAITING:
                 action(real)
             _WAITING.clear()
@@ -157,10 +157,10 @@ def _load(name: str) -> Any:
 
 @contextlib.contextmanager
 def at_once(array: Any = None) -> Iterator[Any]:
-    """Make `jnp` and `lax` compute with NumPy in this thread, on NumPy and Python numbers.
+    """Within this block, `jnp` and `lax` compute with NumPy, in this thread.
 
-    array: of JAX, torch or another library of the array API standard, which then computes instead
-    of NumPy. Yields the array, or one of NumPy.
+    array: an array of JAX, torch or another library of the array API standard; its library is then
+    used instead of NumPy. Yield the array; other types are converted to NumPy arrays.
     """
     library = getattr(array, "__array_namespace__", lambda: np)()
     if type(array).__module__.startswith("torch"):
@@ -177,7 +177,7 @@ def at_once(array: Any = None) -> Iterator[Any]:
 
 
 class _Late:
-    """A JAX module that is imported when a name is first looked up, or its replacement."""
+    """A JAX module that is imported at the first use of one of its names, or its replacement."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,9 +1,9 @@
-"""Names the numbers of a parameter record by paths, as in `motor_control.green.kp.shoulder`.
+"""Names the numbers of a parameter record by paths, such as `motor_control.green.kp.shoulder`.
 
-Each part of a path is a field of a record or named tuple. Where a field holds one entry per arm,
-the next part may be the name of an arm; without it the path means all arms. Where a field holds one
-number per joint or axis, the next part may be the name of a joint or axis; without it the path
-means all of them.
+Each part of a path is a field of a record or named tuple. If a field has one entry per arm, the
+next part may be the name of an arm; without this part the path means all arms. If a field has one
+number per joint or axis, the next part may be the name of a joint or axis; without this part the
+path means all of them.
 """
 
 import dataclasses
@@ -20,8 +20,8 @@ _AXES = ("x", "y", "z")
 
 class _Step(NamedTuple):
     name: str
-    optional: bool  # whether a path may leave out this step
-    siblings: frozenset[str]  # names of all entries at this level, this one among them
+    optional: bool  # True if a path may leave out this step
+    siblings: frozenset[str]  # names of all entries at this level, including this step
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
@@ -51,7 +51,7 @@ def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield the steps to each number of a record, and the number, as `tree.tree_leaves`."""
+    """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`."""
     found = _entries(node, setup)
     if found is None:
         yield above, node
@@ -85,14 +85,17 @@ def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
 
 
 def named_numbers(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Return full path -> value of the numbers that `path` names, in order, or raise KeyError."""
+    """Return full path -> value of all numbers that `path` names, in order.
+
+    Raise KeyError for an unknown path.
+    """
     numbers = list(_walk(node, setup))
     found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
     if not found:
         names = sorted({without_arm(_full(steps), setup.arms) for steps, _ in numbers})
         close = difflib.get_close_matches(path, names, n=1, cutoff=0.4)
         hint = f" Did you mean {close[0]!r}?" if close else ""
-        raise KeyError(f"no parameter is named {path!r}.{hint} `ravenjax parameters` lists them")
+        raise KeyError(f"no parameter has the path {path!r}.{hint} See `ravenjax parameters`")
     return found
 
 
@@ -114,6 +117,6 @@ def path_words(joints: tuple[str, ...]) -> frozenset[str]:
 
 
 def plain_path(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
-    """Return a parameter's path without arm, index of a set, joint or axis."""
+    """Return a parameter's path without the arm, numbers, the joint and the axis."""
     parts = [part for part in without_arm(path, arms).split(".") if not part.isdecimal()]
     return ".".join(parts[:-1] if parts[-1:] and parts[-1] in path_words(joints) else parts)

@@ -1,12 +1,12 @@
-"""Describes the numbers of parameter records: unit, range and meaning, declared once at each field.
+"""Describes the parameters of a robot: unit, range and meaning of each field of a record.
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
-Records with many numbers are `describe_fields` by a TOML file beside their module.
+For records with many numbers, `describe_fields` reads these from a TOML file beside the module.
 
-A range keeps out values without meaning (negative mass, a packet every 0 cycles), values that
-single precision cannot hold, and slips of the unit (degrees for radians). Within its range a
-parameter may make the robot as bad as a campaign wants it.
+A range excludes values without meaning (negative mass, a packet every 0 cycles), values that single
+precision cannot represent, and wrong units (degrees for radians). Within its range a parameter may
+describe even a very bad robot.
 """
 
 import dataclasses
@@ -27,9 +27,8 @@ _read_tables = functools.cache(resources.read_tables)
 class Quantity:
     """Annotation of a field: the values that its number, or each of its numbers, may have.
 
-    A vector with unlike joints has several annotations, one after another or in a tuple, each with
-    its `joints`. In a record that holds one entry per joint, an annotation with `joints` applies to
-    the entries of these joints.
+    If joints have different ranges, the field has several annotations, each with its `joints`. In a
+    record with one entry per joint, such an annotation applies to the entries of these joints.
     """
 
     unit: str
@@ -37,14 +36,14 @@ class Quantity:
     high: float
     meaning: str
     whole: bool = False
-    joints: tuple[str, ...] = ()  # joints that it applies to; (): every number of the field
-    why: str = ""  # what the range keeps out, if the meaning does not say it
-    # Key of [campaign] and the value with which the number has an effect; None: it always has one
+    joints: tuple[str, ...] = ()  # joints to which the range applies; (): all numbers of the field
+    why: str = ""  # reason for the range, if the meaning does not include it
+    # Key of [campaign] and the value with which the number has an effect; None: it always has
     read_when: tuple[str, str] | None = None
 
     @property
     def range(self) -> str:
-        """The range in words: `1..1000 cycles, whole`"""
+        """The range as text: `1..1000 cycles, whole`"""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.low:.10g}..{self.high:.10g}{unit}" + (", whole" if self.whole else "")
 
@@ -54,13 +53,16 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Reserved:
-    """Annotation of a field that a campaign must not set, unless an inner field's differs."""
+    """Annotation of a field that a campaign must not set, unless an inner field has a Quantity."""
 
     why: str  # the reason, and what to write instead
 
 
 def describe_fields(record: type[Record]) -> type[Record]:
-    """Annotate a record's fields from its table in quantities.toml beside its module."""
+    """Annotate the fields of a record class with its table in quantities.toml.
+
+    The file is in the folder of the class's module.
+    """
     tables = _read_tables(str(sys.modules[record.__module__].__file__), "quantities.toml")
     for name, rows in tables[record.__name__].items():
         notes = tuple(map(_note, rows if isinstance(rows, list) else [rows]))
@@ -78,8 +80,8 @@ def _note(row: dict[str, Any]) -> Quantity | Reserved:
 def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
     """Yield (path, Quantity) for every number of a record class, in order.
 
-    A path occurs more than once if its joints are unlike. Paths consist of fields only: they have
-    no arm, index of a set, joint or axis.
+    A path occurs several times if its joints have different ranges. Paths consist only of fields,
+    without arm, number, joint or axis.
     """
     for path, notes in _fields(params):
         quantities = [note for note in notes if isinstance(note, Quantity)]

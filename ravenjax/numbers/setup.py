@@ -1,8 +1,8 @@
-"""Static choices that select the code of a tick: number widths, faults, cues, detectors.
+"""Settings that select the compiled code of a simulation: number types, faults, cues, detectors.
 
-Everything that a campaign may vary is a traced number in the robot's `TickParams`. The choices of
-this module are hashable, and each different `Setup` is compiled separately. A robot adds its own
-choices in a subclass.
+A campaign's parameters are inputs of the compiled code (`TickParams`). The settings of this module
+are not: each different `Setup` is compiled separately. They are hashable. A robot adds settings in
+a subclass.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from ravenjax.vocabulary.detectors import DetectorUse
 class Precision:
     """Floating-point types of a simulation.
 
-    `narrow` is the type in which the control software stores numbers, `wide` the type in which it
-    evaluates expressions (the original: float32 and double). `real` is the type of everything else:
-    plant, nominal model, haptics, monitor. Campaigns use float32 for all three. `ControlSoftware`
-    has wide = float64 by default, as the original.
+    The control software stores numbers as `narrow` and evaluates expressions in `wide`. In the
+    original C++ code these are float and double. `real` is the type of everything else: plant,
+    nominal model, haptics, monitor. Campaigns use float32 for all three. `ControlSoftware` uses
+    wide = float64 by default, like the original.
     """
 
     narrow: str = "float32"
@@ -43,7 +43,7 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 
 @dataclasses.dataclass(frozen=True)
 class SiteUse:
-    """The channels of one site on which a campaign injects faults, and their effects; static."""
+    """The channels of one site with faults in a campaign, and their effects; static."""
 
     site: str  # name of one of the robot's fault sites
     channels: tuple[tuple[str, str], ...]  # (arm, or "" if the site belongs to no arm; channel)
@@ -52,9 +52,9 @@ class SiteUse:
 
 @dataclasses.dataclass(frozen=True)
 class Injection:
-    """The parts of the fault machinery that a campaign needs; static. Others are not compiled."""
+    """The sites, effects and triggers of a campaign's faults; static. Only these are compiled."""
 
-    slots: int = 0  # faults that one run may have
+    slots: int = 0  # largest number of faults in one run
     sites: tuple[SiteUse, ...] = ()
     triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
 
@@ -66,27 +66,27 @@ Span = tuple[float, float] | None
 class Explained(NamedTuple):
     """How runs are compared with their golden runs, number by number; static."""
 
-    checks: int  # that the loop has
-    spans: tuple[Span, ...]  # of each compared number; (): no number has a normal range
+    checks: int  # number of checks of the loop
+    spans: tuple[Span, ...]  # normal range of each compared number; (): none is known
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
-    """Everything that selects the code of a tick. Static and hashable; compiled once."""
+    """All settings that select the code of a tick. Each different Setup is compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
     leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors of the first joints only
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
     injection: Injection = Injection()
-    cues: int = 1  # sets of haptic threshold and gains that are evaluated side by side
+    cues: int = 1  # number of haptic sets
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
-    harms: tuple[Any, ...] = ()  # `ravenjax.numbers.harm.HarmUse`: the campaign's own
+    harms: tuple[Any, ...] = ()  # `ravenjax.numbers.harm.HarmUse`, harms that the campaign defines
     reacts: bool = False  # the operator may react to the haptic cue
     hand_yields: bool = False  # the force of the cue moves the operator's hand
     noise: bool = False  # noise is drawn for each run
-    explained: Explained | None = None  # only of `ravenjax.stages.explained`
+    explained: Explained | None = None  # settings of `ravenjax.stages.explained`
     # dotted name of the robot's loop, in a loop that adds something to it
     inner: str = ""
 
@@ -97,7 +97,7 @@ def inner_loop(setup: Setup) -> Any:
 
 
 def per_arm(setup: Setup, function: Callable[[int, Any], Any]) -> tuple[Any, ...]:
-    """Return `function(mechanism, arm)` for each arm, as a per-arm tuple."""
+    """Return a tuple of `function(index of the arm, name of the arm)` for each arm."""
     return tuple(function(i, arm) for i, arm in enumerate(setup.arms))
 
 
@@ -107,15 +107,15 @@ def for_each_arm(setup: Setup, item: Any) -> tuple[Any, ...]:
 
 
 def narrow_numbers(setup: Setup, tree: Any) -> Any:
-    """Round numbers to the width in which the original stores them (`float`)."""
+    """Round numbers to the type in which the original software stores them (`float`)."""
     return cast(tree, setup.precision.narrow)
 
 
 def widen_numbers(setup: Setup, tree: Any) -> Any:
-    """Widen numbers to the width in which the original evaluates them (`double`)."""
+    """Convert numbers to the type in which the original software computes (`double`)."""
     return cast(tree, setup.precision.wide)
 
 
 def cast_to_real(setup: Setup, tree: Any) -> Any:
-    """Cast numbers to the width of plant, model and monitor."""
+    """Convert numbers to the type of plant, nominal model and monitor."""
     return cast(tree, setup.precision.real)

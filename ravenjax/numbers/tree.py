@@ -1,4 +1,4 @@
-"""Takes records, tuples, lists and dicts apart and rebuilds them, in JAX's order, without JAX.
+"""Flattens nested records, tuples, lists and dicts and rebuilds them, in JAX's order, without JAX.
 
 `None` has no leaves. Dicts are ordered by their sorted keys. Every other value is a leaf.
 """
@@ -31,31 +31,35 @@ def named_leaves(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     """Return a tree of the same structure, with `function` applied to each leaf.
 
-    `function` gets the leaf and the leaves at the same place in `others`. Raises ValueError if one
-    of `others` has a different structure.
+    The arguments of `function` are the leaf and the corresponding leaves of `others`. Raise
+    ValueError if one of `others` has a different structure.
     """
     branches = _branches(tree)
     if branches is None:
         return function(tree, *others)
     rows = [_branches(other) for other in others]
     if any(row is None or len(row) != len(branches) for row in rows):
-        raise ValueError(f"trees of unlike structure: {tree!r} beside {others!r}")
+        raise ValueError(f"trees have different structures: {tree!r} and {others!r}")
     columns = (row.values() for row in (branches, *rows))  # pyright: ignore[reportOptionalMemberAccess]
     return _joined(tree, [map_leaves(function, *items) for items in zip(*columns, strict=True)])
 
 
 def fill_tree(tree: Any, numbers: list[Any]) -> Any:
-    """Return a tree like `tree` with these leaves, in order. Raises ValueError for their number."""
+    """Return a tree with the structure of `tree` and these leaves, in order.
+
+    Raise ValueError if the number of leaves is wrong.
+    """
     if len(numbers) != (wanted := len(tree_leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
     return tree_filler(tree)(numbers)
 
 
 def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
-    """Return `fill_tree` for this tree as a function of its leaves, for frequent use."""
+    """Return a function that maps leaves to a tree with this structure; faster than `fill_tree`."""
     places = itertools.count()
 
     def of(node: Any) -> Callable[[Sequence[Any]], Any]:
+        # Returns a function that builds a node again from the sequence of all numbers.
         branches = _branches(node)
         if branches is None:
             return operator.itemgetter(next(places))

@@ -1,10 +1,11 @@
-"""Sine and cosine in float64, for numbers and arrays, with the same bits on every host.
+"""Sine and cosine in float64, for numbers and arrays, with the same bits on every machine.
 
-The C libraries of hosts differ in the last bit. These functions consist of sums and products, each
-rounded as IEEE 754 says. Angles are in rad, at most 1e5. Largest error: 0.6 ulp.
+The C libraries of different machines differ in the last bit. These functions consist of sums and
+products, each rounded as IEEE 754 requires. Angles are in rad, at most 1e5. The largest error is
+0.6 ulp.
 
-The angle is reduced by a multiple of pi/2 in three parts. Polynomials: FreeBSD msun, `k_sin.c` and
-`k_cos.c`.
+The angle is reduced by a multiple of pi/2, which is stored in three parts. The polynomials are
+those of FreeBSD msun, `k_sin.c` and `k_cos.c`.
 """
 
 from typing import TypeVar
@@ -45,7 +46,7 @@ def cos(x: Real) -> Real:
 
 
 def _sine(x: Real, quarters: int) -> Real:
-    """Return the sine of x plus some right angles."""
+    """Return the sine of x + quarters * pi/2."""
     turns = (x * 0.6366197723675814 + _INTEGER) - _INTEGER
     high, middle = x - turns * _PI_2[0], turns * _PI_2[1]
     angle = high - middle

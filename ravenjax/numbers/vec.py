@@ -1,9 +1,9 @@
-"""Number types of a tick: single numbers, `Vec`s of them, and records of single numbers.
+"""Defines the types of numbers in a tick of the simulation: single numbers, vectors and records.
 
-Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
-with elementwise arithmetic. A `record` is a frozen dataclass that is registered as a JAX pytree and
-whose leaves are single numbers. Code in these types reads like the equations, needs no axes, and
-traces to a straight list of scalar operations.
+Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of single
+numbers with elementwise arithmetic. A `record` is a frozen dataclass of single numbers that is
+registered as a JAX pytree. Code in these types reads like the equations, needs no axes, and
+compiles to a sequence of scalar operations.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Vec(tuple):
         return Vec((value,) * length)
 
     def map(self, function: Callable[..., Scalar], *others: Any) -> Vec:
-        """Return `function(self[i], other[i], ...)` for each i; a number is repeated."""
+        """Return `function(self[i], other[i], ...)` for each i. Plain numbers are repeated."""
         columns = [other if isinstance(other, tuple) else (other,) * len(self) for other in others]
         return Vec(function(*items) for items in zip(self, *columns, strict=True))
 
@@ -80,7 +80,7 @@ when_loaded(
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
-    """Make a class a frozen dataclass and a pytree whose leaves are single numbers."""
+    """Class decorator: make a frozen dataclass and a JAX pytree whose leaves are numbers."""
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
     when_loaded(
@@ -110,7 +110,7 @@ def to_int32(x: Scalar) -> Scalar:
 
 
 def wrap16(x: Scalar) -> Scalar:
-    """Store an int32 in a signed 16-bit number and read it back, which wraps modulo 65536."""
+    """Return the signed 16-bit number with the lowest 16 bits of an int32."""
     return ((x + 32768) & 0xFFFF) - 32768
 
 
@@ -120,31 +120,34 @@ def as_int(x: Scalar) -> Scalar:
 
 
 def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
-    """Return `then()` if `condition`, which seldom holds, else `otherwise`.
+    """Return `then()` if `condition`, which is rarely true, else `otherwise`.
 
-    Both are records of the same structure and types. The result is that of `where`. Engines that
-    print code skip `then()` in ticks where no run needs it.
+    Both are records of the same structure and types. Engines that generate code skip `then()` in
+    ticks in which no run needs it.
     """
     return lax.cond(condition, then, lambda: otherwise)
 
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
-    """Apply `jnp.where` to whole records: take each number from `yes` or from `no`."""
+    """Apply `jnp.where` to whole records: each number is that of `yes` or of `no`."""
     return trees.map_leaves(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def largest(numbers: Iterable[Scalar]) -> Scalar:
-    """Return the largest of some numbers, at least one; NaN if one of them is."""
+    """Return the largest of one or several numbers; NaN if one of them is NaN."""
     return reduce(jnp.maximum, numbers)
 
 
 def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
-    """Return the tick of an event's first occurrence, given the one so far; -1: none."""
+    """Return the tick of an event's first occurrence; -1: none yet.
+
+    now: this tick. happens: bool, the event occurs now. before: the first occurrence so far.
+    """
     return jnp.where(happens & (before < 0), now, before)
 
 
 def earliest_tick(ticks: list[Scalar]) -> Scalar:
-    """Return the first of some ticks, in which -1 means never."""
+    """Return the smallest of these ticks; -1 means never."""
     first = ticks[0]
     for t in ticks[1:]:
         first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)

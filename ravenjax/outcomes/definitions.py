@@ -1,4 +1,4 @@
-"""Gives the words of a verdict with a campaign's own numbers."""
+"""Explains the words of a verdict in sentences that contain the limits of a campaign."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,9 @@ from ravenjax.outcomes.verdict import HALT_MS, HAZARDS
 from ravenjax.vocabulary.robot import Robot
 
 OVERLOADED = "overloaded cable"
-"""Word of an outcome that only mechanics with real tensions have."""
+"""An outcome that only robots with known cable tensions have."""
 RESTART = "restart with the foot on the pedal"
-"""Word of an outcome that only a robot with a dead-man switch has."""
+"""An outcome that only robots with a dead-man switch have."""
 
 
 class Definition(NamedTuple):
@@ -27,7 +27,9 @@ class Definition(NamedTuple):
 
 
 def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
-    """Return every word: responses first, each kind from the strongest to the weakest."""
+    """Return all words and their meanings. Responses are first; each kind begins with the
+    strongest.
+    """
     terms = {
         "limit": f"{rules.limit_mm:g} mm",
         "threshold": f"{rules.threshold_mm:g} mm",

@@ -1,6 +1,7 @@
 """Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-Stop rules, report and search share them, on Parquet files, Arrow tables and DataFrames.
+Stop rules, reports and searches use the same events. They work on Parquet files, Arrow tables and
+DataFrames.
 """
 
 from __future__ import annotations
@@ -18,18 +19,17 @@ if TYPE_CHECKING:
 
 
 class Rules(NamedTuple):
-    """A campaign's choices in the definitions."""
+    """The settings of a campaign on which the definitions of outcomes depend."""
 
-    cue: int = 0  # haptic set of the verdict
-    threshold_mm: float = LIMIT_MM  # threshold of that haptic set
-    jump: str = "jump_code"  # column of the jump rule
-    limit_mm: float = LIMIT_MM  # limit of hazards
-    built_in: str = "response"  # column of what the built-in checks alone did
-    stopping: tuple[
-        tuple[int, str], ...
-    ] = ()  # Number and name of each detector that presses the E-stop.
-    harms: tuple[str, ...] = ()  # in words, the campaign's own harms that count
-    limit_counts: bool = True  # unintended motion beyond the limit is harm
+    cue: int = 0  # number of the haptic set for the verdict
+    threshold_mm: float = LIMIT_MM  # threshold of this haptic set
+    jump: str = "jump_code"  # column of the rule for jumps
+    limit_mm: float = LIMIT_MM  # unintended motion above which a run has a hazard
+    built_in: str = "response"  # column with the response of the built-in checks alone
+    # Number and name of each detector that presses the E-stop.
+    stopping: tuple[tuple[int, str], ...] = ()
+    harms: tuple[str, ...] = ()  # harms that the campaign defines and that count, as text
+    limit_counts: bool = True  # unintended motion beyond the limit counts as harm
 
     @property
     def harm(self) -> str:
@@ -43,18 +43,17 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Return SQL for the time of an event; -1 if it never came, or in the golden run by then.
-
-    It matches `verdict.beyond_golden`.
+    """Return SQL for the time of an event; -1 if it never happened, or not later than in the golden
+    run. The SQL equals `verdict.beyond_golden`.
     """
     ms, golden = f'"{column}"', f'"golden_{column}"'
     return f"CASE WHEN {ms} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {ms}) THEN {ms} ELSE -1 END"
 
 
 def check_ms_sql(name: str) -> str:
-    """Return SQL for the first time at which a check acted otherwise than in the golden run; -1.
+    """Return SQL for the first time at which a check acted more than in the golden run; -1: never.
 
-    It matches `verdict.classify_responses`.
+    The SQL equals `verdict.classify_responses`.
     """
     ms = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
@@ -71,7 +70,7 @@ EVENTS: dict[str, dict[str, str]] = resources.read_tables(__file__, "events.toml
 TOLD_SQL = f"response IN {_among(TOLD)}"
 
 UNWATCHED = (
-    "but the tensions of this robot's cables are not known: with a Raven-II take"
+    "but the cable tensions of this robot are unknown; for a Raven-II write"
     " campaign.parameter_set = 'power_consistent'"
 )
 """Reason why a table may lack the event `cable_overload`."""
@@ -80,7 +79,7 @@ VALID_SQL = "failed = ''"
 
 
 def event_sql(name: str, rules: Rules) -> str:
-    """Return the expression of an event under a campaign's rules."""
+    """Return the SQL expression of an event for a campaign's rules."""
     return EVENTS[name]["sql"].format(
         untold=_among(UNTOLD),
         told=_among(TOLD),
@@ -92,7 +91,7 @@ def event_sql(name: str, rules: Rules) -> str:
 
 
 def event_meaning(name: str, rules: Rules) -> str:
-    """Return an event's meaning in words, with the campaign's own numbers."""
+    """Return the meaning of an event as text, with the limits of the campaign."""
     note = describe_harms(rules) if "unintended motion" in EVENTS[name]["sql"] else ""
     meaning = EVENTS[name]["meaning"].format(
         limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
@@ -101,12 +100,14 @@ def event_meaning(name: str, rules: Rules) -> str:
 
 
 def describe_harms(rules: Rules) -> str:
-    """Return which harms of the campaign's own count as unintended motion; "" if none does."""
+    """Return as text the harms that the campaign defines and that count; "" if there are none."""
     return f"({'or ' * rules.limit_counts}{' or '.join(rules.harms)})" if rules.harms else ""
 
 
 def name_harm(text: str, rules: Rules) -> str:
-    """Return a text on unintended motions with the names of the campaign's own harms, if any."""
+    """Return a text about unintended motions with the names of the harms that the campaign
+    defines, if any.
+    """
     if not rules.harms:
         return text
     text = re.sub(r"\b([Aa]n )?[Uu]nintended( |<br>)motions?( over [\d.]+ mm)?", rules.harm, text)
@@ -114,7 +115,7 @@ def name_harm(text: str, rules: Rules) -> str:
 
 
 def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
-    """Return the columns of the result table that these events and `failed` need."""
+    """Return the columns of the result table that these events need, and `failed`."""
     text = " ".join(event_sql(name, rules) for name in names)
     words = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", text))
     return list(dict.fromkeys(["failed", *words]))
@@ -123,10 +124,10 @@ def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
 def events_happened(
     table: pa.Table, names: Sequence[str], rules: Rules, valid: str = VALID_SQL
 ) -> np.ndarray:
-    """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows],
-    `valid` first, an SQL expression.
+    """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows].
 
-    `table`: Arrow, with `event_columns`. Events of a run without a valid outcome mean nothing.
+    `table`: Arrow table with `event_columns`. `valid`: SQL expression of valid rows, the first row
+    of the result. Events of other rows have no meaning.
     """
     import duckdb
     import numpy as np

@@ -1,6 +1,6 @@
-"""Computes response, hazard and verdict of each run from the engines' counts, with NumPy.
+"""Computes response, hazard and verdict of each run from an engine's output, with NumPy.
 
-The package's docstring defines these words.
+The docstring of `ravenjax.outcomes` defines these words.
 """
 
 from collections.abc import Iterable, Mapping
@@ -12,24 +12,24 @@ from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
 
 PUBLISHED_CUE_MM = 3.0
-"""Distance between nominal model and robot at which the published cue fires (IROS 2016)."""
+"""Distance between nominal model and robot above which the published cue is on (IROS 2016), mm."""
 
 LIMIT_MM = PUBLISHED_CUE_MM
 """Default of a campaign's `[outcomes] limit_mm`: the distance at which a hazard begins."""
 
 HALT_MS = 200
-"""Time out of pedal-down that counts as noticeable. The largest visual delay that operators accept
-is 150 to 200 ms.
+"""Total time out of pedal-down above which a run has a loss of motion, ms. The largest visual delay
+that operators accept is 150 to 200 ms.
 
-The time is a sum: a flickering pedal is up for a few ms at a time, in which no brake closes, and
-for tens of ms in total.
+A flickering pedal is up for tens of ms in total, but only for a few ms at a time, so that no brake
+closes.
 """
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What the built-in checks, and added checks that do more than watch, did, strongest first."""
+"""Responses of the checks that do more than watch, strongest first."""
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
-"""What became of the motion, gravest first."""
+"""Hazards of a run, gravest first."""
 
 CUES = ("cue", "no cue")
 
@@ -38,10 +38,10 @@ VERDICTS = tuple(
 )
 
 TOLD = ("stopped", "flagged")
-"""Responses that a person learns of."""
+"""Responses that a person notices: a stop or an alarm."""
 
 UNTOLD = ("limited", "silent")
-"""Responses that nobody learns of."""
+"""Responses that nobody notices."""
 
 SILENT = RESPONSES.index("silent")
 _NONE = HAZARDS.index("none")
@@ -52,21 +52,21 @@ Outcomes = Mapping[str, Any]
 
 
 class Response(NamedTuple):
-    """What the checks did, arrays [rows]."""
+    """The response of the checks in each run, arrays [rows]."""
 
-    response: np.ndarray  # index of RESPONSES
-    cause: np.ndarray  # index of `causes`
-    ms: np.ndarray  # when first, of the strongest kind; -1: silent
-    told_ms: np.ndarray  # time of the first flag or stop; -1: none
+    response: np.ndarray  # index in RESPONSES
+    cause: np.ndarray  # index in `causes`
+    ms: np.ndarray  # first time of the strongest response; -1: silent
+    told_ms: np.ndarray  # first time of an alarm or a stop; -1: none
     causes: tuple[str, ...]  # "" for none, then the cause of each check
 
 
 def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
-    """Return what the checks did in each run beyond what they did in its golden run.
+    """Return the response of the checks in each run, compared with its golden run.
 
-    Checks trip on fault-free motion too: a command is clipped, or the first packet of a stream is
-    lost. A check counts only if it tripped more often than in the golden run, or first tripped
-    sooner. `golden`: its `check_*_count` and `check_*_first_ms`.
+    Checks also trip in fault-free motion, for example if a command is clipped. So a check counts
+    only if it tripped more often than in the golden run, or sooner. `golden`: columns
+    `check_*_count` and `check_*_first_ms` of the golden runs.
     """
     counted = [name for name in checks.check_names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
@@ -75,13 +75,12 @@ def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Re
 def built_in_responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
 ) -> Response:
-    """Return what the built-in checks did. In a run whose course an added part changed, only their
-    actions before that change count.
+    """Return the response of the built-in checks alone.
 
-    `detectors`: numbers of those that may stop the robot; `golden` has their
-    `detector<d>_threshold0_*`. A stop by an added check makes built-in checks trip too: the
-    software E-stop, then the PLC. Only a run without that part shows what the robot would have done
-    without it. Trips before the change would have come anyway.
+    A stop by an added check makes built-in checks trip too: the software E-stop, then the PLC. So
+    if an added check or detector changed the course of a run, only trips before this change count.
+    `detectors`: numbers of detectors that may stop the robot; `golden` needs their columns
+    `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
     added = [
@@ -93,7 +92,8 @@ def built_in_responses(
         (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
     ]
     onset, never = np.asarray(outcomes["first_active_ms"]), np.iinfo(np.int32).max
-    acted = np.full(len(onset), never)  # ms, when an added part left the golden run's course
+    # Time at which an added check or detector first acted differently than in the golden run, ms.
+    acted = np.full(len(onset), never)
     for often, when in added:
         count, ms = np.asarray(outcomes[often]), np.asarray(outcomes[when])
         otherwise = (count != np.asarray(golden[often])) | (ms != np.asarray(golden[when]))
@@ -106,9 +106,10 @@ def built_in_responses(
 def _responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], until: np.ndarray | None
 ) -> Response:
-    """Return what these checks did.
+    """Return the response of the checks `names`.
 
-    `until`: ms [rows] of the last trips that count (those of `follows` before it); -1: all.
+    `until`: ms [rows], last time at which trips count; -1: all count. Trips of a check with
+    `follows` count only before this time.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
@@ -120,13 +121,13 @@ def _responses(
             [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
             for columns in (outcomes, golden)
         )
-        # True for most checks
+        # This shortcut applies to most checks.
         if np.array_equal(count, usual_count) and np.array_equal(ms, usual_ms):
             continue
         sooner = beyond_golden(ms, usual_ms) >= 0
         more = (count > usual_count) | sooner
-        # If the golden run had tripped by then, the first trip may precede the fault. The response
-        # may not.
+        # If the check also tripped in the golden run, its first trip may be before the fault. The
+        # response must not be before the fault.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if until is not None:
             more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
@@ -141,9 +142,9 @@ def _responses(
 
 
 def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
-    """Return the gravest hazard of each run as an index of HAZARDS.
+    """Return the gravest hazard of each run as an index in HAZARDS.
 
-    `outcomes`: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
+    `outcomes`: columns unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
     golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
     """
     names = ("unintended", "loss", "false_report")
@@ -154,16 +155,16 @@ def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
 
 
 def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
-    """Return whether the time out of pedal-down with the pedal held is a loss of motion: bool,
-    arrays [rows] or numbers.
+    """Return whether a run has a loss of motion because the robot stood still although the pedal
+    was down; bool, numbers or arrays [rows].
 
-    `stopped`: a check stopped the robot.
+    `stopped`: True if a check stopped the robot; this is no loss of motion.
     """
     return (halted_ms - golden_halted_ms > HALT_MS) & np.logical_not(stopped)
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Return the time [rows] of an event's beginning; -1: never, or in the golden run by then."""
+    """Return the time [rows] of an event; -1: never, or not later than in the golden run."""
     here, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
     return np.where((here >= 0) & ~((golden >= 0) & (golden <= here)), here, -1)
 
@@ -171,8 +172,9 @@ def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
 def classify_verdicts(
     response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
-    """Return the verdict of each run as an index of (*VERDICTS, ""); "" if it has no valid outcome.
-    `cue`: bool, beyond the golden run.
+    """Return the verdict of each run as an index in (*VERDICTS, ""); "" if the run is not valid.
+
+    `cue`: bool [rows], a cue that the golden run does not have.
     """
     place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
     return np.where(valid, place, len(VERDICTS))

@@ -1,7 +1,7 @@
-"""Names that users' files import: `from ravenjax.parts import Quantity, Scalar, Vec, jnp, record`.
+"""Names that a user's check or detector imports: `from ravenjax.parts import Scalar, Vec, jnp,
+record`.
 
-A user's file is a Python file that a campaign names. It has functions in the style of the built-in
-stages:
+A user's file is a Python file that a campaign names. It has these functions:
 
     params()                    return a record of numbers that a campaign may vary, each with a
                                 Quantity; optional
@@ -13,8 +13,8 @@ number is a single number: loops over joints are Python loops, choices are `jnp.
 Python `if` depends on a value. `view` depends on the robot: for a Raven-II it is
 `ravenjax.robots.raven2.loop.user_files.View`.
 
-The content of a part is the file, the modules in its folder that it imports, and the arrays there
-that it loads. A campaign whose part has other content is a different campaign.
+The content of a user's file includes the modules in its folder that it imports, and the arrays in
+its folder that it loads. If this content changes, the campaign is a different campaign.
 """
 
 from typing import Annotated

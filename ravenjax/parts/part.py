@@ -1,8 +1,9 @@
-"""Runs a user's file in the tick: loads its code, reads its parameters, and checks each step.
+"""Runs a user's Python file in each tick: loads its code, reads its parameters, and checks its
+steps.
 
-The code runs while it is traced. Each mistake becomes one error that names file and line. Mistakes
-are: an exception in the file, a branch on a value, an array in place of a single number, or a state
-that changes its structure or types.
+The code runs while JAX traces it. Each mistake becomes one error that names file and line. Mistakes
+are an exception in the file, a branch that depends on a value, an array in place of a single
+number, and a state that changes its structure or types.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ THRESHOLD = Quantity("of the score", 0, 1e6, "score above which the check trips"
 """The values that the threshold of a check may have."""
 
 PARAMS, INIT, STEP = "params()", "init(params)", "step(params, state, view)"
-"""The functions of a file, as error messages name them."""
+"""Names of the functions of a user's file in error messages."""
 
 SCORE = object()
-"""Marks that `step` returns one number of any kind, which is taken as a float."""
+"""Marks a result of `step` that is a single number. It is converted to a float."""
 
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
-_CONVERSIONS = {"int": ": take to_int32(x), which truncates", "float": ": take jnp.float32(x)"}
+_CONVERSIONS = {"int": ": write to_int32(x), which truncates", "float": ": write jnp.float32(x)"}
 _BRANCHES = (
     "TracerBoolConversionError",
     "ConcretizationTypeError",
@@ -50,7 +51,7 @@ _BRANCHES = (
 
 
 class View:
-    """The numbers that a file can read at some place of the tick, after they were computed."""
+    """The signals that a user's file can read at one point of the tick."""
 
     def __init__(self, at: str, numbers: Mapping[str, Any]) -> None:
         self.__dict__.update(numbers)
@@ -62,10 +63,10 @@ class View:
 
 
 class InPlace(NamedTuple):
-    """A value that a file may return under a key."""
+    """A value that a user's file may return for a key."""
 
-    like: Any  # numbers with the expected structure and kinds
-    words: str  # the same in words, for error messages
+    like: Any  # numbers with the expected structure and types
+    words: str  # the expected structure as text, for error messages
 
 
 # --- files ---
@@ -79,10 +80,10 @@ def read_source(
     what: str = "detector",
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> OwnSource:
-    """Read the file at `path`, run it once, and return its source.
+    """Read a user's file, run it once, and return its source.
 
-    what: kind of the part, for messages. require: raises UserError for code that must not run.
-    Raises UserError, which names file and line.
+    what: "check" or "detector", for messages. require: function that raises UserError for code that
+    must not run. Raise UserError with file and line if the file has a mistake.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -98,7 +99,7 @@ def read_source(
 
 
 def is_unchanged(source: OwnSource) -> bool:
-    """Return whether the file, and the files beside it that it uses, are as they were read."""
+    """Return whether the file, and the files of its folder that it loads, are unchanged."""
     path = Path(source.path)
     try:
         return path.read_text(encoding="utf-8") == source.text and all(
@@ -109,7 +110,7 @@ def is_unchanged(source: OwnSource) -> bool:
 
 
 def hash_source(source: OwnSource) -> str:
-    """Return the sha256 of the code, and of the files beside it that it loads or imports."""
+    """Return the sha256 of the code and of the files in its folder that it loads or imports."""
     files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
     return hashlib.sha256(repr((source.text, files)).encode()).hexdigest()
 
@@ -119,7 +120,7 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    # So that a traceback shows the line even if the file has changed or is on another machine
+    # With this entry a traceback shows the line even if the file has changed since.
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
@@ -143,20 +144,20 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, SyntaxError) and is_own(error.filename):
-            place, trouble = f"{error.filename}:{error.lineno}", f"is no Python ({error.msg})"
-            raise UserError(f"{place}: {trouble}") from None
+            location, trouble = f"{error.filename}:{error.lineno}", f"invalid Python ({error.msg})"
+            raise UserError(f"{location}: {trouble}") from None
         frames = [f for f in traceback.extract_tb(error.__traceback__) if is_own(f.filename)]
-        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
+        location = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
-                "has an if, a while, a comparison chain or a conversion of a value that is known"
-                " only when the robot runs. Write jnp.where(condition, a, b), and & and | for and"
-                " and or"
+                "has an if, a while, a comparison chain or a conversion that depends on a value of"
+                " the simulation. Write jnp.where(condition, a, b) instead of if, & instead of"
+                " and, | instead of or"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")
             trouble = f"raises {type(error).__name__}: {first}"
-        raise UserError(f"{place}: {where} {trouble}") from error
+        raise UserError(f"{location}: {where} {trouble}") from error
 
 
 # --- functions ---
@@ -164,9 +165,9 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
 
 @functools.lru_cache(maxsize=256)
 def load_part(source: OwnSource) -> Part:
-    """Return the part of a source.
+    """Load a user's file, or return it if it is already loaded.
 
-    Raises UserError if the file has no `step`, or if its `params` is invalid.
+    Raise UserError if the file has no `step`, or if its `params` is invalid.
     """
     if source not in _MODULES:
         _MODULES[source], _ = _run(source, dict(source.files))
@@ -180,11 +181,13 @@ class Part:
         self.source = source
         self._functions = {name: getattr(module, name, None) for name in ("params", "init", "step")}
         if not callable(self._functions["step"]):
-            raise UserError(f"{source.path}: has no function {STEP}, which gives (state, score)")
+            raise UserError(
+                f"{source.path}: expected a function {STEP} that returns (state, score)"
+            )
         self._require_ranges()
 
     def params(self) -> Any:
-        """Return the parameters with the values that the file gives; None: the file has none."""
+        """Return the parameters with the values of the file; None if it has no parameters."""
         with _blame(self.source, PARAMS):
             return self._call("params")
 
@@ -199,22 +202,22 @@ class Part:
             return tree.fill_tree(state, [self._number(INIT, *pair, width) for pair in named])
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
-        """Compute one millisecond. Return the state, and the other results by name.
+        """Compute one millisecond. Return the state, then the other results in order.
 
-        gives: for each result, SCORE for a score, numbers for a result with the same structure and
-        kinds, or a dict of InPlace for a result that has some of these keys. A key whose value is
-        identical to the numbers in `like` counts as left out.
+        gives: for each result, its expected form: SCORE for a score, numbers of the same structure
+        and types, or a dict of InPlace for a dict with some of these keys. A key whose value is
+        identical to the numbers in `like` is left out of the result.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
             wanted = ("state", *gives)
             if type(result) is not tuple or len(result) != len(wanted):
                 expected = ", ".join(wanted)
-                raise self._error(STEP, f"gives {format_value(result)}, expected ({expected})")
+                raise self._error(STEP, f"returns {format_value(result)}, expected ({expected})")
             names = (
                 ", ".join(name or "one number" for name, _ in tree.named_leaves(state)) or "nothing"
             )
-            out = [self._like("state", state, result[0], width, f"{names}, as init begins")]
+            out = [self._like("state", state, result[0], width, f"{names}, as init returns")]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
                     number = self._number(STEP, name, value, width)
@@ -232,19 +235,19 @@ class Part:
     def _keyed(
         self, name: str, like: Mapping[str, InPlace], values: Any, width: str
     ) -> dict[str, Any]:
-        # Checks a dict of new numbers that the user's `step` gives for signals of `view`.
+        # Checks a dict of new numbers that the user's `step` returns for signals of `view`.
         keys = ", ".join(like)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
-            raise self._error(STEP, f"gives {format_value(values)} for {name}, {expected}")
+            raise self._error(STEP, f"returns {format_value(values)} for {name}, {expected}")
         numbers = {}
         for key, value in values.items():
             if key not in like:
                 expected = f"expected some of {keys}{suggest_name(key, like)}"
-                raise self._error(STEP, f"gives the key {key!r} in {name}, {expected}")
-            place = like[key]
-            new = self._like(key, place.like, value, width, place.words)
-            pairs = zip(tree.tree_leaves(value), tree.tree_leaves(place.like), strict=True)
+                raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
+            declared = like[key]
+            new = self._like(key, declared.like, value, width, declared.words)
+            pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
             if not all(given is there for given, there in pairs):
                 numbers[key] = new
         return numbers
@@ -252,28 +255,29 @@ class Part:
     def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
         expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
-        if [place for place, _ in expected] != [place for place, _ in given]:
-            several = f"{len(expected)} numbers, a Vec or a record as view has them"
+        if [path for path, _ in expected] != [path for path, _ in given]:
+            several = f"a Vec or a record of {len(expected)} numbers, with the structure in view"
             words = words or ("one number" if len(expected) == 1 else several)
-            raise self._error(STEP, f"gives {format_value(values)} for {name}, expected {words}")
+            raise self._error(STEP, f"returns {format_value(values)} for {name}, expected {words}")
         numbers = []
-        for (place, wanted), (_, value) in zip(expected, given, strict=True):
-            what = f"{name}[{place}]" if place else name
+        for (path, wanted), (_, value) in zip(expected, given, strict=True):
+            what = f"{name}[{path}]" if path else name
             number, kind = self._number(STEP, what, value, width), _kind(wanted)
             if _kind(number) != kind:
                 expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
-                raise self._error(STEP, f"gives a {_kind(number)} for {what}, {expected}")
+                raise self._error(STEP, f"returns a {_kind(number)} for {what}, {expected}")
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
     def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
+        # Checks a number that a user's file returned, and converts it to the setup's number type.
         if shape := getattr(value, "shape", ()):
-            expected = "expected a single number: take Vec for several"
-            raise self._error(where, f"gives an array of shape {shape} for {what}, {expected}")
+            expected = "expected a single number: write a Vec for several numbers"
+            raise self._error(where, f"returns an array of shape {shape} for {what}, {expected}")
         kind = _kind(value)
         if kind is None:
             expected = "expected a number: float, int or bool"
-            raise self._error(where, f"gives {format_value(value)} for {what}, {expected}")
+            raise self._error(where, f"returns {format_value(value)} for {what}, {expected}")
         dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
 
@@ -284,7 +288,7 @@ class Part:
             return
         if not dataclasses.is_dataclass(record) or isinstance(record, type):
             expected = "expected a record of numbers, made with @record"
-            raise self._error(PARAMS, f"gives {format_value(record)}, {expected}")
+            raise self._error(PARAMS, f"returns {format_value(record)}, {expected}")
         ranges = dict(quantity.list_quantities(type(record)))
         for name, value in tree.named_leaves(record):
             limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
@@ -292,9 +296,9 @@ class Part:
                 remedy = "annotate it with Quantity(unit, low, high, meaning)"
                 trouble = f"has {name} without a range: {remedy}"
             elif not isinstance(value, int | float | np.number) or not math.isfinite(value):
-                trouble = f"gives {format_value(value)} for {name}, expected a number"
+                trouble = f"returns {format_value(value)} for {name}, expected a number"
             elif not limits.low <= float(value) <= limits.high:
-                trouble = f"gives {value:g} for {name}, expected {limits}"
+                trouble = f"returns {value:g} for {name}, expected {limits}"
             else:
                 continue
             raise self._error(PARAMS, trouble)
@@ -302,8 +306,8 @@ class Part:
     def _error(self, where: str, said: str) -> UserError:
         head = re.compile(rf"def {where.partition('(')[0]}\b")
         lines = enumerate(self.source.text.splitlines(), 1)
-        place = next((f":{number}" for number, line in lines if head.match(line)), "")
-        return UserError(f"{self.source.path}{place}: {where} {said}")
+        line_suffix = next((f":{number}" for number, line in lines if head.match(line)), "")
+        return UserError(f"{self.source.path}{line_suffix}: {where} {said}")
 
 
 def _kind(value: Any) -> str | None:
@@ -323,23 +327,23 @@ def part_quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
 
 
 def part_parameters(sources: tuple[OwnSource, ...]) -> Any:
-    """Return a named tuple of the records that the files give, None for a file without parameters.
+    """Return a named tuple of the files' records of parameters; None for a file without parameters.
 
-    The tuple can travel between processes together with the files' code. Raises UserError.
+    The tuple can be pickled, together with the code of the files. Raise UserError for mistakes.
     """
     records = (load_part(source).params() for source in sources)
     return _named_kind(tuple(source.name for source in sources), sources)(*records)
 
 
 def named_parameters(names: tuple[str, ...], numbers: Any) -> Any:
-    """Return a named tuple of these numbers, which can travel between processes."""
+    """Return a named tuple of these numbers, which can be pickled."""
     return _named_kind(names)(*numbers)
 
 
 @functools.lru_cache(maxsize=256)
 def _named_kind(names: tuple[str, ...], sources: tuple[OwnSource, ...] = ()) -> type[Any]:
-    # Classes of a file's records exist in this process only. Another process rebuilds them from the
-    # file's text, and receives the numbers from here.
+    # Record classes of a user's file exist only in this process. So a pickle contains the text of
+    # the file and the numbers, and the other process creates the classes again.
     kind = collections.namedtuple("Named", names)
     kind.__reduce__ = lambda named: (_restored, (names, sources, tree.tree_leaves(named)))  # type: ignore[method-assign]
     return kind

@@ -1,6 +1,6 @@
-"""Runs the code of a user's file, and collects what it takes from its own folder.
+"""Runs the code of a user's Python file, and collects the files of its folder that the code reads.
 
-The part's content is the user's file and these files. Campaigns store a hash of this content.
+Campaigns store a hash of the user's file and of these files.
 """
 
 import builtins
@@ -20,23 +20,22 @@ from ravenjax.errors import UserError, format_value
 
 @dataclasses.dataclass(eq=False)
 class Reader:
-    """Runs one part, and the modules beside it that it imports.
+    """Runs a user's file, and the modules in its folder that it imports.
 
-    These modules are visible to this part only, and are not in `sys.modules` under their plain
-    names. Two campaigns may therefore each have a module `filters`.
+    Only this file can import these modules. They are not in `sys.modules` under their plain names,
+    so two campaigns may have different modules with the name `filters`.
     """
 
-    name: str  # of the part's module
+    name: str  # name of the file's module
     folder: Path
-    # Files of a part that was read before, maybe in another process, which are used unchanged.
-    # None: the folder's are read.
+    # Content of files that were read before, perhaps in another process. None: read the folder.
     known: Mapping[str, bytes] | None
-    require: Callable[[Path, bytes], None]  # raises UserError for refused code
-    taken: dict[str, bytes] = dataclasses.field(default_factory=dict)
+    require: Callable[[Path, bytes], None]  # raises UserError for code that must not run
+    taken: dict[str, bytes] = dataclasses.field(default_factory=dict)  # content of files read
     _modules: dict[str, types.ModuleType] = dataclasses.field(default_factory=dict)
 
     def read(self, text: str, path: Path) -> types.ModuleType:
-        """Return the module of the part's file."""
+        """Run the user's file and return its module."""
         self.require(path, text.encode())
         _READERS.append(self)
         try:
@@ -45,13 +44,13 @@ class Reader:
             _READERS.remove(self)
 
     def content(self, name: str) -> bytes:
-        """Return a file beside the part, and add it to the part's content. Raises OSError."""
+        """Return the content of a file in the folder, and record it. Raise OSError if missing."""
         if self.known is None:
             self.taken[name] = (self.folder / name).read_bytes()
         elif name in self.known:
             self.taken[name] = self.known[name]
         else:
-            raise FileNotFoundError(2, "No such file when the part was first read", name)
+            raise FileNotFoundError(2, "No such file when the code was first read", name)
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:
@@ -59,7 +58,7 @@ class Reader:
         module = types.ModuleType(name)
         module.__file__ = str(path)
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._imported}
-        # Annotations of its records are looked up by the module's name
+        # Python finds the annotations of the file's records by the name of its module.
         sys.modules[name] = module
         try:
             exec(compile(code, str(path), "exec"), module.__dict__)
@@ -76,19 +75,19 @@ class Reader:
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> types.ModuleType:
-        """Replace `__import__` for the part: look for modules beside it first, as in a script."""
+        """Replace `__import__` for the user's file: modules in its folder have priority."""
         beside = None if level or "." in name else self._beside(name)
         return beside or builtins.__import__(name, globals, locals, fromlist, level)
 
     def _beside(self, name: str) -> types.ModuleType | None:
-        # Imports a module beside the user's file; None if there is none.
+        # Imports a module from the folder of the user's file; None if there is none.
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]
         if self not in _READERS:
             if path.is_file():
                 raise ImportError(
-                    f"import {name} at the top of the file: ravenjax must read all code of a part"
+                    f"import {name} at the top of the file, because ravenjax must read all code"
                     " before it runs"
                 )
             return None
@@ -103,19 +102,19 @@ class Reader:
 
 
 _READERS: list[Reader] = []
-"""Readers of the parts that are being read; the innermost is last."""
+"""Readers that are active; the innermost is last."""
 
 
 def load(name: str) -> Any:
-    """Return the arrays of a NumPy file (.npy: one; .npz: a dict) in the part's folder.
+    """Return the arrays of a NumPy file (.npy: one array; .npz: a dict) in the folder of the file.
 
-    The part's content includes this file: a campaign with other weights is a different campaign.
-    Call `load` at the top level of the file. Raises UserError if the file does not exist.
+    The hash of the campaign includes this file, so a campaign with other weights is another
+    campaign. Call `load` at the top level of your file. Raise UserError if the file is missing.
     """
     if not _READERS:
         raise UserError(
-            f"load({name!r}) was called outside a part's file or inside a function; call it at"
-            " its top"
+            f"load({name!r}) was called inside a function, or outside of a check's or detector's"
+            " file; call load at the top level of the file"
         )
     reader = _READERS[-1]
     try:

@@ -1,3 +1,1 @@
-"""Provides statistics that are independent of robots: intervals, comparisons, bootstrap, alarms,
-sensitivity, sample sizes.
-"""
+"""Statistics that need no robot: intervals, comparisons, bootstrap, alarms and sample sizes."""

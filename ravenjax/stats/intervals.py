@@ -1,9 +1,10 @@
 """Computes confidence intervals of a rate k/n.
 
-Wilson is for display and Clopper-Pearson for guarantees, because it never covers less than
-promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science
-16, 2001). They assume that the n trials are independent. Repeats of a deterministic run are not, so
-count distinct faults, or resample clusters (`bootstrap.units`).
+Use Wilson's interval for display. Use Clopper and Pearson's for guarantees, because it never covers
+less than promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta,
+Statistical Science 16, 2001). They assume that the n trials are independent. Repeats of a
+deterministic run are not independent, so count distinct faults, or resample clusters
+(`bootstrap.units`).
 """
 
 import math
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 Method = Literal["wilson", "beta"]
 """Names in proportion_confint; beta is the exact interval of Clopper and Pearson."""
 ALPHA = 1 - 0.95
-"""Chance to miss of an interval, if no other is asked for."""
+"""Default probability that an interval does not contain the true value."""
 
 
 class Rate(NamedTuple):
@@ -47,8 +48,8 @@ def clopper_pearson(k: int, n: int) -> Rate:
 
 
 def share_of_cells(k: int, n: int) -> Rate:
-    """Return the share k of n cells of a design without an interval, because nothing was sampled.
-    Raises ValueError unless 0 <= k <= n.
+    """Return the share k of n cells of a fixed design. It has no interval, because nothing was
+    sampled. Raise ValueError unless 0 <= k <= n.
     """
     return wilson_interval(k, n)._replace(low=math.nan, high=math.nan)
 
@@ -132,7 +133,7 @@ def anytime_bounds(
 def alpha_of(confidence: float) -> float:
     """Return 1 - confidence, the chance to miss. Raises ValueError unless 0 < confidence < 1."""
     if not 0 < confidence < 1:
-        raise ValueError(f"a confidence must be between 0 and 1, such as 0.95, got {confidence}")
+        raise ValueError(f"expected a confidence between 0 and 1, such as 0.95, got {confidence}")
     return 1 - confidence
 
 

@@ -1,8 +1,7 @@
-"""Analyses delays to an event that may never come. A run that ends without the event is censored,
-not dropped.
+"""Analyses delays to an event that may never happen, such as an alarm.
 
-Censoring is assumed to be uninformative: a run that a stop ended early would have continued like
-the others.
+A run that ends without the event is censored, not dropped. Censoring is assumed to be
+uninformative: a run that a stop ended early would have continued like the others.
 """
 
 from typing import NamedTuple
@@ -16,17 +15,16 @@ from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 
 
 class Delays(NamedTuple):
-    """Delays of runs, arrays [m]: `count` runs had the event after `time` if `came`, else they were
-    observed for that time without it.
+    """Delays of runs, counted by delay; arrays [m].
 
-    Times are whole milliseconds, so there are at most a few thousand different ones for any number
-    of runs.
+    Delays are whole milliseconds, so m is at most a few thousand for any number of runs.
     """
 
-    # Any unit. For lags: alarm minus harm, negative if the alarm came first.
+    # Delay, in any unit. For lags: alarm minus harm, negative if the alarm was first.
     time: np.ndarray
+    # bool: the event happened after `time`. Else the runs were observed for `time` without it.
     came: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # number of runs
 
     @property
     def n(self) -> int:
@@ -39,9 +37,9 @@ NONE = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
 
 
 class Incidence(NamedTuple):
-    """Kaplan-Meier estimate of the fraction of runs with the event by `time`, with a band."""
+    """Kaplan-Meier estimate of the fraction of runs with the event until `time`, with a band."""
 
-    # In the given unit, increasing, from 0 (for a lead time: from the least).
+    # In the unit of the delays, increasing, from 0 (for lags: from the smallest lag).
     time: np.ndarray
     fraction: np.ndarray
     low: np.ndarray
@@ -50,14 +48,14 @@ class Incidence(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> float:
-        """Return the first time by which `fraction` of the runs had the event; NaN if never."""
+        """Return the time until which `fraction` of the runs had the event; NaN if never."""
         return _first(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
-        """Return `delay_quantile` with its interval: the times whose band contains `fraction`.
+        """Return `quantile` with its interval: the times whose band contains `fraction`.
 
-        The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if the runs are
-        too few or end too early for it.
+        The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if there are too
+        few runs, or if they end too early.
         """
         return Estimate(
             self.quantile(fraction),
@@ -66,22 +64,21 @@ class Incidence(NamedTuple):
 
 
 class Lead(NamedTuple):
-    """How long before the harm the alarm came, over all harmed runs.
+    """Lead time of an alarm before the harm, over all harmful runs.
 
-    lag: incidence of the alarm over alarm minus harm (negative: before the harm). Runs without an
-    alarm are censored at the end of their observation. before: rate of harmed runs whose alarm came
-    strictly before the harm.
+    lag: incidence of the alarm over the time of the alarm minus that of the harm (negative: before
+    the harm). Runs without an alarm are censored at their end. before: rate of harmful runs with an
+    alarm before the harm.
     """
 
     lag: Incidence
     before: Rate
 
     def quantile(self, fraction: float) -> Estimate:
-        """Return the lead that this fraction of the harmed runs had or exceeded, with its interval.
-        Negative: after the harm.
+        """Return the lead time that this fraction of the harmful runs had or exceeded, with its
+        interval. It is negative for an alarm after the harm.
 
-        The result is NaN if fewer runs had an alarm during observation. A bound is NaN if it is
-        unknown.
+        The result is NaN if fewer runs had an alarm. A bound is NaN if it is unknown.
         """
         value, low, high = self.lag.quantile_interval(fraction)
         return Estimate(-value, -high, -low)
@@ -93,10 +90,10 @@ def incidence_curve(delays: Delays) -> Incidence:
 
 
 def lead_time(lags: Delays) -> Lead:
-    """Return the lead of an alarm over the harm.
+    """Return the lead time of an alarm before the harm.
 
-    `lags`: alarm minus harm of the harmed runs. Without an alarm it is the end of observation minus
-    harm, censored, so that a detector cannot gain by missing.
+    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are censored, with the end
+    of the run minus the harm. So a detector cannot look better because it misses faults.
     """
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
@@ -106,11 +103,11 @@ def lead_time(lags: Delays) -> Lead:
 def delay_quantile(
     delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units
 ) -> Estimate:
-    """Return the time by which `fraction` of the runs had the event, as `Incidence.quantile` does,
-    with an interval by resampling units.
+    """Return the time until which `fraction` of the runs had the event, with an interval by
+    resampling units.
 
-    Runs are as in `incidence_curve`, but times may be negative, as lags are. A bound is NaN if
-    resamples reach the fraction too rarely, or if there are too few units.
+    delay: time to the event or to the end of the run, perhaps negative. happened: bool, the event
+    happened. A bound is NaN if too few resamples reach the fraction, or if there are too few units.
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
@@ -126,17 +123,19 @@ def delay_quantile(
 
 
 def _curve(delays: Delays, start: float) -> Incidence:
-    # These are the formulas of scipy.stats.ecdf, which takes no counts.
+    # Returns the share of runs with the event over time, with its band. The formulas are those of
+    # scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
 
     events = int(delays.count[delays.came].sum())
     if not events:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
-    time, place = np.unique(delays.time.astype(float), return_inverse=True)
-    at = np.bincount(place, delays.count)
-    died = np.bincount(place, delays.count * delays.came)
-    risk = delays.n - np.cumsum(at) + at
+    time, index = np.unique(delays.time.astype(float), return_inverse=True)
+    # Numbers of runs at each time: observed until then, with the event, and under observation.
+    ending = np.bincount(index, delays.count)
+    died = np.bincount(index, delays.count * delays.came)
+    risk = delays.n - np.cumsum(ending) + ending
     with np.errstate(divide="ignore", invalid="ignore"):
         censored = events < delays.n
         staying = np.cumprod((risk - died) / risk) if censored else 1 - np.cumsum(died) / delays.n
@@ -144,8 +143,8 @@ def _curve(delays: Delays, start: float) -> Incidence:
         error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
         middle, half = np.log(-np.log(staying)), ndtri(0.975) * error
         low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
-    # Before the first event and after the last there is no value: use the neighbour's or the
-    # trivial bound.
+    # The formulas give NaN before the first and after the last event. There the bound is that of
+    # the neighbour, or 0 or 1.
     low = np.maximum.accumulate(np.nan_to_num(low, nan=0.0))
     high = np.minimum.accumulate(np.nan_to_num(high, nan=1.0)[::-1])[::-1]
     return Incidence(
@@ -159,7 +158,10 @@ def _curve(delays: Delays, start: float) -> Incidence:
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return the Kaplan-Meier share without event after each run of `order`, [b, n]."""
+    """Return the Kaplan-Meier share without the event after each run, in this order; [b, n].
+
+    weight: weights of runs in b resamples [b, n].
+    """
     mine = weight[:, order]
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
     lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
@@ -167,7 +169,6 @@ def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndar
 
 
 def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:
-    reached = np.flatnonzero(
-        fraction >= wanted - 1e-12
-    )  # rounding, so that 11 of 22 are exactly a half
+    # The tolerance allows for rounding, so that 11 of 22 are a half.
+    reached = np.flatnonzero(fraction >= wanted - 1e-12)
     return float(time[reached[0]]) if len(reached) else float("nan")

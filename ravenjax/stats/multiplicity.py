@@ -1,6 +1,4 @@
-"""Tests many hypotheses at once, with p-values adjusted so that a guarantee holds for all of them
-together.
-"""
+"""Adjusts the p-values of several tests, so that a guarantee is valid for all tests together."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -11,7 +9,7 @@ from ravenjax.stats.intervals import alpha_of
 
 
 class Finding(NamedTuple):
-    """One hypothesis: its p-value, the p-value adjusted for the family, whether it is rejected."""
+    """One hypothesis: its p-value, its adjusted p-value, and whether it is rejected."""
 
     p: float
     adjusted: float
@@ -19,11 +17,10 @@ class Finding(NamedTuple):
 
 
 def holm_test(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
-    """Apply Holm's step-down: with this confidence no rejection is wrong, for any dependence (Holm
-    1979).
+    """Test several hypotheses by Holm's step-down method (Holm 1979).
 
-    Takes named p-values and returns findings in the same order. A NaN p (nothing to test) is not
-    part of the family and never rejected.
+    With this confidence no rejection is wrong, even if the tests depend on each other. p: p-values
+    by name. A hypothesis with NaN is left out and never rejected.
     """
     from statsmodels.stats.multitest import multipletests  # slow to import
 

@@ -1,8 +1,9 @@
-"""Estimates the rate of one more unit, drawn like the observed ones.
+"""Estimates the rate of events in one new unit, drawn like the observed units.
 
-The share that a unit's trials show differs from its rate by chance. The beta-binomial model
-(Skellam, JRSS B 10, 1948) separates the two: rates of units are beta distributed, and trials are
-binomial. Its mean and the square root of its intra-class correlation have uniform priors. They are
+A unit is a draw with several trials, such as an operator with several operations. The share of
+events in its trials differs from its rate by chance. The beta-binomial model (Skellam, JRSS B 10,
+1948) separates the two: rates of units are beta distributed, and trials are binomial. The prior of
+the mean is uniform, and so is that of the square root of the intra-class correlation. Both are
 integrated over a grid, so that an interval is wide if chance explains the differences.
 """
 
@@ -14,25 +15,25 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import Rate
 
 FEWEST = 5
-"""Number of units below which there is no interval, because they do not show how units differ."""
+"""Smallest number of units for an interval; fewer do not show how much units differ."""
 GRID = 31
-_NEGLIGIBLE = 12.0  # difference of log likelihood from its maximum
+_NEGLIGIBLE = 12.0  # log likelihoods that are lower than the maximum by this are neglected
 
 
 class UnitRate(NamedTuple):
-    """Shares over all units, with the interval of one unit's rate."""
+    """The share of events over all units, with the interval of a new unit's rate."""
 
     rate: Rate
     units: int
-    # Standard deviation of the units' rates, the posterior's mean; NaN if it cannot be estimated.
+    # Posterior mean of the standard deviation of units' rates; NaN if it cannot be estimated.
     deviation: float
 
 
 def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
-    """Return the rate for k of n trials of each unit [units]. Units without trials are left out.
+    """Return the rate of events from k events in n trials of each unit [units].
 
-    The 95 % interval is NaN for fewer than FEWEST units, or if no unit has a second trial, because
-    chance then explains any difference between units.
+    Units without trials are left out. The 95 % interval is NaN for fewer than FEWEST units. It is
+    NaN, too, if each unit has one trial, because chance then explains any difference.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
     hits, trials = hits[trials > 0], trials[trials > 0]
@@ -43,14 +44,16 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     mean, root, weight = _posterior(hits, trials)
     low, high = (_quantile(mean, root, weight, q) for q in (0.025, 0.975))
     deviation = np.nan
-    # Else the prior alone would decide how units differ.
+    # Without events, or with only events, the deviation would depend only on the prior.
     if 0 < total < among:
         deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(total, among, value, low, high), count, deviation)
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, root of the intra-class correlation and weight on a grid, [GRID**2] each."""
+    """Return the posterior on a grid: mean, square root of the intra-class correlation, and weight,
+    [GRID**2] each.
+    """
     total, among = hits.sum(), trials.sum()
     middle = np.log((total + 0.5) / (among - total + 0.5))
     expected = trials * (total + 0.5) / (among + 1.0)
@@ -65,9 +68,9 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     least = 1e-4 if likely[0] == coarse[0] else likely[0] * coarse[0] / coarse[1]
     roots = np.linspace(least, min(0.95, likely[-1] * coarse[1] / coarse[0]), GRID)
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
-    logarithm = _likelihood(hits, trials, mean, root) + np.log(
-        mean * (1.0 - mean)
-    )  # uniform prior in the mean
+    # The grid is uniform in the logit of the mean. The second term makes the prior uniform in the
+    # mean.
+    logarithm = _likelihood(hits, trials, mean, root) + np.log(mean * (1.0 - mean))
     weight = np.exp(logarithm - logarithm.max())
     return mean, root, weight / weight.sum()
 
@@ -75,6 +78,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
+    # Returns the log-likelihood of beta-binomial counts for each pair of mean and `root`.
     from scipy.stats import betabinom
 
     first, second = (part[..., None] for part in _beta(*np.broadcast_arrays(mean, root)))
@@ -87,6 +91,7 @@ def _beta(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quantile(mean: np.ndarray, root: np.ndarray, weight: np.ndarray, wanted: float) -> float:
+    # Returns the `wanted` quantile of a mixture of beta distributions with these weights.
     from scipy.optimize import brentq
     from scipy.special import betainc
 

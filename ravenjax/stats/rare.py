@@ -1,8 +1,8 @@
-"""Estimates the probability of an event that is too rare for plain sampling.
+"""Estimates the probability of an event that is too rare for plain Monte Carlo sampling.
 
-A limit state g maps unit-cube points [n, d] to margins [n]. The event is margin <= 0. Each
-coordinate is the quantile of an independent input. g is called with batches and must give the same
-margin for the same point.
+The event is defined by a function g, a limit state. It maps points of the unit cube [n, d] to
+margins [n]. The event is margin <= 0. Each coordinate is the quantile of an independent input. g is
+called with batches of points and must always give the same margin for the same point.
 """
 
 import math
@@ -23,8 +23,8 @@ BATCH = 10_000
 class RareEvent(NamedTuple):
     """Probability of the event with its 95 % interval.
 
-    cov: coefficient of variation of the estimate (NaN if the event was never met). runs:
-    evaluations of the limit state. levels: margins that subset simulation went through, falling.
+    cov: coefficient of variation of the estimate; NaN if the event never happened. runs: number of
+    evaluations of the limit state. levels: margins of the levels of subset simulation, falling.
     """
 
     probability: float
@@ -36,10 +36,10 @@ class RareEvent(NamedTuple):
 
 
 def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
-    """Estimate by plain Monte Carlo with n points, at most BATCH at a time, with the
-    Clopper-Pearson interval.
+    """Estimate by plain Monte Carlo with n points in d dimensions, in batches of BATCH points.
 
-    A cov of 10 % needs about 100 / probability runs. Raises ValueError if g returns NaN.
+    The interval is that of Clopper and Pearson. A cov of 10 % needs about 100 / probability runs.
+    Raise ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
     hits = sum(
@@ -56,19 +56,19 @@ def subset_simulation(
 ) -> RareEvent:
     """Estimate by subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001), with OpenTURNS.
 
-    Each level keeps the `share` of the per_level points with the least margins and continues Markov
-    chains from them, so 1e-6 needs about 6 levels. g is called with batches of per_level * share
-    points: one chain per seed, of 1 / share steps each.
+    Each level has per_level points. The `share` of points with the smallest margins are the seeds
+    of Markov chains of 1 / share steps, which make the next level. A probability of 1e-6 needs
+    about 6 levels. g is called with batches of per_level * share points, one of each chain.
 
-    The cov includes the correlation along the chains as far as Au and Beck do, and is somewhat too
-    small. The interval is lognormal with this cov (for a single level: Clopper-Pearson). The margin
+    The cov includes the correlation along chains as Au and Beck do, and is somewhat too small. The
+    interval is lognormal with this cov; for a single level it is Clopper and Pearson's. The margin
     must show how near a run is to the event. If the event is not reached in 12 levels, it is rarer
-    or impossible, or the margin is flat. The probability is then given as 0, with the upper bound
-    that the first level's independent points ensure. Compare with `monte_carlo` for an event with a
+    or impossible, or the margin is constant. The probability is then 0, with the upper bound from
+    the independent points of the first level. Compare with `monte_carlo` for an event with a
     probability of 1e-2 to 1e-3.
 
     The result is deterministic for a seed, and the state of OpenTURNS' generator is restored.
-    per_level * share and 1 / share must be whole numbers of at least 2. Raises ValueError if g
+    per_level * share and 1 / share must be whole numbers of at least 2. Raise ValueError if g
     returns NaN, and UserError if OpenTURNS is not installed.
     """
     from scipy.stats import lognorm
@@ -79,7 +79,7 @@ def subset_simulation(
     except ImportError:
         raise UserError(
             "subset simulation needs OpenTURNS, which is not installed: pip install"
-            ' "ravenjax[rare]"; or take plain Monte Carlo'
+            ' "ravenjax[rare]"; or use plain Monte Carlo'
         ) from None
     runs = 0
     failure: BaseException | None = None
@@ -117,7 +117,7 @@ def subset_simulation(
     except Exception:
         if failure is not None:
             raise failure from None
-        # If the event was reached, a last level that holds only events has no variance.
+        # If the event was reached, the error came from a last level that contains only events.
         if 0.0 not in algorithm.getThresholdPerStep():
             if runs < _MOST_LEVELS * per_level:
                 raise
@@ -133,19 +133,19 @@ def subset_simulation(
         return RareEvent(rate.value, rate.low, rate.high, cov, runs, levels)
     # Au and Beck's sum over all levels. OpenTURNS omits the first level.
     step = reached / np.append(1.0, reached[:-1])
-    correlation = np.nan_to_num(
-        np.array(algorithm.getGammaPerStep())
-    )  # NaN if step is 1, which has no variance
+    # The correlation is NaN if the step is 1, which has no variance.
+    correlation = np.nan_to_num(np.array(algorithm.getGammaPerStep()))
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
     low, high = lognorm.interval(0.95, math.sqrt(math.log1p(cov**2)), scale=probability)
     return RareEvent(probability, float(low), min(1.0, float(high)), cov, runs, levels)
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
+    # Evaluates the limit state function, whose value must exist at every point.
     margins = np.asarray(g(points), float)
     if np.isnan(margins).any():
         raise ValueError(
-            f"{int(np.isnan(margins).sum())} margins are NaN; give a failed run the margin that it"
-            " stands for"
+            f"{int(np.isnan(margins).sum())} margins are NaN; return a number for failed runs, such"
+            " as a large margin"
         )
     return margins

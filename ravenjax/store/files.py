@@ -1,4 +1,4 @@
-"""Writes files atomically, so that a reader sees a whole file or none, and reads their JSON."""
+"""Writes files atomically, so that a reader sees a complete file or none, and reads JSON files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def disk_errors(begin: str, end: str = "") -> Iterator[None]:
-    """Turn an OSError into a StoreError: `begin`, the disk's reason in brackets, `end`."""
+    """Convert an OSError to a StoreError with the message: `begin` (reason) `end`."""
     try:
         yield
     except OSError as error:
@@ -29,20 +29,19 @@ def disk_errors(begin: str, end: str = "") -> Iterator[None]:
 
 
 def write_aside(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a temporary file beside `path`, flush it to disk and rename it to `path`.
+    """Write a file atomically: `write` fills a temporary file, which is then renamed to `path`.
 
-    A crash at any point leaves the old `path` or the new one, and at most one hidden temporary
-    file, which the next attempt overwrites. Raises StoreError that names `path` if the disk
-    refuses.
+    After a crash there is the old file or the new file, and at most one hidden temporary file,
+    which the next call overwrites. Raise StoreError if the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     kept = (
-        ". Nothing that was there before is lost; free space or make the folder writable, then"
-        " start the same command again."
+        ". Existing files are unchanged. Free space or make the folder writable, then start the"
+        " same command again."
     )
     with disk_errors(f"{path}: cannot be written", kept):
         try:
-            # A link of that name would lead out of the folder.
+            # The temporary file could be a link to a file outside of the folder.
             temporary.unlink(missing_ok=True)
             write(temporary)
             with open(temporary, "rb+") as file:
@@ -52,7 +51,7 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
-    # The name reaches the disk with the folder.
+    # The new name is on the disk only after the folder is flushed.
     with contextlib.suppress(OSError), contextlib.ExitStack() as closing:
         descriptor = os.open(path.parent, os.O_RDONLY)
         closing.callback(os.close, descriptor)
@@ -60,15 +59,15 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 as `write_aside` does."""
+    """Write a text file in UTF-8 atomically, as `write_aside` does."""
     write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Replace a file's content with `text` atomically, without waiting for the disk.
+    """Replace the content of a file atomically, without waiting for the disk.
 
-    For content that may be lost in a power failure but must never be read incomplete. Raises
-    OSError if the disk refuses.
+    A power failure may lose the content, but no reader sees an incomplete file. Raise OSError if
+    the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.unlink(missing_ok=True)
@@ -79,8 +78,8 @@ def replace_file(path: Path, text: str) -> None:
 def parse_json(text: str) -> Any:
     """Return the content of a JSON text.
 
-    Raises ValueError for other text, or where lists and tables are nested too deeply; `json.loads`
-    would exhaust the stack.
+    Raise ValueError for text that is not JSON, or is nested so deeply that `json.loads` would
+    exhaust the stack.
     """
     try:
         return json.loads(text)
@@ -91,8 +90,8 @@ def parse_json(text: str) -> Any:
 def read_json(path: Path, missing: str, advice: str) -> Any:
     """Return the content of a JSON file.
 
-    Raises StoreError: `missing` if there is no such file, a message that ends in `advice` if it is
-    damaged.
+    Raise StoreError with the message `missing` if the file does not exist. If the file is damaged,
+    the message ends with `advice`.
     """
     try:
         with disk_errors(f"{path}: cannot be read"):
@@ -104,7 +103,7 @@ def read_json(path: Path, missing: str, advice: str) -> Any:
 
 
 def json_values(value: Any) -> Any:
-    """Return nested values as JSON has them: no NumPy types, None for NaN and infinities."""
+    """Convert nested values to types of JSON. NaN and infinite numbers become None."""
     text = json.dumps(value, default=lambda numbers: numbers.tolist())
     return json.loads(text, parse_constant=lambda _: None)
 
@@ -123,8 +122,8 @@ def path_inside(folder: Path, name: str) -> Path:
     path = folder / name
     if not re.fullmatch(r"\w[\w.-]{,199}", name) or path.is_symlink():
         raise StoreError(
-            f"{folder}: a record names the file {name!r}, expected the name of a file in this"
-            " folder, and no link. Nothing was read or written: the record is damaged or forged"
+            f"{folder}: the list of files contains {name!r}, expected the name of a file in this"
+            " folder, and no link. The list is damaged or forged, so nothing was read or written"
         )
     return path
 
@@ -134,14 +133,14 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|nan", re.IGNOREC
 
 
 def require_content(path: Path) -> None:
-    """Raise UserError for an empty file and for a pointer that Git LFS left in place of a file."""
+    """Raise UserError for an empty file, and for a Git LFS pointer instead of a file."""
     with open(path, "rb") as file:
         begin = file.read(42)
     if not begin:
         raise UserError(f"{path}: the file is empty; expected a recording")
     if begin == b"version https://git-lfs.github.com/spec/v1":
         raise UserError(
-            f"{path}: a pointer of Git LFS, {path.stat().st_size} bytes, not the file. Get the file"
+            f"{path}: is only a Git LFS pointer of {path.stat().st_size} bytes. Download the file"
             " with: git lfs pull"
         )
 
@@ -149,10 +148,10 @@ def require_content(path: Path) -> None:
 def read_table(
     path: Path, names: Sequence[str] | None = None, header: str = "time_s,x_mm"
 ) -> pd.DataFrame:
-    """Return the table in a Parquet file or in a text: CSV, or separated by ;, tabs or spaces.
+    """Read a table from a Parquet file or a text: CSV, or separated by ;, tabs or spaces.
 
-    names: columns of a text without a header line. header: a header line that an error
-    proposes. Raises UserError if the file cannot be read or has no header line.
+    names: columns of a text without a header line. header: example of a header line for the error
+    message. Raise UserError if the file cannot be read or has no header line.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -168,7 +167,7 @@ def read_table(
     # pandas raises ValueError, and so does text that is not UTF-8.
     except (ValueError, OSError, pa.ArrowException) as error:
         raise UserError(
-            f"{path}: no {path.suffix} table that can be read, perhaps truncated:"
+            f"{path}: cannot be read as a {path.suffix} table, perhaps because it is truncated:"
             f" {str(error).strip() or type(error).__name__}. Copy or record it again; save a text"
             " as UTF-8"
         ) from None
@@ -222,8 +221,8 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
 
 
 EXPECTED_FOLDER = (
-    ". Expected a folder that this user may create files in; name another one with --out. No run"
-    " was started."
+    ". Expected a folder in which you may create files; name another folder with --out. No run was"
+    " started."
 )
 
 
@@ -234,10 +233,7 @@ def hash_file(path: Path) -> str:
 
 
 def require_writable(folder: Path) -> None:
-    """Create `folder` if needed and write a file to prove that it is writable.
-
-    Raises StoreError if it is not.
-    """
+    """Create `folder` if needed, and raise StoreError if no file can be written into it."""
     probe = folder / ".write-test"
     with disk_errors(f"{folder}: the output folder cannot be written to", EXPECTED_FOLDER):
         folder.mkdir(parents=True, exist_ok=True)

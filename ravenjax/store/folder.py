@@ -1,6 +1,6 @@
-"""Manages a campaign's result folder: manifest.json and parts/.
+"""Creates, opens and extends the result folder of a campaign: manifest.json and parts/.
 
-The folder is checked before anything is computed. A campaign can be resumed after any interruption.
+The folder is checked before any run is computed. A campaign can be resumed after any interruption.
 """
 
 from __future__ import annotations
@@ -28,19 +28,16 @@ if TYPE_CHECKING:
 Measured = TypeVar("Measured")
 
 PARTS, SET_ASIDE = "parts", "set-aside"
-"""Folders of valid parts, and of parts that could not be used.
+"""Folders of valid files, and of damaged or foreign files.
 
-The second is not inside the first, because other tools may read the first as a whole.
+Other programs may read all files of the first folder, so it contains only valid files.
 """
 READERS = max(4, min(16, len(os.sched_getaffinity(0))))
-"""Number of parts that are read in parallel.
-
-Each is hashed, which a core does at half a gigabyte per second or more.
-"""
+"""Number of files that are read and hashed in parallel."""
 
 
 class ResultFolder:
-    """An open result folder, made by `open`. Parts may be added from several threads."""
+    """An open result folder, from `open`. Several threads may add parts (Parquet files)."""
 
     def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
         self.path, self.notes = path, notes
@@ -49,29 +46,28 @@ class ResultFolder:
 
     @property
     def manifest(self) -> Manifest:
-        """Its current manifest."""
+        """The current manifest of the folder."""
         return self._manifest.model_copy(
             update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))}
         )
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
-        """Start or resume campaign `wanted` in folder `path`, to which nobody else writes (see
-        `lock`).
+        """Start or resume the campaign `wanted` in the folder `path`, which must be locked.
 
-        Complete parts of the same campaign are kept. Parts that are damaged, foreign or overlap
-        another are moved to `SET_ASIDE` and noted. Raises StoreError, before any change, if the
-        folder cannot be written to or holds another campaign.
+        Complete files of the same campaign are kept. Files that are damaged, of another campaign or
+        overlap another file are moved to `SET_ASIDE`, with a note. Raise StoreError, before any
+        change, if the folder cannot be written to or contains another campaign.
         """
         require_writable(path_inside(path, PARTS))
         there = parts.part_files(path / PARTS)
-        # A start that stored nothing, as of a campaign with a mistake, does not decide the folder.
+        # A folder without results may be used for another campaign.
         record, resumes = wanted, bool(there) and (path / manifests.FILE).exists()
         if resumes:
             record = manifests.read_manifest(path)
             if differences := record.differences(wanted):
                 raise StoreError(
-                    f"{path}: holds {record.done} of {record.runs} runs of campaign"
+                    f"{path}: contains {record.done} of {record.runs} runs of campaign"
                     f" {record.campaign!r}, which differs from the campaign you are starting:\n"
                     f"{list_lines(differences)}\nNothing was changed. To keep these results, choose"
                     " another --out. To replace them, delete the folder first: rm -r"
@@ -90,7 +86,7 @@ class ResultFolder:
             there,
             READERS,
         )
-        # Foreign parts may then be the only copy of another campaign.
+        # Without a manifest, these files may be the only copy of another campaign's results.
         if not resumes:
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
@@ -104,7 +100,7 @@ class ResultFolder:
             if isinstance(why, StoreError)
         }
         useless |= {
-            part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too"
+            part.file: f"{path / PARTS / part.file}: contains runs that another file contains, too"
             for part in over
         }
         notes = tuple(set_aside(path, name, why) for name, why in useless.items())
@@ -112,7 +108,7 @@ class ResultFolder:
             torn.unlink(missing_ok=True)
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
-        # The campaign is not finished if a part was lost, or if more rows are wanted now.
+        # The campaign is not finished if a file was lost, or if more runs are wanted now.
         if not folder.complete:
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write_manifest(path, folder.manifest)
@@ -120,11 +116,11 @@ class ResultFolder:
 
     @property
     def complete(self) -> bool:
-        """Whether no row is missing."""
+        """Whether all wanted rows are stored."""
         return next(self.missing(self._manifest.runs), None) is None
 
     def missing(self, chunk: int) -> Iterator[range]:
-        """Yield the row ranges still to compute, cut at the multiples of `chunk`."""
+        """Yield the row ranges that are still to be computed, divided at multiples of `chunk`."""
         return parts.missing_rows(self._parts, self._manifest.wanted, chunk)
 
     def add(self, rows: schema.Columns) -> None:
@@ -139,49 +135,49 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
-        """Record the times of this start (s), the number of rows it computed, and its notes.
-
-        Records the finish time once no row is missing.
+        """Write the times of this start (s), the number of rows it computed, and its notes into
+        the manifest. If all rows are stored, also write the finish time.
         """
-        told: dict[str, Any] = {"notices": tuple(dict.fromkeys((*self._manifest.notices, *notes)))}
+        update: dict[str, Any] = {
+            "notices": tuple(dict.fromkeys((*self._manifest.notices, *notes)))
+        }
         if rows:
             rate = rows / run_s if run_s else None
-            told |= {"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
+            update |= {"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
         if self._manifest.finished is None and self.complete:
-            told["finished"] = manifests.utc_now()
-        self._manifest = self._manifest.model_copy(update=told)
+            update["finished"] = manifests.utc_now()
+        self._manifest = self._manifest.model_copy(update=update)
         manifests.write_manifest(self.path, self.manifest)
 
 
 def read_complete_manifest(path: Path) -> Manifest:
-    """Return the manifest of a folder that holds rows to read.
+    """Return the manifest of a folder with results.
 
-    Raises StoreError if it holds none, or lacks parts that the manifest names as finished.
+    Raise StoreError if the folder has no results, or lacks files that the manifest lists.
     """
     record = manifests.read_manifest(path)
     if not record.parts:
         raise StoreError(
-            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
+            f"{path}: contains no results yet; start or resume the campaign with `ravenjax run`"
         )
     if over := parts.without_overlaps(record.parts)[1]:
         raise StoreError(
-            f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
-            "Start the same `ravenjax run` again, which sets one of them aside."
+            f"{path / PARTS / over[0].file}: contains runs that another file contains, too. "
+            "Start the same `ravenjax run` again, which moves one of the files away."
         )
     if record.finished is not None and record.done < record.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due}"
-            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
-            " computes what is missing."
+            f"{path / manifests.PARTS_FILE}: lists files with {record.done} of the {record.due}"
+            " finished runs. Start the same `ravenjax run` again: it keeps complete files and"
+            " computes missing runs."
         )
     return record
 
 
 def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return every finished row of a result folder, ordered by `index`, with each part checked
-    against the manifest.
+    """Return all finished rows of a result folder, ordered by `index`. Each file is checked.
 
-    columns: only these; None: all. Raises StoreError if the folder holds no result, a part is
+    columns: columns to read; None: all. Raise StoreError if the folder has no results, a file is
     missing or damaged, or the table has no such column.
     """
     return parts.concatenate_parts(read_parts(Path(path), columns, lambda table: table))
@@ -190,7 +186,10 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
 def read_parts(
     path: Path, columns: Sequence[str] | None, measure: Callable[[pa.Table], Measured]
 ) -> list[Measured]:
-    """Return `measure` of these columns of each part, by row. Raises as `read_all`."""
+    """Apply `measure` to the table of each file, with these columns. Return the results in order.
+
+    Raise StoreError as `read_all`.
+    """
     record = read_complete_manifest(path)
     schema.require_columns(record.shape, columns or ())
     return threads.map_in_threads(
@@ -219,11 +218,11 @@ class Results:
         return pa.concat_tables(tables).unify_dictionaries()
 
     def verdicts(self, acted: bool = True) -> dict[str, int]:
-        """Return how many of the faulty runs have each verdict, most frequent first; "" means
-        failed runs. acted: of runs whose fault changed at least one bit, else of all others.
+        """Return the number of faulty runs with each verdict, most frequent first; "" counts failed
+        runs.
 
-        Parts are counted one by one, so that memory does not grow with the table. Raises StoreError
-        as `read_all`.
+        acted: True counts runs whose fault changed a bit, False the other runs. Files are counted
+        one by one, so that memory does not grow with the table. Raise StoreError as `read_all`.
         """
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
 
@@ -240,11 +239,11 @@ class Results:
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
-    """Return the record of a complete part, or the reason why it cannot be used.
+    """Return the record of a complete file, or the reason why it cannot be used.
 
-    A part that was renamed but not yet recorded when the power failed is complete as well.
+    A complete file may lack a record if the power failed before it was recorded.
     """
-    # An error of the disk, not of the file's content, is raised.
+    # An error of the disk is raised. An error in the file's content is returned.
     with disk_errors(f"{file}: cannot be read", ". Nothing was changed."):
         try:
             return parts.verify_part(file, config_hash, recorded)
@@ -253,16 +252,16 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a part aside without overwriting anything. Return a sentence for the user.
+    """Move a file to SET_ASIDE without overwriting a file. Return a sentence for the user.
 
-    Raises StoreError if the disk refuses.
+    Raise StoreError if the file cannot be moved.
     """
-    place = path_inside(path, SET_ASIDE)
-    target, number = place / name, 1
+    folder = path_inside(path, SET_ASIDE)
+    target, number = folder / name, 1
     while target.exists():
         number += 1
-        target = place / f"{name}.{number}"
+        target = folder / f"{name}.{number}"
     with disk_errors(f"{target}: cannot be written", f". {why}"):
-        place.mkdir(exist_ok=True)
+        folder.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
-    return f"set aside as {target}, to be computed again: {why}"
+    return f"a file was moved to {target}, and its runs are computed again: {why}"

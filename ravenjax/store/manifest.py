@@ -1,9 +1,10 @@
-"""manifest.json of a result folder: what was computed, by which code, on which device; and
-parts.jsonl, the record of each finished part.
+"""Reads and writes manifest.json and parts.jsonl of a result folder.
 
-A part is recorded by one line at the end of parts.jsonl, so that recording takes the same time
-however many parts there are. An incomplete line, left by a crash, and all lines after it are
-ignored. Such parts are found on disk, checked and recorded again.
+manifest.json states what was computed, by which code and on which device. parts.jsonl has one line
+for each finished Parquet file (*part*) of the result table. Lines are only appended, so that
+recording a part takes the same time however many parts there are. A crash may leave an incomplete
+line. This line and all later lines are ignored; their parts are found on disk, checked and recorded
+again.
 """
 
 from __future__ import annotations
@@ -42,23 +43,23 @@ _DECIDING, PACKAGES = _LISTS["deciding"], _LISTS["packages"]
 
 
 class CueRecord(BaseModel):
-    """One haptic threshold and gain set; its number is its position in `Manifest.cues`."""
+    """One haptic set. Its number is its position in `Manifest.cues`."""
 
     model_config = ConfigDict(frozen=True)
 
-    threshold_mm: float  # mm, tip deviation above which the cue pulls
+    threshold_mm: float  # mm, deviation from the nominal model above which the cue is on
     kp_per_mm: float  # device units per mm
     kd_s_per_mm: float = 0.0  # device units per (mm/s)
     cap: float | None = None  # device units, largest force
 
 
 class DetectorRecord(NamedTuple):
-    """One detector; its number is its position in `Manifest.detectors`."""
+    """One detector. Its number is its position in `Manifest.detectors`."""
 
     name: str
-    kind: str  # see ravenjax.stages.detectors
+    kind: str  # see ravenjax.vocabulary.detectors
     fusion: str
-    # Consecutive milliseconds above the threshold that give an alarm.
+    # Number of consecutive milliseconds above the threshold that raise an alarm.
     consecutive: int
     thresholds: tuple[float, ...]  # in the unit of the score
     stops: bool = False  # an alarm at the first threshold presses the E-stop
@@ -72,7 +73,7 @@ class Manifest(BaseModel):
     schema_version: int = schema.VERSION
     # Name of the campaign.
     campaign: str
-    # The resolved campaign, every default filled in.
+    # The campaign with all defaults.
     config: dict[str, Any]
     # sha256 of `config` and of every run id. A recording is included by its content, not its path.
     config_hash: str
@@ -80,38 +81,37 @@ class Manifest(BaseModel):
     # Rows of the fault table.
     runs: int
     duration_ms: int
-    # Which repeated columns the table has. Haptic sets and detectors are in column order.
+    # Counts and names on which the columns of the table depend.
     shape: schema.Shape
     cues: tuple[CueRecord, ...] = ()
     detectors: tuple[DetectorRecord, ...] = ()
-    # Summary of the recorded operator motion.
+    # Summary of a recorded motion of the operator.
     operator: MotionSummary | None = None
     # Number of the haptic set that the column `verdict` uses.
     verdict_cue: int = 0
-    # Column of the campaign's jump rule.
+    # Column of the campaign's rule for jumps.
     verdict_jump: str = Field(default="jump_code", pattern="^jump_[a-z]+$")
-    # Limit of a hazard, mm.
+    # Unintended motion above which a run has a hazard, mm.
     limit_mm: float = LIMIT_MM
     engine: str
-    # Device that computed the runs, in words.
+    # Device that computed the runs, as text.
     device: str
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
-    # sha256 of the files that decide outcomes.
+    # sha256 of the source files on which outcomes depend.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: utc_now())
     finished: str | None = None
     # Command line of the last start, if there was one.
     command: tuple[str, ...] = ()
-    # What the campaign declares without effect, and what its starts have noted.
+    # Settings without effect, and notes of all starts.
     notices: tuple[str, ...] = ()
-    # Which share of the campaign this is, such as 2/7; None: not a share.
+    # Shard of the campaign in this folder, such as 2/7; None: the whole campaign.
     shard: str | None = None
-    # Row ranges (first, last inclusive) that this folder should hold; None: all rows.
+    # Row ranges (first, last inclusive) that this folder should contain; None: all rows.
     rows: tuple[tuple[int, int], ...] | None = None
-    # How often the command was started, including after interruptions.
+    # Number of starts of the command, including starts after interruptions.
     starts: int = 1
-    # Of the last start: time of tracing and compiling (s), time of computing (s), runs per second
-    # of computing.
+    # Of the last start: time of compilation (s), time of computation (s), runs per second.
     compile_s: float | None = None
     run_s: float | None = None
     runs_per_s: float | None = None
@@ -128,7 +128,7 @@ class Manifest(BaseModel):
 
     @property
     def rules(self) -> Rules:
-        """The campaign's choices in the definitions of outcomes."""
+        """The campaign's settings on which the definitions of outcomes depend."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
         stopping = tuple(
@@ -148,24 +148,25 @@ class Manifest(BaseModel):
 
     @property
     def failures(self) -> dict[str, int]:
-        """Number of runs in finished parts without a valid outcome, by cause.
+        """Number of finished runs without a valid outcome, by cause.
 
-        Parts without a count are left out.
+        Files without a count are left out.
         """
         return dict(sum((Counter(part.failed) for part in self.parts), Counter()))
 
     @property
     def wanted(self) -> tuple[range, ...]:
-        """The ranges of rows that this folder should hold, in order."""
+        """The ranges of rows that this folder should contain, in order."""
         pairs = ((0, self.runs - 1),) if self.rows is None else self.rows
         return tuple(range(first, last + 1) for first, last in pairs)
 
     @property
     def due(self) -> int:
-        """Number of rows that this folder should hold."""
+        """Number of rows that this folder should contain."""
         return sum(map(len, self.wanted))
 
     def _identity(self) -> dict[str, Any]:
+        # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
             include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
         )
@@ -175,20 +176,18 @@ class Manifest(BaseModel):
         }
 
     def differences(self, other: Manifest) -> list[str]:
-        """Return the differences from `other` that affect outcomes: 'name: mine, theirs', one line
-        each.
-        """
+        """Return the differences from `other` that affect outcomes, one line each."""
         return find_differences(self._identity(), other._identity())
 
 
 def find_differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
-    """Return where nested values differ: 'path: here, asked for', one line each."""
+    """Return a line for each difference of nested values: 'path: A here, B requested'."""
     all_changes = find_changes(here, wanted)
     if any(change.path.startswith("config.") for change in all_changes):
         # The hash follows from the config, so it adds nothing.
         all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
-        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} asked for"
+        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} requested"
         for path, here, wanted in all_changes
     ]
 
@@ -219,8 +218,8 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / FILE
     missing = (
-        f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of"
-        " `ravenjax run`."
+        f"{folder}: is not a result folder, because it has no {FILE}. Name the folder of the option"
+        " --out of `ravenjax run`."
     )
     data = read_json(path, missing, f". {_RESTORE}")
     version = data.get("schema_version") if isinstance(data, dict) else None
@@ -235,14 +234,15 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 _RESTORE = (
-    "The parts do not depend on it: move this file away and start the same `ravenjax run` again;"
-    " whole parts are kept."
+    "The results are in other files: move this file away and start the same `ravenjax run` again,"
+    " which keeps all complete files."
 )
 
 
 def read_parts(folder: Path) -> tuple[Part, ...]:
-    """Return the parts that `record_part` listed, up to the first incomplete line. Raises
-    StoreError.
+    """Return the files that `record_part` listed, up to the first incomplete line.
+
+    Raise StoreError if the list cannot be read.
     """
     path = folder / PARTS_FILE
     if not path.exists():
@@ -267,13 +267,14 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def record_part(folder: Path, part: Part) -> None:
-    """Append one part to the folder's list. Not thread-safe. Raises StoreError if the disk refuses.
+    """Append a line about one file to the folder's list. This function is not thread-safe.
 
-    This does not wait for the disk: a record that a crash loses is made again from the part itself.
+    It does not wait for the disk, because a lost line can be made again from the file. Raise
+    StoreError if the line cannot be written.
     """
     path = folder / PARTS_FILE
     kept = (
-        ". Whole parts are kept; free space or make the folder writable, then start the same"
+        ". Complete files are kept. Free space or make the folder writable, then start the same"
         " command again."
     )
     with disk_errors(f"{path}: cannot be written", kept), open(path, "ab") as file:
@@ -281,8 +282,7 @@ def record_part(folder: Path, part: Part) -> None:
 
 
 def join_ranges(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
-    """Return row ranges (first, last inclusive) that hold every row of these, in order and
-    disjoint.
+    """Return the union of row ranges (first, last inclusive), in order and disjoint.
 
     None means all rows.
     """
@@ -308,10 +308,10 @@ def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: 
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """Return a resolved campaign in which the hash of its recording replaces the path, and a name
-    the path of its robot, whose content is in the hash of the code.
+    """Return a campaign without paths, so that copies of its files give the same campaign.
 
-    So copies of the files elsewhere give the same campaign.
+    The hash of a recording replaces its path. The name of a robot's file replaces its path, because
+    its content is in the hash of the code.
     """
     if (campaign := config.get("campaign")) and "robot" in campaign:
         config = config | {"campaign": campaign | {"robot": Path(campaign["robot"]).name}}
@@ -327,7 +327,7 @@ def config_hash(config: dict[str, Any]) -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of Python and the packages that decide a result; "absent" if missing."""
+    """Return the versions of Python and of packages that affect results; "absent" if missing."""
 
     def version(name: str) -> str:
         try:
@@ -340,11 +340,10 @@ def package_versions() -> dict[str, str]:
 
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
-    """Return the sha256 over the names and contents of the files that decide an outcome.
+    """Return the sha256 over the names and contents of the files on which outcomes depend.
 
-    These are the files of _DECIDING and those that the robot declares, as they were at the first
-    call. The robot's package belongs to them, or its module with the modules beside it that it
-    imports.
+    These are the files of _DECIDING, the files that the robot declares, and the robot's package, or
+    its module with the modules of its folder that it imports. They are read at the first call.
     """
     package = Path(__file__).resolve().parents[1]
     contents = {

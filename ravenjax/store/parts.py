@@ -1,5 +1,6 @@
-"""Parquet parts of the result table. Each holds a range of rows and is written completely or not at
-all.
+"""Reads and writes the Parquet files that together are the result table of a campaign: its *parts*.
+
+Each part contains a range of rows. It is written completely or not at all.
 """
 
 from __future__ import annotations
@@ -28,20 +29,18 @@ _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
 
 FEWEST_ROWS, MOST_ROWS = 1024, 65_536
-"""Rows of a part if the user states no number.
+"""Smallest and largest number of rows of a part, if the user chose no number.
 
-Fewer rows take longer to write than to compute; more rows are stored late.
+Fewer rows take longer to write than to compute. More rows are stored too late.
 """
 ALONE, PARTS = 4, 32
-"""ALONE: factor on the fewest rows if one process computes everything, because its threads wait for
-the writer.
-
-PARTS: parts per process, if that gives enough rows.
+"""ALONE: factor on the smallest number if one process computes all runs, because its threads wait
+for the writer. PARTS: number of parts per process, if this gives enough rows.
 """
 
 
 class ForeignPart(StoreError):
-    """A complete part of another campaign, of another schema, or of another program."""
+    """Raised for a complete file of another campaign, of another schema, or of another program."""
 
 
 class Part(BaseModel):
@@ -64,9 +63,9 @@ class Part(BaseModel):
 
 
 def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
-    """Return the rows of each part of a campaign of `runs` runs, if the user states no number.
+    """Return the number of rows of each part of a campaign of `runs` runs, if the user chose none.
 
-    workers: processes that compute it; None: not known.
+    workers: number of processes that compute the campaign; None: unknown.
     """
     fewest = FEWEST_ROWS * (ALONE if workers == 1 else 1)
     return min(max(-(-runs // (PARTS * (workers or 2))), fewest), MOST_ROWS)
@@ -80,10 +79,9 @@ class Encoded(NamedTuple):
 
 
 def encode_part(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
-    """Encode rows as the file of one part; equal rows give equal bytes. Column `index` counts up by
-    one.
+    """Encode rows as a Parquet file. Equal rows give equal bytes.
 
-    Raises StoreError if the columns do not fit the schema.
+    The column `index` must increase by 1. Raise StoreError if columns do not fit the schema.
     """
     return encode_table(schema.conform_table(columns, shape), config_hash)
 
@@ -94,15 +92,15 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(
-            f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to"
+            f"expected consecutive rows in order, got {len(index)} rows with index {first} to"
             f" {last}"
         )
     table = table.replace_schema_metadata(
         {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
     )
     sink = pa.BufferOutputStream()
-    # Measured to be faster and smaller than a dictionary for all columns: floating-point numbers
-    # and ids seldom repeat, words and integers do, and the row's index only counts up.
+    # Dictionaries only for words and integers were measured to be faster and smaller than for all
+    # columns, because floating-point numbers and ids rarely repeat.
     counting = [name for name in ("index", "pair") if name in table.column_names]
     once = {"run_id", *counting}
     pq.write_table(
@@ -132,16 +130,16 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
 
 
 def put_part(folder: Path, encoded: Encoded) -> Part:
-    """Write a part into `folder`, completely or not at all; return its record.
+    """Write a part into `folder` atomically, and return its record.
 
-    Raises StoreError if the disk refuses.
+    Raise StoreError if the file cannot be written.
     """
     write_aside(folder / encoded.part.file, lambda target: target.write_bytes(encoded.content))
     return encoded.part
 
 
 def count_failures(table: pa.Table) -> dict[str, int]:
-    """Return how many rows of a result table have no valid outcome, by cause."""
+    """Return the number of rows of a result table without a valid outcome, by cause."""
     counted = table.column("failed").to_pandas().value_counts().to_dict()
     return {cause: number for cause, number in counted.items() if cause and number}
 
@@ -157,24 +155,24 @@ def read_part(
     recorded: Part | None = None,
     columns: Sequence[str] | None = None,
 ) -> pa.Table:
-    """Return the table of one part, or some of its columns, fully checked.
+    """Read and check the table of one part, or some of its columns.
 
-    Raises StoreError if the file is truncated or changed, has a newer schema, or belongs to another
+    Raise StoreError if the file is truncated or changed, has another schema, or belongs to another
     campaign.
     """
     with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
     first, last = row_range(path)
     if table.num_rows != last - first + 1:
-        raise _damaged(path, f"holds {table.num_rows} rows, expected rows {first} to {last}")
+        raise _damaged(path, f"contains {table.num_rows} rows, expected rows {first} to {last}")
     return table
 
 
 def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
-    """Return the record of a part, checked to be whole and of this campaign.
+    """Check that a part is complete and belongs to this campaign. Return its record.
 
-    recorded: what the part must be, byte for byte; None: not known, the part is read in full.
-    Raises StoreError as `read_part`.
+    recorded: the expected record; None: unknown, so the whole file is read. Raise StoreError as
+    `read_part`.
     """
     if recorded is None:
         digest, size = hash_file(path), path.stat().st_size
@@ -187,8 +185,7 @@ def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
 
 @contextlib.contextmanager
 def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Iterator[pq.ParquetFile]:
-    """Open a part, and check that it is what was recorded and, in its footer, that it belongs to
-    this campaign.
+    """Open the file of a part. Check its size and hash, and that it belongs to this campaign.
 
     Errors while it is read become StoreError.
     """
@@ -196,13 +193,12 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
         if (size := path.stat().st_size) != recorded.size:
             raise _damaged(
                 path,
-                f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
-                " changed",
+                f"has {size} bytes, expected {recorded.size}: the file is truncated or was changed",
             )
         if hash_file(path) != recorded.sha256:
             digest = recorded.sha256[:16]
             raise _damaged(
-                path, f"does not have the recorded checksum {digest}: its content was changed"
+                path, f"does not have the expected checksum {digest}: its content was changed"
             )
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -213,7 +209,7 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
             )
             if not version.isdigit():
                 raise ForeignPart(
-                    f"{path}: is Parquet, but not a ravenjax result part (it names no schema"
+                    f"{path}: is a Parquet file, but not of a ravenjax result (it has no schema"
                     " version)"
                 )
             require_version(path, int(version))
@@ -228,8 +224,8 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
     except (pa.ArrowException, OSError, ValueError) as error:
         if not path.is_file():
             raise StoreError(
-                f"{path}: is missing. Every other part is untouched: start the same command again, "
-                "which computes its rows again."
+                f"{path}: is missing. All other files are unchanged: start the same command again, "
+                "which computes the missing runs again."
             ) from error
         size = path.stat().st_size
         raise _damaged(
@@ -238,9 +234,9 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
 
 
 def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
-    """Concatenate parts in their order to one DataFrame, which does not depend on their sizes.
+    """Concatenate tables to one DataFrame, which does not depend on their sizes.
 
-    Categories are sorted, and none is unused.
+    Categories are sorted. Unused categories are removed.
     """
     frame = pa.concat_tables(tables).unify_dictionaries().to_pandas()
     for name in frame.columns[frame.dtypes == "category"]:
@@ -252,16 +248,15 @@ def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
 def missing_rows(
     finished: Iterable[Part], wanted: Iterable[range], chunk: int = 2**62
 ) -> Iterator[range]:
-    """Yield the rows of `wanted` (disjoint ranges in order) that no finished part holds, in order.
+    """Yield the rows of `wanted` (disjoint ranges in order) that no finished part contains.
 
-    They are cut at the multiples of `chunk`, wherever a gap begins, so that the same rows always
-    give the same parts.
+    Ranges are divided at multiples of `chunk`, so that the same rows always give the same files.
     """
     held = sorted((part.rows for part in finished), key=lambda rows: rows.start)
     for rows in wanted:
         row = rows.start
         for block in (*(block for block in held if block.stop > row), range(rows.stop, rows.stop)):
-            # Up to the next block that is held, or to the end.
+            # Rows until the next finished block, or until the end, are missing.
             until = min(block.start, rows.stop)
             while row < until:
                 stop = min(until, row - row % chunk + chunk)
@@ -273,9 +268,9 @@ def missing_rows(
 def without_overlaps(
     found: Sequence[Part], trusted: Collection[str] = ()
 ) -> tuple[list[Part], list[Part]]:
-    """Return (parts of which no two hold the same row, parts that overlap one of them).
+    """Return (parts without overlap, parts that overlap one of these).
 
-    Parts whose files are in `trusted` take precedence.
+    Parts whose files are in `trusted` have priority.
     """
     disjoint: list[Part] = []
     over: list[Part] = []
@@ -303,16 +298,16 @@ def require_version(path: Path, version: int) -> None:
     """Raise StoreError if `path` has a schema version that this reader does not know."""
     if version != schema.VERSION:
         raise ForeignPart(
-            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"
-            " is fine: read it with the ravenjax that wrote it (versions in manifest.json), or"
-            " upgrade ravenjax."
+            f"{path}: has schema version {version}, but this ravenjax reads {schema.VERSION}. Read"
+            " the file with the version of ravenjax that wrote it (see manifest.json), or upgrade"
+            " ravenjax."
         )
 
 
 def _damaged(path: Path, what: str) -> StoreError:
     return StoreError(
-        f"{path}: {what}. Every other part is untouched: start the same command again, which sets"
-        " this file aside and recomputes its rows only."
+        f"{path}: {what}. All other files are unchanged: start the same command again, which moves"
+        " this file away and computes only its runs again."
     )
 
 

@@ -1,8 +1,8 @@
 """Defines the result table: one row per run, with input columns and outcome columns.
 
-Each column has a name, the smallest type that holds it, a unit and a meaning, listed in
+Each column has a name, the smallest type that can store it, a unit and a meaning, listed in
 columns.csv.j2. results/README.md describes them in prose. The names of repeated columns (fault
-slots, cues, checks, arms, varied parameters) follow from a `Shape`.
+slots, cues, checks, arms, varied parameters) depend on a `Shape`, which counts them.
 """
 
 import csv
@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 VERSION = 1
-"""Schema version, raised whenever a column changes its name, type, unit or meaning.
-
-A new column does not raise it.
+"""Version of the schema. It increases if a column changes its name, type, unit or meaning, but not
+for a new column.
 """
 
 Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
@@ -39,10 +38,10 @@ Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
 
 @dataclass(frozen=True)
 class Column:
-    """One column: `dtype` is an Arrow type name, or "category" for dictionary-encoded strings."""
+    """One column of the result table."""
 
     name: str
-    dtype: str
+    dtype: str  # name of an Arrow type, or "category" for dictionary-encoded words
     unit: str
     meaning: str
 
@@ -52,23 +51,23 @@ _USUAL = robots.find_robot(robots.DEFAULT)
 
 @dataclass(frozen=True)
 class Shape:
-    """Decides which repeated columns a campaign's table has."""
+    """Counts and names on which the columns of a campaign's table depend."""
 
-    robot: str = robots.DEFAULT  # as `robots.find_robot` takes it
+    robot: str = robots.DEFAULT  # name for `robots.find_robot`
     arms: tuple[str, ...] = _USUAL.arms[:1]
     joints: tuple[str, ...] = _USUAL.joints
-    slots: int = 1  # fault slots per run
-    cues: int = 1  # haptic threshold and gain sets evaluated in the same run
+    slots: int = 1  # number of fault slots of a run
+    cues: int = 1  # number of haptic sets
     checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
-    # The load of the robot's cables is an outcome.
+    # The table has columns of the load of the robot's cables.
     cables: bool = False
-    # The contact force of its instruments is an outcome.
+    # The table has columns of the contact force of instruments.
     contact: bool = False
     detectors: tuple[int, ...] = ()  # number of thresholds of each detector
-    harms: tuple[str, ...] = ()  # names of the campaign's own harms
+    harms: tuple[str, ...] = ()  # names of harms that the campaign defines
     observes: bool = False  # runs end some time after their last fault
     own_checks: tuple[Check, ...] = ()  # the user's checks
     stops: bool = False  # a detector may stop the robot
@@ -76,7 +75,7 @@ class Shape:
 
 @functools.cache
 def table_columns(shape: Shape) -> tuple[Column, ...]:
-    """Every column of a campaign's table, in order."""
+    """Return all columns of a campaign's table, in order."""
     robot = robots.find_robot(shape.robot).with_checks(shape.own_checks)
     text = resources.render_text(
         Path(__file__).with_name("columns.csv.j2"),
@@ -87,7 +86,7 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
     )
     rows: list[Column] = []
     for name, *others in csv.reader(text.splitlines(keepends=True)):
-        # The columns of golden runs follow those that they repeat.
+        # A line with only a name stands for the golden run's columns of all columns before.
         rows += (
             [Column(name, *others)]
             if others
@@ -110,7 +109,7 @@ MAY_BE_INFINITE = ("_margin", "_score")
 """Endings of column names that are infinite if nothing was measured."""
 
 GOLDEN = "golden_"
-"""Prefix of columns that hold outcomes of the golden run."""
+"""Prefix of columns with outcomes of the golden run."""
 _OF_GOLDEN = re.compile(
     r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
     r"|peak_live_deviation_mm|contact_\w+|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
@@ -118,7 +117,7 @@ _OF_GOLDEN = re.compile(
 
 
 def kept_of_golden(name: str) -> bool:
-    """Return whether the golden run's outcome of that name is stored, as `golden_<name>`."""
+    """Return whether the outcome `name` of the golden run is stored, as `golden_<name>`."""
     return _OF_GOLDEN.fullmatch(name) is not None
 
 
@@ -148,8 +147,8 @@ def conform_table(columns: Columns, shape: Shape) -> pa.Table:
     """Return columns, or a DataFrame, as an Arrow table with exactly the schema's columns and
     types, in order.
 
-    Raises StoreError for a column that is missing or unknown, or that holds a value which its type
-    cannot.
+    Raise StoreError for a column that is missing or unknown, or has a value that its type cannot
+    represent.
     """
     schema = arrow_schema(shape)
     names = schema.names
@@ -175,12 +174,12 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
         if array.null_count:
             raise pa.ArrowInvalid("a value is missing")
         if pa.types.is_boolean(field.type) and not pa.types.is_boolean(array.type):
-            raise pa.ArrowInvalid("only true and false fit")
+            raise pa.ArrowInvalid("expected only true and false")
         return array if array.type == field.type else array.cast(field.type)
     except (pa.ArrowException, OverflowError, TypeError, ValueError) as error:
         got = getattr(values, "dtype", type(values).__name__)
         raise StoreError(
-            f"result column {field.name!r} must hold {field.type}, got {got}: {error}"
+            f"result column {field.name!r}: expected type {field.type}, got {got}: {error}"
         ) from error
 
 
@@ -192,6 +191,7 @@ def require_columns(shape: Shape, names: Sequence[str]) -> None:
 
 
 def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:
+    # Returns a message about missing and unknown columns.
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")

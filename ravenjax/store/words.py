@@ -1,4 +1,4 @@
-"""Columns of words as pandas Categorical, so that no row is a Python string."""
+"""Stores columns of words compactly, as categories of pandas or Arrow instead of Python strings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def word_column(places: np.ndarray, known: Sequence[str]) -> pd.Categorical:
-    """Return words from their indices in `known`.
+    """Return words from their indices `places` in the list `known`.
 
-    The words that occur become the categories, in that order.
+    Words that occur become the categories, in the order of `known`.
     """
     import pandas as pd
 

@@ -1,5 +1,4 @@
-"""Terms that all other packages share, each with its meaning. Needs no JAX, so that readers of
-results can use it.
+"""Definitions of faults, checks and robots that all other packages share. Needs no JAX.
 
     sites        what a fault site is: its channels, number types, units, layer
     effects      what a fault does to a number, which value it takes, and when it acts
@@ -7,7 +6,7 @@ results can use it.
     checks       what a built-in check is, and what a check does when it trips
     robot        what a robot declares: arms, joints, sites, layers, checks, run levels
     reactions    what an operator does at a cue
-    packets      how long a packet of the console lasts
+    packets      how many control cycles a packet of the console lasts
 
 The outcomes of a run (response, hazard, cue, verdict) are defined in `ravenjax.outcomes`.
 """

@@ -11,10 +11,10 @@ from typing import Literal, NamedTuple
 from ravenjax.vocabulary.parts import OwnSource
 
 Action = Literal["stop", "flag", "limit", "watch"]
-"""What a check does when it trips.
+"""Action of a check when it trips.
 
-It stops the robot, raises an alarm, or changes a command or drops a packet without an alarm. A
-user's check may also only `watch`.
+It stops the robot (stop), raises an alarm (flag), or changes a command or drops a packet without an
+alarm (limit). A user's check may also only watch.
 """
 
 DOES: dict[Action, str] = {
@@ -23,7 +23,7 @@ DOES: dict[Action, str] = {
     "limit": "limits without an alarm",
     "watch": "only watches",
 }
-"""Each action in words."""
+"""Description of each action."""
 _RESPONSES = dict(zip(DOES, ("stopped", "flagged", "limited", "silent"), strict=True))
 
 OWN = "own_"
@@ -36,34 +36,34 @@ class CheckUse:
 
     name: str
     part: OwnSource
-    at: str  # seam at which it reads, one of `Robot.check_seams`
+    at: str  # seam at which the check acts, one of `Robot.check_seams`
     acts: Action
-    consecutive: int = 1  # milliseconds in a row above the threshold before it trips
+    consecutive: int = 1  # number of consecutive ms above the threshold before the check trips
 
 
 class Check(NamedTuple):
-    """One check, built in or a user's."""
+    """One built-in check, or one user's check."""
 
     name: str
-    unit: str  # unit of its margin
+    unit: str  # unit of its margin, the distance from its limit
     meaning: str
     action: Action
-    cause: str = ""  # its name as the cause of a stop; "": none of its own
-    follows: bool = False  # it also trips because another check has stopped the robot
+    cause: str = ""  # name of the check as the cause of a stop; "": its name
+    follows: bool = False  # True if it also trips after another check stopped the robot
 
     @property
     def named_cause(self) -> str:
-        """The check's name in column response_cause."""
+        """The check's name in the column response_cause."""
         return self.cause or self.name
 
     @property
     def does(self) -> str:
-        """The check's action in words."""
+        """Description of the check's action."""
         return DOES[self.action]
 
     @property
     def response(self) -> str:
-        """The response of a run in which this check trips and no check with a stronger action.
+        """The response of a run in which this is the strongest check that trips.
 
         It is one of `outcomes.verdict.RESPONSES`.
         """
@@ -76,33 +76,38 @@ class Check(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether its action changes the robot's motion."""
+        """Whether the action of the check changes the robot's motion."""
         return self.action in ("stop", "limit")
 
 
 def of_own(name: str, at: str, acts: Action) -> Check:
-    """Return a user's check as tables need it."""
+    """Return the description of a user's check for tables."""
     return Check(f"{OWN}{name}", "of its score", f"user's check at {at}", acts)
 
 
 BUILT_IN = "built_in_response"
-"""Column of the built-in checks' response, if users' files count in column `response`."""
+"""Column of the response of the built-in checks alone, if the column `response` includes users'
+checks and detectors.
+"""
 
 
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
-    """Return whether the built-in checks' response needs separate columns.
+    """Return whether the response of the built-in checks alone needs separate columns.
 
-    It does if a user's check does more than watch, or if a detector may stop the robot (`stops`).
+    added: users' checks, of which one may do more than watch. stops: a detector may stop the robot.
     """
     return stops or any(check.action != "watch" for check in added)
 
 
 def built_in_column(added: Iterable[Check], stops: bool) -> str:
-    """Return the column of the built-in checks' response; see `needs_own_columns` for arguments."""
+    """Return the column of the response of the built-in checks alone.
+
+    The arguments are those of `needs_own_columns`.
+    """
     return BUILT_IN if needs_own_columns(added, stops) else "response"
 
 
 def check_names(columns: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the checks among outcome columns."""
+    """Return the names of checks that have outcome columns."""
     found = (re.fullmatch("check_(.+)_count", column) for column in columns)
     return tuple(match[1] for match in found if match)

@@ -1,4 +1,4 @@
-"""Names the kinds of detectors: observers that compute a score and change nothing.
+"""Lists the kinds of detectors. A detector computes a score from signals and changes nothing.
 
 `ravenjax.stages.detectors` computes the scores.
 """
@@ -14,12 +14,13 @@ Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 
 MEANINGS: dict[DetectorKind, str] = {
     "steps": (
-        "of motor position, motor velocity and joint position over their thresholds, model-based"
+        "steps of motor position, motor velocity and joint position, predicted by a model and"
+        " divided by their thresholds"
     ),
-    "derivative_sum": "of link and motor derivatives",
-    "tip_error": "distance from the nominal model, mm",
-    "overdrive": "command over its clip limit",
-    "own": "as the user's file defines it",
+    "derivative_sum": "sum of the derivatives of link and motor positions",
+    "tip_error": "distance of the tip from the nominal model, mm",
+    "overdrive": "command divided by the limit at which it is clipped",
+    "own": "score of the user's file",
 }
 """What the score of each kind of detector measures."""
 
@@ -29,8 +30,8 @@ class DetectorUse:
     """One detector of a campaign; static."""
 
     kind: DetectorKind
-    fusion: Fusion = "all"  # kind `steps`: which of the three steps must be over the threshold
-    consecutive: int = 1  # milliseconds in a row above the threshold before an alarm
-    thresholds: int = 1  # number of thresholds that are evaluated side by side
+    fusion: Fusion = "all"  # kind `steps`: which of the three steps must exceed the threshold
+    consecutive: int = 1  # number of consecutive ms above the threshold before an alarm
+    thresholds: int = 1  # number of thresholds, all evaluated in the same run
     part: OwnSource | None = None  # kind `own`: the user's file
-    stops: bool = False  # an alarm at its first threshold triggers the E-stop
+    stops: bool = False  # an alarm at the first threshold triggers the E-stop

@@ -21,18 +21,19 @@ FIELDS = (
     "every_ms",
     "period_ms",
 )
-"""Columns of a slot in order. In the table they are prefixed with fault0_, fault1_, ..."""
+"""Columns of a fault slot, in order. In the table they have the prefix fault0_, fault1_, ..."""
 
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
-"""What the value of an effect is.
+"""Kinds of values of effects.
 
-A `number` is as the channel stores it, and a `change` is one of such a number. An `amount` is in
-the channel's unit, whole or not. A `bit` is the index of a bit. "": the effect takes no value.
+A `number` replaces the channel's number, and a `change` is added to it; both have the channel's
+type. An `amount` has the channel's unit, but may be a fraction. A `bit` is the index of a bit. "":
+the effect has no value.
 """
 
 
 class OfNetwork(NamedTuple):
-    """The channel, effect and value at site network that an effect of the network abbreviates."""
+    """The plain effect on a channel of site network that a network effect stands for."""
 
     channel: str
     effect: str
@@ -54,12 +55,12 @@ class Effect(NamedTuple):
 
     @property
     def of_its_type(self) -> bool:
-        """Whether its value is a number of the channel's own type."""
+        """Whether the value has the channel's number type."""
         return self.value in ("number", "change")
 
     @property
     def in_its_unit(self) -> bool:
-        """Whether its value has the channel's unit."""
+        """Whether the value has the channel's unit."""
         return self.value in ("number", "change", "amount")
 
 
@@ -78,22 +79,19 @@ EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 NETWORK_EFFECTS: dict[str, OfNetwork] = {
     effect.name: effect.network for effect in EFFECTS.values() if effect.network
 }
-"""What each effect of the network abbreviates."""
+"""The plain effect that each network effect stands for."""
 
 WITHOUT_VALUE = tuple(name for name, effect in EFFECTS.items() if not effect.takes_value)
 
 WITH_PERIOD = ("periodic", "lose")
-"""Effects that read the period of a fault."""
+"""Effects that use the period of a fault."""
 RANDOM = ("random", "lose")
-"""Effects that draw numbers in each tick."""
+"""Effects that draw random numbers in each tick."""
 
 TRIGGERS: dict[str, str] = {
     "time": "milliseconds since the run began",
     "packet": "sequence numbers of the console's packets",
-    "pedal": (
-        "milliseconds since the first cycle after pedal-down was entered; closed while it is not"
-        " in it"
-    ),
+    "pedal": ("milliseconds since pedal-down began; outside of pedal-down the fault does not act"),
 }
 TRIGGER_CODES: dict[str, int] = {name: i for i, name in enumerate(TRIGGERS)}
 

@@ -1,9 +1,9 @@
-"""Names the reasons why a run has no valid outcome: which number first became infinite or NaN.
+"""Lists the reasons why a run has no valid outcome: which number first became infinite or NaN.
 
 A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
 infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the
-software continues with them, as its original does. They fail the run only if they reach the robot
-or its observers.
+software continues with them, as the original software does. They fail the run only if they reach
+the robot or its observers.
 """
 
 import tomllib
@@ -12,9 +12,11 @@ from pathlib import Path
 SIGNALS: dict[str, str] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
 )
-"""The watched signals, with descriptions. The first that fails in a tick is reported."""
+"""The signals that are checked for infinite numbers and NaN, with descriptions, in the order in
+which they are checked.
+"""
 
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 
 CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
-"""Words of column `failed`; "": a valid outcome. Engines number their causes after these."""
+"""Words of the column `failed`; "" means a valid outcome."""

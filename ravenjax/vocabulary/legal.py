@@ -23,7 +23,7 @@ COUNTER = (-(2**23), 2**23 - 1)
 class Legal(NamedTuple):
     """The values that one effect may have at one channel; both ends are included."""
 
-    expected: str  # in words
+    expected: str  # description of the values, for error messages
     low: float = -math.inf
     high: float = math.inf
     whole: bool = False  # only whole numbers
@@ -31,9 +31,9 @@ class Legal(NamedTuple):
 
 
 def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
-    """Return the legal values of `effect`, which takes a value, at `channel`.
+    """Return the values that `effect` may have at `channel`.
 
-    beyond: the value may exceed a 16-bit word.
+    beyond: permit values beyond 16 bits.
     """
     name, kind = channel.name, channel.kind
     if effect == "bit_flip":
@@ -63,7 +63,7 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 def find_illegal_value(
     site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
-    """Return the error message for a value that is not legal at this channel of `site`."""
+    """Return the error message for a value that is not permitted at this channel of `site`."""
     legal = legal_values(channel, effect, beyond)
     refusal = f"{legal.expected}, got {value:.10g}"
     if channel.kind == "bool" or effect in ("bit_flip", "delay", "lose"):
@@ -78,10 +78,7 @@ def find_illegal_value(
 
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
-    """Return an error message if single precision would change a whole number; else None.
-
-    Returns None if the number is kept.
-    """
+    """Return an error message if single precision would change a whole number, else None."""
     if (
         channel.kind in ("float", "bool")
         or not EFFECTS[effect].of_its_type
@@ -94,6 +91,6 @@ def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
     if abs(nearest) >= 2**31:
         nearest = np.nextafter(nearest, np.float32(0))
     return (
-        "values travel in single precision, which holds every whole number to 2^24 only: got"
-        f" {value:.10g}, write {int(nearest)}"
+        "values are stored in single precision, which cannot represent all whole numbers above"
+        f" 2^24: got {value:.10g}, write {int(nearest)}"
     )

@@ -1,10 +1,10 @@
 """Defines how many control cycles a console's packet lasts: distributions and measurements.
 
-docs/explanation/simulated.md says what the public recordings show; `analysis/validation/packets.py`
-repeats the measurements. In recording_gold_joints123 a repeated desired position is visible,
-because one DAC count is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a cycle. It
-cannot distinguish a packet of two cycles from two packets with the same position. Times of arrival
-of operator_positions are no evidence, because they come in bursts.
+docs/explanation/simulated.md describes the measurements; `analysis/validation/packets.py` repeats
+them on public recordings. In the file recording_gold_joints123 a repeated desired position is
+visible, because one DAC count is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a
+cycle. The file cannot distinguish a packet of two cycles from two packets with the same position.
+The file operator_positions is no evidence, because its packets arrive in bursts.
 """
 
 import tomllib
@@ -16,21 +16,23 @@ EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3
 _TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 CHOICES = tuple(_TABLE)
-"""Names of the distributions, by number. One more, OWN, is the distribution of the campaign file.
-"""
+"""Names of the distributions, by number. OWN is the number of a distribution in a campaign file."""
 
 SHARES: tuple[tuple[float, ...], ...] = tuple(map(tuple, _TABLE.values()))
 """Shares of packets that last 1, 2, 3, .. cycles, for each of CHOICES."""
 
 MOST_CYCLES = 32
-"""Number of cycles that the longest packet of a distribution may last."""
+"""Largest number of cycles of a packet in a distribution."""
 QUIET_MS, RELEASE_MS = 250, 2000
-"""Silence after which a console counts as gone.
+"""Times without a packet after which a console may begin a new stream, ms.
 
-After QUIET_MS a packet with number 1 begins a new stream; after RELEASE_MS any packet does.
+After QUIET_MS a packet with number 1 begins a new stream, after RELEASE_MS any packet.
 """
 
 
 def mean_cycles(shares: Sequence[float]) -> float:
-    """Return the mean number of cycles that a packet lasts."""
+    """Return the mean number of control cycles that a packet lasts.
+
+    shares: shares of packets that last 1, 2, 3, .. cycles.
+    """
     return sum(cycles * share for cycles, share in enumerate(shares, start=1))

@@ -1,6 +1,6 @@
-"""Defines what an operator does who feels the haptic cue.
+"""Defines the reactions of a simulated operator who feels the haptic cue.
 
-`ravenjax.robots.raven2.console.reaction` implements the reactions.
+`ravenjax.robots.raven2.console.reaction` implements them.
 """
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3

@@ -1,8 +1,7 @@
-"""Defines what a robot declares as data, without JAX: the names in campaign files and result
-tables.
+"""Defines what a robot declares as data: the names in its campaign files and result tables.
 
-The code of a robot (its tick, its sections of a campaign file, its time series) is imported from
-its package only when it is needed.
+Needs no JAX. The code of a robot (its tick, its sections of a campaign file, its time series) is
+imported from its package only when it is needed.
 """
 
 from __future__ import annotations
@@ -19,67 +18,64 @@ from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import Channel, Site
 
 OTHER_LAYER = "other"
-"""Layer of a site that the robot does not declare."""
+"""Layer of a fault site that the robot does not declare."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Robot:
     """The declaration of one robot."""
 
-    name: str  # as `[campaign] robot` takes it
-    title: str  # name in words
-    package: str  # dotted name of the module or package that holds its code, for `part`
-    arms: tuple[str, ...]  # all arms that it can have, in mechanism order
+    name: str  # value of `[campaign] robot`
+    title: str  # name for display
+    package: str  # dotted name of the module or package with its code, for `part`
+    arms: tuple[str, ...]  # all possible arms, in order
     joints: tuple[str, ...]  # joints of each arm, in order
     linear: tuple[str, ...]  # names of the joints that slide
     sites: Mapping[str, Site]  # in the order of the tick
     layers: Mapping[str, str]  # code of a site's layer -> name of the layer, in order
     checks: Mapping[str, Check]  # in the order of the loop
     run_levels: tuple[str, ...]  # names, by number
-    live: str  # when the robot should do what the operator asks for; continues "while"
-    leading_joints: tuple[int, ...] = ()  # lengths of vectors that hold the first joints only
-    noise: tuple[str, ...] = ()  # parameters with the sizes of what `[campaign] noise` draws
-    packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
-    dead_man: str = ""  # the switch that an operator holds down to let the robot move; "": none
-    # what the robot's model was compared with, in sentences
+    live: str  # when the robot should follow the operator: the end of a sentence "... while"
+    leading_joints: tuple[int, ...] = ()  # lengths of vectors with only the first joints
+    noise: tuple[str, ...] = ()  # parameters with the sizes of noise that `[campaign] noise` draws
+    packet_cycles: str = ""  # parameter with the number of ms that a packet of the console lasts
+    dead_man: str = ""  # switch that an operator must hold for the robot to move; "": none
+    # comparisons of the robot's model with measurements, in sentences
     validation: str = "Its model has not been compared with measurements."
-    tissue: bool = False  # whether there is tissue that a tip can enter
-    # phases of an operation, and when each takes place
+    tissue: bool = False  # True if there is tissue that a tip can enter
+    # phases of an operation, with their definitions
     phases: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    # seams at which users' checks may read
+    # seams at which users' checks may act, with descriptions
     check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    # seams that `explain` compares, in the tick's order
+    # seams that `explain` compares, in the order of the tick
     seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)
-    signals: tuple[Signal, ...] = ()  # Signals that a user's check can use, in the tick's order
-    # Files that its code reads beside Python modules, from models/ or beside its own module. They
-    # are part of a result's identity
+    signals: tuple[Signal, ...] = ()  # signals that a user's check can use, in the tick's order
+    # Other files than Python modules that the robot's code reads, from models/ or from the folder
+    # of its module. The hash of the code includes them
     files: tuple[str, ...] = ()
 
     @property
     def live_state(self) -> str:
-        """The state of being live, in a word."""
+        """Name of the state in which the robot follows the operator."""
         return f"{self.dead_man}-down" if self.dead_man else "live motion"
 
     def check(self, name: str) -> Check:
-        """Return a check by name; an unknown name gives a check that flags."""
+        """Return a check by name. An unknown name gives a check that raises an alarm."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
     def with_checks(self, added: tuple[Check, ...]) -> Robot:
-        """Return the robot with users' checks before the built-in ones.
+        """Return the robot with users' checks before its built-in checks.
 
-        If two checks trip in one tick, the first of them is the cause.
+        If two checks trip in the same tick, the first of them is the cause.
         """
         return _extended(self, added) if added else self
 
     def with_channels(self, site: str, channels: tuple[Channel, ...]) -> Robot:
-        """Return the robot with these channels at a site whose channels a campaign names."""
+        """Return the robot with these channels at a site, for a site without fixed channels."""
         return _extended(self, (), site, channels) if channels else self
 
     def layer(self, site: str) -> str:
-        """Return a site's layer in words: usb_out -> "USB out, motors".
-
-        A site that the robot does not declare gives "other".
-        """
+        """Return a site's layer as text: usb_out -> "USB out, motors"; "other" if unknown."""
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def run_level(self, level: int) -> str:
@@ -87,7 +83,10 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """Return module `name` of the robot's package, or the package if it is one module."""
+        """Import and return the module `name` of the robot's package.
+
+        If the robot is a single module, return this module.
+        """
         whole = importlib.import_module(self.package)
         if not hasattr(whole, "__path__"):
             return whole
@@ -98,7 +97,7 @@ class Robot:
 def _extended(
     robot: Robot, added: tuple[Check, ...], site: str = "", channels: tuple[Channel, ...] = ()
 ) -> Robot:
-    # A check that the robot already has is kept. `channels` replace those of `site`.
+    # Adds checks with new names, and replaces the channels of `site`.
     sites = dict(robot.sites)
     if site:
         sites[site] = dataclasses.replace(sites[site], channels=channels)

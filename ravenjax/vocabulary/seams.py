@@ -1,5 +1,4 @@
-"""Defines the seams of a robot: the signals from one part of the tick to the next, and their
-numbers.
+"""Defines the seams of a robot: the signals between two parts of its tick.
 
 A fault acts at a fault site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam.
 Most seams are also fault sites. A robot declares its seams in the order of its tick.
@@ -15,41 +14,41 @@ class SeamChannel(NamedTuple):
 
     name: str
     unit: str
-    site: str = ""  # fault site whose channel of this name has the normal range; "": none
-    path: tuple[str | int, ...] = ()  # from the signals of a tick to the number, as in a site
+    site: str = ""  # fault site with a channel of this name and a normal range; "": none
+    path: tuple[str | int, ...] = ()  # attributes and indices, from a tick's signals to the number
 
 
 @dataclasses.dataclass(frozen=True)
 class Seam:
-    """Numbers that one part of the tick hands to the next together."""
+    """A signal between two parts of the tick. It may consist of several numbers."""
 
     name: str
-    layer: str  # layer code of the fault sites around it
+    layer: str  # layer code of the nearest fault sites
     per_arm: bool
     channels: tuple[SeamChannel, ...]
     meaning: str
 
 
 class Crossing(NamedTuple):
-    """One number that crosses a seam in each tick."""
+    """One number of a seam, for one arm."""
 
     seam: Seam
-    arm: str  # "" if the seam belongs to no arm
+    arm: str  # "" if the seam does not belong to an arm
     channel: SeamChannel
 
     @property
     def name(self) -> str:
-        """The number's name in tables: gold/mpos/shoulder."""
+        """The number's name in tables, such as gold/mpos/shoulder."""
         return "/".join(part for part in (self.arm, self.seam.name, self.channel.name) if part)
 
     @property
     def signal(self) -> str:
-        """The name of its seam for this arm: gold/mpos."""
+        """The name of the seam for this arm, such as gold/mpos."""
         return "/".join(part for part in (self.arm, self.seam.name) if part)
 
 
 def list_crossings(seams: Mapping[str, Seam], arms: Iterable[str]) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam of a robot with these arms, in order."""
+    """Return all numbers of the seams of a robot with these arms, in order."""
     arms = tuple(arms)
     return tuple(
         Crossing(seam, arm, channel)

@@ -1,6 +1,6 @@
-"""Describes the signals of a robot that users' files may read.
+"""Defines the signals of a robot that users' checks and detectors may read.
 
-A robot declares those signals that a monitor can use (`Robot.signals`).
+A robot declares the signals that a monitor can use in `Robot.signals`.
 """
 
 import dataclasses
@@ -8,18 +8,18 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class Signal:
-    """One field of a robot's view of an arm."""
+    """One signal of an arm that users' checks and detectors can read."""
 
-    field: str  # field of the view
-    layer: str  # code of the robot's layer that produces it
+    field: str  # name of the signal, a field of the view
+    layer: str  # code of the robot's layer that computes the signal
     meaning: str
-    unit: str  # unit of every channel that `units` does not name
+    unit: str  # unit of all channels that `units` does not contain
     channels: tuple[str, ...]  # channels of a vector, in order; (): a single number
     units: tuple[tuple[str, str], ...] = ()  # (channel, unit) of channels with another unit
-    together: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (name, channels) evaluated separately
-    bounded: bool = False  # whether its magnitude alone is meaningful, with zero in the middle
-    steps: bool = True  # whether its step within 1 ms is meaningful
-    against: tuple[str, ...] = ()  # fields of the same channels and units that should be near it
+    together: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (name, channels) with one score
+    bounded: bool = False  # True if a limit on the magnitude of the signal is useful
+    steps: bool = True  # True if a limit on the step within 1 ms is useful
+    against: tuple[str, ...] = ()  # signals with the same channels and units and similar values
 
     def unit_of(self, channel: str) -> str:
         """Return the unit of a channel."""

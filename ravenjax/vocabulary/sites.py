@@ -1,8 +1,9 @@
-"""Defines a fault site for any robot: a seam of the robot's tick, with channels.
+"""Defines the fault sites of a robot: signals with numbered channels into which faults are
+injected.
 
-A robot declares its sites in its own order. `ravenjax.faults` gets a site's signal and, from the
-declaration, the path of each channel inside it. `ARM` in a path stands for the arm's index in
-`setup.arms`.
+A robot declares its sites in its own order. `ravenjax.faults` gets the signal of a site. The
+declaration has the path of each channel inside the signal. `ARM` in a path stands for the arm's
+index in `setup.arms`.
 """
 
 import dataclasses
@@ -10,18 +11,18 @@ from typing import Literal
 
 ARM = "ARM"
 PARAMETER = "parameter"
-"""Site whose channels are the parameters that a campaign's faults name, by their paths."""
+"""Fault site whose channels are parameters of the robot, named by their paths."""
 Kind = Literal["int16", "int24", "int32", "float", "bool"]
-"""Type of a number. An int24, such as an encoder's word, travels as int32 and never wraps."""
+"""Type of a number. An int24, such as an encoder count, is stored as int32 and does not wrap."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """The range of a number that has fewer values than its type; both ends are included."""
+    """The range of a number that has fewer values than its type. Both ends are included."""
 
     low: float
     high: float
-    noun: str
+    noun: str  # name of the type in messages
     bits: int
 
 
@@ -37,7 +38,7 @@ class Channel:
     kind: Kind
     unit: str
     field: Field | None = None  # None: any value of its type
-    usual: float | None = None  # the number that it always holds without a fault
+    usual: float | None = None  # its constant value without a fault; None: it varies
 
     @property
     def bits(self) -> int:
@@ -46,7 +47,7 @@ class Channel:
 
     @property
     def extent(self) -> tuple[float | None, float | None]:
-        """Least and greatest number that the channel can hold; None, None for a float."""
+        """Smallest and largest number of the channel's type; None, None for a float."""
         if self.field is not None:
             return self.field.low, self.field.high
         if self.kind == "float":
@@ -59,18 +60,18 @@ class Channel:
 
 @dataclasses.dataclass(frozen=True)
 class Site:
-    """One seam of the tick at which faults can act."""
+    """One signal of the tick into which faults can be injected."""
 
     name: str
-    layer: str  # layer code of the fault library: L1 console .. L10 mechanics
-    per_arm: bool
+    layer: str  # code of the robot's layer: L1 console .. L10 mechanics
+    per_arm: bool  # True if each arm has this signal
     channels: tuple[Channel, ...]
-    where: str  # when the fault acts, relative to the checks
-    unread: bool = False  # nothing in the tick reads its numbers
-    beyond: str = ""  # what a file writes to allow values beyond the words; "": the key `wraps`
+    where: str  # position of the site, relative to the checks
+    unread: bool = False  # True if nothing in the tick reads the signal
+    beyond: str = ""  # setting that permits values beyond 16 bits; "": the key `wraps`
 
     def channel(self, name: str) -> Channel:
-        """Return the channel of that name. Raises KeyError, which lists the channels."""
+        """Return the channel `name`. Raise KeyError with a list of the channels."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

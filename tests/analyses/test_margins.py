@@ -79,9 +79,9 @@ def test_the_interval_of_a_difference_of_rates_covers_it():
 @pytest.mark.parametrize(
     ("margin", "message"),
     [
-        ("evades 0.5 points", "write an event, a signed number and its unit"),
+        ("evades 0.5 points", "expected an event, a signed number and a unit"),
         ("evade +0.5 points", "Did you mean 'evades'?"),
-        ("evades +2/h", "expected false cues"),
+        ("evades +2/h", "expected one of false cues"),
     ],
 )
 def test_a_wrong_margin_says_what_to_write(folders, capsys, margin, message):

@@ -123,6 +123,7 @@ def test_a_note_tells_of_golden_runs_that_stand_still_or_do_harm(watchdog_ticks,
         on_progress=told.append,
     )
     notes = told[-1].notes
-    assert any("1 of 1 golden runs stand still for up to" in note for note in notes) == still
+    words = "in 1 of 1 golden runs the robot stands still for up to"
+    assert any(words in note for note in notes) == still
     harms = [note for note in notes if "golden runs, so that no fault" in note]
     assert len(harms) == 1 and harms[0].startswith("harm 'late' happens in 1 of 1")

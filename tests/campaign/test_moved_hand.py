@@ -157,7 +157,7 @@ def test_grip_and_force_may_be_varied():
     [
         ({"hand": {"grip": 1.5}}, "hand.grip"),
         ({"hand": {"gripp": 1.0}}, "Did you mean 'grip'"),
-        ({"parameters": {"hand.grip": 0.5}}, "this campaign has no part 'hand'"),
+        ({"parameters": {"hand.grip": 0.5}}, "this campaign has no 'hand'"),
         ({"hand": {}, "parameters": {"hand.mass": 0.0}}, "expected 0.01..10 kg"),
     ],
 )

@@ -101,9 +101,9 @@ def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind):
 @pytest.mark.parametrize(
     "wrong, said",
     [
-        ({"kind": "overdrive"}, "expected one of kind .* and file .*, got both"),
-        ({"name": "my-check"}, "expected letters, digits and _"),
-        ({"fusion": "any"}, "belongs to kind 'steps', got kind 'file'"),
+        ({"kind": "overdrive"}, "expected one of the keys kind .* and file .*, got both"),
+        ({"name": "my-check"}, "expected only letters, digits and _"),
+        ({"fusion": "any"}, "needs kind 'steps', got kind 'file'"),
     ],
 )
 def test_sections_that_do_not_fit_are_refused(tmp_path, wrong, said):

@@ -276,11 +276,11 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
 
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
-    "syntax": ("def step(params:\n", r"mine\.py:2: is no Python"),
+    "syntax": ("def step(params:\n", r"mine\.py:2: invalid Python"),
     "key": (
         STEP + "state, {'dleta': ()}",
         (
-            r"mine\.py:2: .*gives the key 'dleta' in hands, expected some of delta, grasp,"
+            r"mine\.py:2: .*returns the key 'dleta' in hands, expected some of delta, grasp,"
             r" pedal, pace\. Did .*'delta'"
         ),
     ),

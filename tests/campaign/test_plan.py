@@ -82,9 +82,9 @@ KP = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]
 @pytest.mark.parametrize(
     ("table", "path", "values", "told"),
     [
-        ("parameters", "nominal.gold.kp", KP, "may be meant in two ways.*write { list = "),
+        ("parameters", "nominal.gold.kp", KP, "has two possible meanings.*write { list = "),
         ("cross", "plant.gravity", [0, 1, -9], "gravity.x = 0, .*y = 1, .*z = -9"),
-        ("parameters", "reaction.delay_ms", 200, "no part 'reaction': add the section"),
+        ("parameters", "reaction.delay_ms", 200, "no 'reaction'. Add the section"),
     ],
 )
 def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, told):

@@ -51,7 +51,7 @@ def test_numbers_of_one_robot_stay_together(tmp_path, kind) -> None:
 
 def test_the_file_chooses_the_mechanics_its_numbers_hold_for(tmp_path) -> None:
     assert loaded(tmp_path).campaign.parameter_set == "power_consistent"
-    with pytest.raises(UserError, match="parameter_set: got 'traj3', but the numbers of"):
+    with pytest.raises(UserError, match="parameter_set: got 'traj3', but the parameters in"):
         loaded(tmp_path, parameter_set="traj3")
 
 
@@ -67,8 +67,8 @@ def test_what_the_campaign_says_goes_before_the_file(tmp_path) -> None:
     ("robots", "message"),
     [
         ("[parameters", "not valid TOML"),
-        ("[group]\nname = 1", r"has group, expected \[campaign\] and \[parameters\] alone"),
-        (ROBOTS.replace(", 0.4]", "]"), "together takes lists of one length, got lengths"),
+        ("[group]\nname = 1", r"has group, expected only \[campaign\] and \[parameters\]"),
+        (ROBOTS.replace(", 0.4]", "]"), "together needs lists of one length, got lengths"),
     ],
 )
 def test_a_bad_file_of_robots_is_refused(tmp_path, robots, message) -> None:
@@ -77,7 +77,7 @@ def test_a_bad_file_of_robots_is_refused(tmp_path, robots, message) -> None:
 
 
 def test_a_missing_file_and_another_value_are_refused(tmp_path) -> None:
-    with pytest.raises(UserError, match=r"parameters\.from: no file at .*ravenjax calibrate"):
+    with pytest.raises(UserError, match=r"parameters\.from: found no file .*ravenjax calibrate"):
         loading.from_dict(tables(**{"from": "absent.toml"}), source=tmp_path / "campaign.toml")
     with pytest.raises(UserError, match=r"parameters\.from: got 3, expected the path"):
         loading.from_dict(tables(**{"from": 3}))

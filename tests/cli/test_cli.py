@@ -28,7 +28,10 @@ def test_help_and_version_import_nothing_slow():
     [
         (["run", "."], [".: is a folder, expected a campaign file"]),
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
-        (["train", "first_steps", "--no-page"], ["nobody drives: without the page give --script"]),
+        (
+            ["train", "first_steps", "--no-page"],
+            ["nobody moves the robot: without the page give --script"],
+        ),
         (["rn"], ['Did you mean "run"']),
         (["faults", "usb_ou"], ["unknown word 'usb_ou', expected a layer", "'usb_out'?"]),
         (["check", "a\udcff.toml"], ["is not UTF-8; rename the file or folder"]),
@@ -61,7 +64,7 @@ def test_a_page_of_a_campaign_with_noise_is_refused(command_line, tmp_path):
         "[[group]]\nname = 'a'\n[group.parameters]\nplant.gold.encoder_noise = 2\n"
     )
     code, _, err = command_line("explore", file, "-o", page)
-    assert code == 2 and "turn campaign.noise off" in err and not page.exists()
+    assert code == 2 and "write campaign.noise = false" in err and not page.exists()
 
 
 def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
@@ -72,7 +75,7 @@ def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
 
     monkeypatch.setattr(loading, "load_campaign", interrupted)
     code, _, err = command_line("run", "quick.toml")
-    assert code == 130 and "same command goes on" in err
+    assert code == 130 and "same command continues" in err
 
 
 def as_json(command_line, *tokens):
@@ -116,6 +119,6 @@ def test_faults_as_json(command_line):
 
 def test_doctor_as_json(command_line):
     code, told = as_json(command_line, "doctor")
-    assert {"what": "jax computes", "state": "ok"}.items() <= told["works"][0].items()
-    assert "python" in {one["what"] for one in told["machine"]}
+    assert {"test": "jax computes", "state": "ok"}.items() <= told["works"][0].items()
+    assert "python" in {one["property"] for one in told["machine"]}
     assert code == int(any(one["state"] != "ok" for one in told["works"]))

@@ -67,7 +67,7 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
     motion = write_log(log, 8000, {"dry_friction.shoulder": 0.5, "offset.shoulder": -0.6})
     assert_same_log(log, bags.state_bag(tmp_path / "log.bag", motion, motion))
     assert cli.main(["calibrate", str(log), "--out", str(file), "--draws", "40"]) == 0
-    assert "to which nothing was fitted" in capsys.readouterr().out
+    assert "which was not fitted" in capsys.readouterr().out
     for name in ("my_robot.svg", "my_robot_parameters.svg"):
         assert (tmp_path / name).stat().st_size > 10_000
     raw = tiny_campaign.tables(runs=203)

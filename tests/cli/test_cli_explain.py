@@ -80,7 +80,7 @@ def test_without_an_evading_fault_it_answers_at_once(said, folder, tmp_path):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("nowhere",), "nowhere: is not a result folder, it holds no manifest.json"),
+        (("nowhere",), "nowhere: is not a result folder, because it has no manifest.json"),
         (
             ("FOLDER", "--group", "dak"),
             "--group 'dak': unknown, expected dac, free; did you mean dac?",

@@ -78,7 +78,8 @@ def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
     again = expand_group({"name": "g", "hazards": "K06", "start_ms": [1, 2]}, BOTH)
     assert [fault["start_ms"] for fault in again[0]["fault"]] == [[1, 2] * 3] * 2
     with pytest.raises(
-        WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"
+        WrongGroup,
+        match=r"^start_ms: K06 has faults on both arms in the same run, expected numbers",
     ):
         expand_group({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
 

@@ -118,7 +118,7 @@ def test_a_truncated_part(copied, refused, command_line):
     assert contents(out) == before, "nothing is written over what is there"
     code, printed, err = command_line("run", path, "--out", out, "--engine", "simd", "--no-report")
     assert code == 0, err
-    assert str(parts[1]) in printed and "set aside" in printed and str(parts[0]) not in printed
+    assert str(parts[1]) in printed and "was moved to" in printed and str(parts[0]) not in printed
     assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
     assert parts[0].read_bytes() == before[parts[0]] and parts[2].read_bytes() == before[parts[2]]
     assert parts[1].read_bytes() == whole, "computed again to the byte"

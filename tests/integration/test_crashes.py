@@ -127,7 +127,7 @@ def test_a_signal_ends_it_cleanly(small, tmp_path, number):
     out, err = process.communicate(timeout=waiting.DEADLINE_S)
     assert process.returncode == 128 + number, out + err
     assert (
-        "finished parts are kept, and the same command goes on" in err.replace("\n", " ")
+        "finished results are kept, and the same command continues" in err.replace("\n", " ")
         and "Traceback" not in err
     )
     there = len(stored(tmp_path))

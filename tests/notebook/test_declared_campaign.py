@@ -81,7 +81,10 @@ def test_an_error_is_that_of_the_file(keys):
             r"Group\.fault\[0\]\.effect: got 1, expected the name of an effect",
         ),
         (lambda: rj.Haptics(cap=[]), "Haptics.cap: got .*, expected a list of at least 1"),
-        (lambda: rj.Group(name="a", hazards=["C02"]), "is a dict in Python"),
+        (
+            lambda: rj.Group(name="a", hazards=["C02"]),
+            "in Python, write a group that names hazards as a dict",
+        ),
     ],
 )
 def test_a_table_is_checked_when_it_is_made(make, words):
@@ -94,7 +97,7 @@ def test_a_table_is_checked_when_it_is_made(make, words):
     [
         ("nothing_like_it", "no such campaign file"),
         ("[campaign\n", "the text: not valid TOML"),
-        ("[campaign]\nname = 'x'\n", "group: missing: the runs"),
+        ("[campaign]\nname = 'x'\n", "group: missing: groups of runs"),
         (5, "expected the path"),
     ],
 )

@@ -73,10 +73,10 @@ def test_its_parameters_have_ranges(tmp_path):
 
 STEP = "\ndef step(params, state, view):\n    "
 WRONG = {
-    "no step": ("x = 1", r"has no function step\(params, state, view\)"),
+    "no step": ("x = 1", r"expected a function step\(params, state, view\)"),
     "one thing": (
         STEP + "return view",
-        r"step\(params, state, view\) gives .* expected \(state, score\)",
+        r"step\(params, state, view\) returns .* expected \(state, score\)",
     ),
     "branch": (
         STEP + "if view > 1:\n        return state, 1.0\n    return state, 0.0",
@@ -84,7 +84,7 @@ WRONG = {
     ),
     "kind": (
         "def init(params):\n    return (0,)\n" + STEP + "return (state[0] + view,), view",
-        r"gives a float for state\[0\], expected int",
+        r"returns a float for state\[0\], expected int",
     ),
     "no range": (
         "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n"
@@ -94,7 +94,7 @@ WRONG = {
     ),
     "out of range": (
         COUNTER.replace("Limit(10.0)", "Limit(0.5)"),
-        r"gives 0\.5 for most, expected 1\.\.100 counts",
+        r"returns 0\.5 for most, expected 1\.\.100 counts",
     ),
 }
 

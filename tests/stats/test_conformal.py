@@ -28,7 +28,7 @@ def one_a_unit(score: np.ndarray, length_h: float = 0.1) -> OperationScores:
 )
 def test_as_few_units_as_wilks_has_them(risk, confidence, units):
     assert target(risk, confidence).fewest_units == units
-    with pytest.raises(TooFewUnits, match=f"{units - 1} units, at least {units} are needed"):
+    with pytest.raises(TooFewUnits, match=f"got {units - 1} units, expected at least {units}"):
         threshold.least_threshold(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
     assert (
         threshold.least_threshold(

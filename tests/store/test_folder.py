@@ -34,9 +34,7 @@ def test_newer_schema_is_refused_politely(tmp_path):
     path.write_text(
         path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}')
     )
-    told = (
-        rf"manifest.json: has result schema {newer}; this ravenjax reads {mine}.*is fine.*upgrade"
-    )
+    told = rf"manifest.json: has schema version {newer}, but this ravenjax reads {mine}.*upgrade"
     with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
 
@@ -57,10 +55,10 @@ def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
     [
         (
             {"config": {"duration_s": 4.0}, "config_hash": "0"},
-            "config.duration_s: 3.0 here, 4.0 asked for",
+            "config.duration_s: 3.0 here, 4.0 requested",
         ),
-        ({"seed": 8}, "seed: 7 here, 8 asked for"),
-        ({"engine": "mjx"}, 'engine: "xla" here, "mjx" asked for'),
+        ({"seed": 8}, "seed: 7 here, 8 requested"),
+        ({"engine": "mjx"}, 'engine: "xla" here, "mjx" requested'),
         ({"code_hash": "f" * 64}, "code: "),
         ({"versions": {"jax": "0.1"}}, "versions.jax: "),
     ],

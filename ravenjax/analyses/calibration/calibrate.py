@@ -1,4 +1,5 @@
-"""Fits a robot's parameters to the first half of a log, and judges them on the second half."""
+"""Fits a robot's parameters to the first half of a log, and measures the prediction error on the
+second half."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -19,25 +20,24 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
-"""Cycles at a log's beginning that are not compared, because the initial load of the cables is
-unknown.
+"""Control cycles (1 ms) at the beginning of a log that are not compared, because the initial load
+of the cables is unknown.
 """
 SHORTEST = 4 * SETTLING
-"""Fewest cycles of a log that can be fitted to and judged by."""
+"""Smallest number of cycles of a log that can be used for a fit and its test."""
 NORMAL_90 = 1.6449
 """Standard deviations from the mean of a normal distribution to the ends of its middle 90 %."""
 CONFOUNDED = 0.7
-"""Correlation from which two unknowns count as confounded: half of the variance of each is shared.
-"""
+"""Correlation from which two parameters count as confounded: they share half of their variance."""
 UNLIKELY = 3.0
-"""Standard deviations of the prior. A value farther off suggests that the robot also differs
-in something that is not estimated.
+"""Standard deviations of the prior. If a fitted value is farther from the prior mean, the robot
+probably also differs in something that is not estimated.
 """
 LOG, ROTOR = "the recording", "null: bare rotors"
 
 
 class FollowingError(NamedTuple):
-    """Root mean squares over one part of a log, [7]; rad and m, NaN for joints the log lacks."""
+    """Root mean square errors [7] over one part of a log; rad and m, NaN for joints not logged."""
 
     model: str
     following: np.ndarray  # measured or replayed minus desired joints
@@ -54,7 +54,7 @@ class Calibration:
 
     @property
     def before(self) -> np.ndarray:
-        """Return the values before calibration [k], in their units."""
+        """Return the values of the unknowns before calibration [k], in their units."""
         return parameters.prior_values(self.base, self.unknowns)
 
     @property
@@ -70,13 +70,13 @@ class Calibration:
     @property
     def interval(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the ends of each 90 % interval, [k], in their units."""
-        half = NORMAL_90 * self.told
+        half = NORMAL_90 * self.spread_ratio
         return self._moved(self.fit.steps - half), self._moved(self.fit.steps + half)
 
     @property
     def confounded(self) -> list[tuple[str, str, float]]:
         """Return pairs of unknowns that the log determines only jointly, with their correlation."""
-        correlation = self.fit.covariance / np.outer(self.told, self.told)
+        correlation = self.fit.covariance / np.outer(self.spread_ratio, self.spread_ratio)
         pairs = zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
         return [
             (self.unknowns[i].path, self.unknowns[j].path, float(correlation[i, j]))
@@ -86,22 +86,28 @@ class Calibration:
 
     @property
     def unlikely(self) -> list[tuple[str, float]]:
-        """Return (parameter, shift) where the shift is at least UNLIKELY prior deviations."""
+        """Return (parameter, shift) of shifts of at least UNLIKELY prior standard deviations."""
         rows = zip(self.unknowns, self.fit.steps.tolist(), strict=True)
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
     def draws(self, number: int) -> np.ndarray:
-        """Return [number, k] robots that the log leaves likely, in spreads from their prior."""
+        """Return robots [number, k] drawn from the fit, in prior standard deviations from the prior
+        mean.
+        """
         return np.random.default_rng(0).multivariate_normal(
             self.fit.steps, self.fit.covariance, number
         )
 
     @property
-    def told(self) -> np.ndarray:
-        """Return posterior over prior standard deviations; 1: the log determined nothing."""
+    def spread_ratio(self) -> np.ndarray:
+        """Return each posterior standard deviation [k] divided by the prior one.
+
+        It is 1 if the log did not determine the parameter.
+        """
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:
+        # Returns the value of each unknown parameter after its step. steps: in the fit's own scale.
         values = (
             parameters.moved_by(self.before[k], one, steps[k])
             for k, one in enumerate(self.unknowns)
@@ -111,7 +117,7 @@ class Calibration:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRobot:
-    """A log and its robot: arm, controller, and the software's assumption about tool cables."""
+    """A log, and the properties of its robot: arm, tool, controller, and software."""
 
     log: JointLog
     setup: RavenSetup
@@ -120,7 +126,9 @@ class LoggedRobot:
 
     @property
     def halves(self) -> tuple[JointLog, JointLog]:
-        """Return the fitted and the held-back part. Both are replayed from the log's beginning."""
+        """Return the part for the fit and the part for the test. A replay of either part starts at
+        the beginning of the log.
+        """
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
@@ -129,7 +137,7 @@ class LoggedRobot:
         if len(self.log.desired) < SHORTEST:
             raise UserError(
                 f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least"
-                f" {SHORTEST * 1e-3:g} s, one half for the fit and one for the comparison"
+                f" {SHORTEST * 1e-3:g} s: one half for the fit and one half to test the fit"
             )
         first, _ = self.halves
         base = parameters.prior_robot(plant, unknowns)
@@ -141,25 +149,31 @@ class LoggedRobot:
         best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
         return Calibration(tuple(unknowns), base, best)
 
-    def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
-        """Return following errors on `part`: of the log, of `robots` by name, of bare rotors."""
+    def following_errors(
+        self, part: JointLog, robots: Mapping[str, LoopParams]
+    ) -> list[FollowingError]:
+        """Return the errors on `part` of the log: of the logged robot, of replays of `robots` (by
+        name), and of a replay of the null model, whose motors are not connected to the arm.
+        """
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
-        joints = self.replayed(part, [*robots.values(), rotors])
-        desired, there = part.desired[part.cycles], ~np.isnan(part.measured)
+        joints = self.replay(part, [*robots.values(), rotors])
+        desired, is_measured = part.desired[part.cycles], ~np.isnan(part.measured)
 
         def rms(errors: np.ndarray) -> np.ndarray:
-            count = there.sum(axis=0)
-            total = np.square(np.where(there, errors, 0.0)).sum(axis=0)
+            count = is_measured.sum(axis=0)
+            total = np.square(np.where(is_measured, errors, 0.0)).sum(axis=0)
             return np.sqrt(np.where(count > 0, total / count.clip(1), np.nan))
 
         return [
-            FollowingError(model, rms(shown - desired), rms(shown - part.measured))
-            for model, shown in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
+            FollowingError(model, rms(motion - desired), rms(motion - part.measured))
+            for model, motion in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
         ]
 
-    def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
-        """Return joints [K, n, 7] of replayed robots at the times of the log's samples, rad, m."""
+    def replay(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
+        """Replay the log with these robots. Return their joint positions [robots, samples, 7] at
+        the times of the log's samples, in rad and m.
+        """
         return replays.replay_robots(
             self._setup(parameters.select_unknowns((), ("delays",))), robots, part
         )

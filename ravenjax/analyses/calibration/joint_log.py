@@ -1,25 +1,27 @@
-"""Reads the log of one arm: desired and measured joints on the clock of the control cycle.
+"""Reads a log of one robot arm: desired and measured joint positions in each control cycle.
 
-A table (.csv, .parquet) has one row per sample. Its columns are named by joint, shoulder to grasp2.
-A log may leave joints out. Columns are used in this order of preference.
+A table (.csv, .parquet) has one row per sample. Names of columns end in the name of a joint, from
+shoulder to grasp2. A log may leave joints out. If a table has several of these pairs of columns,
+the first pair is used.
 
-- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joints, rad and m.
-- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motors, rad.
-- `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joints are computed from the
-  robot's PD law, for joints without an integral.
+- `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joint positions, rad or m.
+- `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motor angles, rad.
+- `dac_JOINT`, `mpos_JOINT` and optionally `mvel_JOINT`: the desired joint positions are computed by
+  inverting the robot's PD law. This works for joints without an integral term.
 
-A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The column of times is
-`time_s`, or has another unit; without it the samples are `period_ms` apart. If there is a column
-`runlevel`, only the longest stretch in run level pedal-down is used.
+A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The times are in a
+column `time_s`, or in one with another unit. Without such a column, samples are `period_ms` apart.
+If there is a column `runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. The joints come from one of these topics.
+A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of these
+topics.
 
 - raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
-  publishes the measurements of one arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). Therefore this module assigns to each arm the measurements that follow
-  the arm's setpoint.
+  publishes the measurements of each arm under the other arm's name (branch crtk,
+  src/raven/local_io.cpp). This module therefore pairs desired positions with the measured positions
+  that follow them.
 """
 
 from __future__ import annotations
@@ -49,11 +51,13 @@ from ravenjax.store.motion.source import Samples
 from ravenjax.store.motion.summary import list_names
 
 UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
-"""Factors to rad and m of the last words of columns."""
+"""Factors to rad and m, by the end of a column's name."""
 *HOLD, BEYOND = np.array([*resources.read_tables(__file__, "joint_log.toml").values()]) * [
     1.0 if joint in LINEAR else UNITS["deg"] for joint in JOINTS
 ]
-"""Least and greatest joint of a Raven-II, and how far beyond it a joint may be, rad and m."""
+"""Smallest and largest position of each joint of a Raven-II, and the accepted distance beyond
+these; rad and m.
+"""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -64,11 +68,11 @@ PER_STATE = np.pi / 180.0
 class JointLog(NamedTuple):
     """The log of one arm. Columns are the seven joints: rad, and m for the insertion."""
 
-    start: np.ndarray  # [7] joints at the start of the log; NaN if missing
+    start: np.ndarray  # [7], positions at the start of the log; NaN if missing
     desired: np.ndarray  # [T, 7], one row per control cycle (1 ms)
-    measured: np.ndarray  # [n, 7], measured at the motors; NaN if missing
-    cycles: np.ndarray  # [n] cycle after which each row was measured
-    notes: tuple[str, ...] = ()  # what a user should know of how the log was read
+    measured: np.ndarray  # [n, 7], computed from the motor encoders; NaN if missing
+    cycles: np.ndarray  # [n], cycle after which each row was measured
+    notes: tuple[str, ...] = ()  # notes on how the log was read, for the user
 
     @property
     def joints(self) -> list[int]:
@@ -76,7 +80,10 @@ class JointLog(NamedTuple):
         return np.flatnonzero(~np.isnan(self.measured).all(axis=0)).tolist()
 
     def compared(self, begin: int, end: int) -> JointLog:
-        """Return the log's cycles up to `end`. Those before `begin` are replayed, not compared."""
+        """Return the log's cycles up to `end`, without the measurements before cycle `begin`.
+
+        A replay simulates the cycles before `begin`, but is not compared with the log there.
+        """
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
         return JointLog(
@@ -113,7 +120,7 @@ def read_joint_log(
     the file or its columns have no supported form, or if a number or a time is not plausible.
     """
     if period_ms is not None and not period_ms > 0.0:
-        raise UserError(f"--period-ms {period_ms:g}: expected more than 0")
+        raise UserError(f"--period-ms is {period_ms:g}, expected a number above 0")
     options = LogOptions(
         rate_hz=None if period_ms is None else 1e3 / period_ms,
         columns=[] if columns is None else columns,
@@ -129,7 +136,7 @@ def read_joint_log(
         samples = source.read_table(path, options, "time_s,jpos_d_shoulder,jpos_shoulder")
     else:
         kinds = ", ".join((*files.TABLES, *bags.SUFFIXES))
-        raise UserError(f"{path}: expected the file of a log ({kinds}) or a folder of ROS 2")
+        raise UserError(f"{path}: expected a log ({kinds}) or the folder of a bag of ROS 2")
     pattern = rf"^([a-z]+(?:_d)?)_(?:{arm}_)?(.+?)((?:_deg_s|_deg|_mm)?)$"
     samples.table.columns = [
         re.sub(pattern, lambda x: f"{x[1]}_{bags.RAVEN2_NAMES.get(x[2], x[2])}{x[3]}", str(name))
@@ -147,12 +154,12 @@ def read_joint_log(
     cycles = np.round(times * 1e3).astype(int)
     whole = np.arange(cycles[-1] + 1)
     on_clock = np.stack([np.interp(whole, times * 1e3, column) for column in desired.T], axis=1)
-    # A row is read before its cycle's command.
+    # Encoders are read at the beginning of a cycle, so a row shows the result of the cycle before.
     return JointLog(measured[0], on_clock, measured[1:], cycles[1:] - 1, samples.notes)
 
 
 def _pedal_down(samples: Samples) -> Samples:
-    """Return the longest stretch of rows in which the robot could move; all if unknown."""
+    """Return the longest stretch of rows in pedal-down; all rows if the run level is not logged."""
     table, where = samples.table, ""
     if "runlevel" in table:
         live = samples.numbers("runlevel") == PEDAL_DOWN
@@ -163,15 +170,14 @@ def _pedal_down(samples: Samples) -> Samples:
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"
     if len(samples.table) < 2:
         raise UserError(
-            f"{samples.path} has {len(samples.table)} rows{where}; a log needs some seconds of"
-            " motion"
+            f"{samples.path} has {len(samples.table)} rows{where}; expected some seconds of motion"
         )
     return samples
 
 
 def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
-    """Return seconds of the samples, [n]. Raises UserError for times that are not plausible and for
-    a gap, in which the motion is unknown.
+    """Return the times of the samples [n], s. Raise UserError for implausible times and for a gap,
+    in which the motion is unknown.
     """
     path = samples.path
     times, clock, notes = stamps.sample_times(
@@ -198,8 +204,9 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired and measured joints [n, 7]. Where one is missing, the desired joint is at home
-    and the measured one is NaN.
+    """Return desired and measured joint positions [n, 7], rad and m.
+
+    For a joint that is not logged, the desired position is its home and the measured one is NaN.
     """
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
@@ -220,8 +227,8 @@ def _joints(
             targets = np.where(ki > 0.0, np.nan, motors + (torque + kd * speed) / kp)
         if motors is None or targets is None:
             raise UserError(
-                f"{samples.path} has neither jpos_d and jpos, nor mpos_d and mpos, nor mpos and dac"
-                " of any joint (as mpos_shoulder); its columns are"
+                f"{samples.path}: expected columns jpos_d_JOINT and jpos_JOINT, or mpos_d_JOINT and"
+                " mpos_JOINT, or mpos_JOINT and dac_JOINT, such as mpos_shoulder; its columns are"
                 f" {', '.join(map(str, samples.table.columns[:12]))}"
             )
         # If a motor is unknown, its joint and the following joints are unknown too.
@@ -234,14 +241,21 @@ def _joints(
     home, missing = np.array(limits.HOME_JPOS), np.isnan(desired)
     for name, joints in (("jpos_d", desired), ("jpos", measured)):
         _require_possible(samples, name, joints)
-    alone = [JOINTS[joint] for joint in np.flatnonzero((missing & ~np.isnan(measured)).any(axis=0))]
-    if alone:
-        samples.notes = (*samples.notes, f"{', '.join(alone)}: without desired joints, not used")
+    unused = (missing & ~np.isnan(measured)).any(axis=0)
+    if unused.any():
+        names = ", ".join(JOINTS[joint] for joint in np.flatnonzero(unused))
+        samples.notes = (
+            *samples.notes,
+            f"{names}: not used, because no desired position is logged",
+        )
     return np.where(missing, home, desired), np.where(missing, np.nan, measured)
 
 
 def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
-    """Raise UserError for joints [n, 7] that no Raven-II has, with the unit that they may be in."""
+    """Raise UserError for joint positions [n, 7] that no Raven-II can have.
+
+    The message names the unit that the column probably has.
+    """
     outside = (joints < HOLD[0] - BEYOND) | (joints > HOLD[1] + BEYOND)
     if not outside.any():
         return
@@ -264,8 +278,9 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
 
 
 def _quantity(samples: Samples, name: str) -> np.ndarray | None:
-    """Return the columns of a quantity [n, 7], NaN for joints that are not logged; None if no joint
-    is logged.
+    """Return the logged values of a quantity for each joint [n, 7], in rad and m.
+
+    A joint that is not logged has NaN. The result is None if no joint is logged.
     """
     columns = np.full((len(samples.table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
@@ -288,23 +303,24 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
             samples = _samples(path, states, states.time_ns[0], desired, measured)
             samples.table["runlevel"] = [int(one.runlevel) for one in states.messages]
             return samples
-        # raven2 publishes the measured joints of one arm under the other's name.
+        # raven2 publishes the measured joints of each arm under the name of the other arm.
         several = (arm,) if options.topics else ARMS
         setpoint = bag.topic(arm, "setpoint_js")
         measured_of = [topic for one in several if (topic := bag.topic(one, "measured_js"))]
         if setpoint is None or not measured_of:
             raise bag.missing(arm, "setpoint_js", "measured_js")
         wanted, *followers = map(bag.read, (setpoint, *measured_of))
-    asked = bags.read_joints(path, wanted)
+    setpoints = bags.read_joints(path, wanted)
     begin = wanted.time_ns[0]
-    times = _regular_times(_samples(path, wanted, begin, asked, asked), options)
+    times = _regular_times(_samples(path, wanted, begin, setpoints, setpoints), options)
+    # (mean distance from the setpoint, samples) of each topic of measured joints.
     found = []
     for measured in followers:
         joints = bags.read_joints(path, measured)
         # Times are checked before anything is interpolated.
         at = _regular_times(_samples(path, measured, begin, joints, joints), options)
         common = (at >= times[0]) & (at <= times[-1])
-        desired = np.stack([np.interp(at, times, column) for column in asked.T], axis=1)
+        desired = np.stack([np.interp(at, times, column) for column in setpoints.T], axis=1)
         pair = _samples(path, measured, begin, desired, joints)
         pair = dataclasses.replace(
             pair, table=pair.table[common], time_s=at[common], notes=(*wanted.notes, *pair.notes)
@@ -320,6 +336,7 @@ def _samples(
     desired: np.ndarray,
     measured: np.ndarray,
 ) -> Samples:
+    # Returns positions [T, joints], rad and m, as a table with columns jpos_d_NAME and jpos_NAME.
     names = [f"{name}_{word}" for name in ("jpos_d", "jpos") for word in JOINTS]
     table = pd.DataFrame(np.hstack([desired, measured]), columns=names, index=messages.number)
     time_s = (messages.time_ns - begin_ns) * 1e-9

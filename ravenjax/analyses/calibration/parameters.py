@@ -1,5 +1,8 @@
-"""Defines the parameters that a log can estimate: numbers of `LoopParams` with their prior
-distributions. Writes calibrated robots as TOML, for `[parameters] from` of a campaign.
+"""Defines the robot parameters that a calibration can estimate from a log, with their prior
+distributions.
+
+The module also writes a calibrated robot as a TOML file. A campaign reads the file by `[parameters]
+from`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,25 +23,25 @@ from ravenjax.robots.raven2.plant import robot
 
 COMMAND_DELAY, SETPOINT_DELAY = "command_delay", "setpoint_delay"
 USUAL_DELAY_MS = 1.0
-"""Median of the prior: one frame of full-speed USB. With the spread below, 90 % of it lies between
-0.3 and 3.2 ms.
+"""Median of the prior of the command delay: one frame of full-speed USB. With the spread in
+beliefs.toml, 90 % of the prior lies between 0.3 and 3.2 ms.
 """
 LONGEST_DELAY_MS = 6
 
 
 class Unknown(NamedTuple):
-    """One number that is estimated from a log. Its prior is normal; for a ratio, the prior of its
-    logarithm is.
+    """One parameter that is estimated from a log. Its prior is normal; for a ratio, the prior of
+    the logarithm is normal.
     """
 
     name: str
     # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
     # by the same factor.
     fields: tuple[str, ...]
-    joint: int | None  # joint of fields with seven values; None: fields with one
-    # Standard deviation: of the logarithm of a ratio, else in the field's unit.
+    joint: int | None  # index of the joint, for fields with seven values; None for one value
+    # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.
     spread: float
-    # True if it is estimated as a ratio to the value before.
+    # True if the parameter is estimated as a ratio to its value before.
     ratio: bool
 
     @property
@@ -52,13 +55,14 @@ ASKS = tuple(BELIEFS)
 
 
 def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown, ...]:
-    """Return the unknowns to estimate from a log that has these joints (0 to 6). Raises UserError
-    for a name that is not in ASKS.
+    """Return the unknowns to estimate from a log that has these joints (0 to 6).
+
+    `asks`: names of groups of parameters. Raise UserError for a name that is not in ASKS.
     """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
-            f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, separated by commas"
-            f"{suggest_name(invalid[0], ASKS)}"
+            f"--ask {', '.join(invalid)}: unknown, expected some of {', '.join(ASKS)}, separated by"
+            f" commas{suggest_name(invalid[0], ASKS)}"
         )
     return tuple(
         Unknown(name, tuple(belief["fields"]), joint, belief["spread"], belief["ratio"])
@@ -70,18 +74,22 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot with prior parameters, and the usual delay if it is estimated."""
+    """Return a robot with the prior parameters. If the command delay is estimated, it has
+    USUAL_DELAY_MS, else none.
+    """
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
 
 def prior_values(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
-    """Return the values of the unknowns in `base`, from the first field of each, [k]."""
+    """Return the values [k] of the unknowns in the robot `base`, each from its first field."""
     return np.array([float(_number(base, one.fields[0], one.joint)) for one in wanted])
 
 
 def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
-    """Return `base` with each unknown moved by `steps` [k], in spreads. May be traced by JAX."""
+    """Return the robot `base` with each unknown changed by `steps` [k], in prior standard
+    deviations. JAX may trace this function.
+    """
     for k, one in enumerate(wanted):
         for field in one.fields:
             moved = moved_by(_number(base, field, one.joint), one, steps[k])
@@ -92,7 +100,10 @@ def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> Loop
 def values_by_path(
     base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return every number that `steps` [n, k] move, [n], by its path in `LoopParams`."""
+    """Return the values [n] of every changed number, by its path in `LoopParams`.
+
+    `steps`: [n, k], changes of the k unknowns for n robots, in prior standard deviations.
+    """
     return {
         field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
             moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float
@@ -103,7 +114,7 @@ def values_by_path(
 
 
 def moved_by(value, one: Unknown, steps):
-    """Return a value (in its unit) after it is moved by `steps` spreads."""
+    """Return a value, in its unit, changed by `steps` prior standard deviations."""
     exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
     return value * exp(one.spread * steps) if one.ratio else value + one.spread * steps
 
@@ -115,6 +126,8 @@ def _number(params: Any, field: str, joint: int | None) -> Any:
 
 
 def _with(params: Any, names: list[str], joint: int | None, value):
+    # Returns a copy of the nested record `params` in which the field at the path `names` has a new
+    # value, or one joint's entry of that field.
     name, *rest = names
     inner = getattr(params, name)
     if rest:
@@ -123,15 +136,16 @@ def _with(params: Any, names: list[str], joint: int | None, value):
 
 
 DELAY = "usb.command_delay"
-"""Name of COMMAND_DELAY in a campaign, where it is in whole cycles."""
+"""Path of the command delay in a campaign, where the delay is in whole cycles."""
 
 
 def format_robot_file(
     values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path
 ) -> str:
-    """Return TOML of numbers [n] by path in `LoopParams`. The n-th numbers together are one robot.
+    """Return the text of a robot file in TOML.
 
-    SETPOINT_DELAY belongs to the log and is left out.
+    `values`: numbers [n] for n robots, by path in `LoopParams`. SETPOINT_DELAY is left out, because
+    it is a property of the log.
     """
     listed = {
         f"plant.{arm}.{path.removeprefix('plant.')}": [float(f"{value:.6g}") for value in draws]

@@ -1,9 +1,9 @@
-"""Computes one cycle of a Raven's position loop on the virtual robot: encoders, PID on motor
-angles, DAC, mechanics.
+"""Simulates one control cycle of a Raven arm that follows desired joint positions.
 
-All replays of a recorded robot use this loop. The controller is raven2's. It reads motor angles
-from encoders, optionally with the low-pass filter of the fork of 2015, and truncates DAC commands
-to whole numbers.
+A cycle consists of motor encoders, a PID controller of motor angles, the DAC, motors and arm.
+Replays of recorded robots use this simulation. The controller is that of the software raven2. It
+truncates DAC commands to whole numbers. The low-pass filter of a modified raven2 of 2015 is
+optional.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from ravenjax.robots.raven2.stages.motor_control import gravity_torques
 
 JOINTS = 7
 READINGS = 3
-"""Number of past readings that the filter uses."""
+"""Number of past encoder readings that the low-pass filter uses."""
 
 
 class Controller(NamedTuple):
@@ -31,7 +31,7 @@ class Controller(NamedTuple):
     kp: Vec  # per rad
     kd: Vec  # per rad/s
     ki: Vec  # per rad s
-    # True if encoders pass the 120 Hz filter first, as in the fork of 2015.
+    # True if a 120 Hz low-pass filter smooths the encoders, as in the modified raven2 of 2015.
     filtered: bool
 
 
@@ -47,11 +47,11 @@ class LoopParams:
     """The parameters of a robot that a replay may change."""
 
     plant: robot.PlantParams
-    # ms from USB write to motor, at most Setup.command_delay. A fractional delay mixes the two
-    # neighbouring cycles.
+    # Time from the USB write to the motor, ms, at most Setup.command_delay. A fractional delay is a
+    # weighted mean of two cycles.
     command_delay: Scalar
-    # ms by which the controller's desired joints lag those of the log. A property of the log, not
-    # of the robot.
+    # Time by which the controller's desired joints lag those of the log, ms. It is a property of
+    # the log, not of the robot.
     setpoint_delay: Scalar
     # Factor on stiffness and damping of every cable; 0: all cables are cut.
     cables: Scalar
@@ -62,12 +62,11 @@ class LoopState:
     """State between two cycles."""
 
     plant: robot.PlantState
-    readings: tuple[Vec, ...]  # rad, motors, latest first
-    outputs: tuple[Vec, ...]  # Outputs of the filter, rad, latest first; empty without a filter.
-    integral: Vec  # rad s, motors
-    commands: tuple[
-        Vec, ...
-    ]  # DAC counts of past cycles, latest first, as many as Setup.command_delay
+    readings: tuple[Vec, ...]  # motor angles, rad, latest first
+    outputs: tuple[Vec, ...]  # outputs of the filter, rad, latest first; empty without a filter
+    integral: Vec  # integral of the motors' errors, rad s
+    # DAC counts of past cycles, latest first, as many as Setup.command_delay.
+    commands: tuple[Vec, ...]
 
 
 class Cycle(NamedTuple):
@@ -92,7 +91,7 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
 def start_state(
     setup: RavenSetup, controller: Controller, plant: robot.PlantState, whole: bool = True
 ) -> LoopState:
-    """Return the state of a robot at rest whose controller has integrated nothing."""
+    """Return the state of a robot at rest, with zero integrals in the controller."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
     past = (read_encoders(setup, plant, whole),) * READINGS
     return LoopState(
@@ -105,7 +104,7 @@ def start_state(
 
 
 def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool) -> Vec:
-    """Return motor angles (rad) as encoders read them; unrounded if not `whole`."""
+    """Return motor angles in rad: in whole encoder counts if `whole`, else exact."""
     dtype = setup.precision.real
     turned = Vec(robot.drives.angle_in_radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
@@ -129,10 +128,11 @@ def advance_cycle(
     written: Callable[[Vec], Vec] | None = None,
     whole: bool = True,
 ) -> tuple[LoopState, robot.PlantOutput, Cycle]:
-    """Compute one millisecond.
+    """Compute one control cycle of 1 ms.
 
-    `desired`: motor angles (rad) for the measured angle of the insertion motor. `written`: counts
-    that are written in place of the controller's. `whole`: encoders and DAC use whole counts.
+    `desired`: returns the desired motor angles (rad) for the measured angle of the insertion motor.
+    `written`: returns DAC counts that replace those of the controller. `whole`: encoders and DAC
+    use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = read_encoders(setup, state.plant, whole)
@@ -142,12 +142,13 @@ def advance_cycle(
         else (new, state.readings[0])
     )
     speed = (angle - before) / robot.TICK_S
-    apart = desired(angle[2]) - angle
-    integral = state.integral + apart * robot.TICK_S
-    torque = apart.map(mul, controller.kp) - speed.map(mul, controller.kd)
+    error = desired(angle[2]) - angle
+    integral = state.integral + error * robot.TICK_S
+    torque = error.map(mul, controller.kp) - speed.map(mul, controller.kd)
     torque = torque.map(add, integral.map(mul, controller.ki))
     if setup.software == "raven2":
         jpos = transmission.joint_from_motor(arm, tool, angle, setup.software)
+        # raven2 compensates gravity at the first three joints.
         lift = gravity_torques(setup, arm, jpos)
         torque = Vec((*(Vec(torque[:3]) + lift), *torque[3:]))
     counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
@@ -169,6 +170,8 @@ def advance_cycle(
 
 
 def _low_passed(new: Vec, state: LoopState) -> Vec:
+    # Applies the velocity filter: a weighted sum of the new value and of earlier inputs and
+    # outputs.
     gains = (*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT)
     total = new * LOW_PASS_INPUT[0]
     for gain, past in zip(gains, (*state.readings, *state.outputs), strict=True):
@@ -177,7 +180,10 @@ def _low_passed(new: Vec, state: LoopState) -> Vec:
 
 
 def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
-    """Return the counts that drive motors in this cycle. A fractional delay weights two cycles."""
+    """Return the DAC counts that reach the motors in this cycle.
+
+    A fractional delay gives a weighted mean of two cycles.
+    """
     if not before:
         return now
     delay = jnp.clip(delay, 0.0, float(len(before)))

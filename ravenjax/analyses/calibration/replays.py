@@ -1,9 +1,9 @@
-"""Replays one log with many parameters side by side, on the fastest engine of the machine's
-processor.
+"""Replays a log of joint positions with many sets of robot parameters at once.
 
-This module has the form of `ravenjax.engines.interface.Loop`, so every engine can run it. The
-motion's seven columns are the desired joints, one row per cycle. The output series holds the joint
-positions that are computed from the motors' encoders.
+A replay simulates an arm whose controller follows the log's desired joint positions. This module
+defines the functions of `ravenjax.engines.interface.Loop`, so every engine can run replays. The
+input has seven columns of desired joint positions, one row per control cycle. The output contains
+the joint positions computed from simulated motor encoders.
 """
 
 import dataclasses
@@ -42,11 +42,10 @@ class ReplaySetup(RavenSetup):
     """Settings that select the code of a replay of one arm."""
 
     controller: Controller = RAVEN2
-    shifted: bool = False  # True if the log's desired joints may be late
-    whole: bool = (
-        # Encoders and DAC use whole counts; without them, a replay has a derivative.
-        True
-    )
+    # True if the controller may have received the log's desired joints with a delay.
+    shifted: bool = False
+    # True: encoders and DAC use whole counts. Without whole counts, a replay has a derivative.
+    whole: bool = True
 
 
 @record
@@ -58,11 +57,13 @@ class ReplayParams:
 
 
 def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
-    """Return the state at rest with brakes off. The motors are at the joints first measured."""
+    """Return the state at rest with brakes off. The motors show the first measured positions."""
     (arm,), links = setup.arms, params.first
     plant = robot.init(setup, arm, params.loop.plant, links)
-    # Gravity stretches the cables, so the motors are not where the links are.
-    plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - _shown(setup, plant, False))
+    # Gravity stretches the cables, so motors and links differ. One correction by the difference
+    # makes the motors show the measured positions.
+    shown = _joints_of_motors(setup, plant, False)
+    plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - shown)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
     return position_loop.start_state(setup, setup.controller, plant, whole=setup.whole)
 
@@ -76,7 +77,10 @@ def advance(
     motion: tuple[Any, ...],
     golden: Any,
 ) -> tuple[LoopState, tuple[Scalar, ...], tuple[()]]:
-    """Compute one cycle (`ravenjax.engines.interface.Loop`); no faults, no golden run."""
+    """Compute one cycle, as a function of `ravenjax.engines.interface.Loop`.
+
+    Faults and golden runs are not used.
+    """
     (arm,), (tool,) = setup.arms, setup.tools
     row = Vec(column[now] for column in motion)
     if setup.shifted:
@@ -89,11 +93,11 @@ def advance(
     state, _, _ = position_loop.advance_cycle(
         setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
     )
-    return state, tuple(_shown(setup, state.plant, setup.whole)), ()
+    return state, tuple(_joints_of_motors(setup, state.plant, setup.whole)), ()
 
 
-def _shown(setup: ReplaySetup, plant: robot.PlantState, whole: bool) -> Vec:
-    """Return the joints as the motors show them, rad and m."""
+def _joints_of_motors(setup: ReplaySetup, plant: robot.PlantState, whole: bool) -> Vec:
+    """Return joint positions computed from the motors' encoders, rad and m."""
     motors = position_loop.read_encoders(setup, plant, whole)
     return transmission.joint_from_motor(setup.arms[0], setup.tools[0], motors, setup.software)
 
@@ -104,7 +108,7 @@ def series_length(setup: ReplaySetup) -> int:
 
 
 def outcomes(setup: ReplaySetup, params: ReplayParams, state: LoopState) -> dict[str, Any]:
-    """Return the number of ticks that ran."""
+    """Return the number of simulated ticks, the only outcome of a replay."""
     return {"ticks": state.plant.tick}
 
 
@@ -134,7 +138,9 @@ def make_predictor(
 
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
-    """Return joints [K, n, 7] of complete robots at the times at which the log was measured."""
+    """Replay a log with several robots. Return joint positions [robots, n, 7] at the times of the
+    log's n measurements, rad and m.
+    """
     every = [dict(paths.path_leaves(one, setup)) for one in several]
     differ = [
         path
@@ -146,13 +152,13 @@ def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointL
 
 
 class _Replays:
-    """One log, compiled for a given choice of varying parameters."""
+    """Replays of one log, compiled once for the parameters that vary."""
 
     def __init__(
         self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
     ) -> None:
         first = np.where(np.isnan(log.start), log.desired[0], log.start)
-        # A program cannot hold JAX arrays.
+        # The parameters of a program must be plain numbers.
         plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)
         params = ReplayParams(plain, Vec(np.float32(x) for x in first))
         self._log, self._varied = log, varied
@@ -163,7 +169,10 @@ class _Replays:
         self._kernel: Kernel | None = None
 
     def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Return joints [count, n, 7] for parameters [count] by path."""
+        """Return joint positions [count, n, 7] for `count` sets of parameters.
+
+        `values`: arrays [count] by the path of a parameter.
+        """
         if self._kernel is None:
             self._kernel = selection.select_engine(ENGINE, self._program.setup.precision).compile(
                 self._program, count

@@ -1,4 +1,4 @@
-"""Makes the tables and figures of a calibration: following errors, parameters, intervals."""
+"""Makes the tables and figures of a calibration: following errors, fitted parameters, intervals."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +16,11 @@ PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
 """Factors from rad and m to deg and mm for display."""
 UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
 LOG, ROBOT = "same", "cue"
-"""Colours."""
+"""Names of colours."""
 MOST_SPREAD_LEFT = 0.5
-"""A parameter counts as determined if its spread after the log is at most this share of before."""
+"""A log determines a parameter if its standard deviation after the fit is at most this share of
+its prior standard deviation.
+"""
 
 
 class Rows(NamedTuple):
@@ -32,7 +34,8 @@ class Rows(NamedTuple):
 def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
     """Return one row per joint: the root mean square following error of the log and of each model.
 
-    A model's cell also holds its ratio to the log's error, and how far the model is off the log.
+    A model's cell also contains the ratio of its error to the log's error, and the distance of the
+    model from the log.
     """
     log, *models = rows
     cells = [
@@ -52,12 +55,13 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
 
 
 def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
-    """Return one row for each parameter that the log was asked for.
+    """Return one row for each estimated parameter.
 
-    A row holds the value before and after the fit, the ends of the 90 % interval, and the spread
-    after the log as a share of the spread before. A share above MOST_SPREAD_LEFT has a mark.
+    A row contains the value before and after the fit, the ends of the 90 % interval, and the
+    standard deviation after the fit as a share of the prior one. Shares above MOST_SPREAD_LEFT are
+    marked as not determined.
     """
-    fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.told)
+    fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.spread_ratio)
     rows = zip(calibrated.unknowns, *fitted, strict=True)
     cells = [
         (
@@ -70,15 +74,18 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
         )
         for unknown, before, after, lower, upper, spread_left in rows
     ]
-    return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)
+    columns = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left")
+    return Rows(title, columns, cells)
 
 
 def draw_errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
-    """Write following errors by joint as SVG. `replayed`: [n, 7] of the calibrated robot; `until`:
-    last cycle that was fitted to.
+    """Write a chart of following errors for each joint as SVG.
+
+    `replayed`: joint positions [n, 7] of the calibrated robot. `until`: last cycle of the part to
+    which the robot was fitted.
     """
     seconds, desired = log.cycles * 1e-3, log.desired[log.cycles]
-    time = f"s; fitted from {SETTLING * 1e-3:g} s to the line"
+    time = f"time, s; the fit uses {SETTLING * 1e-3:g} s to the line"
     across = ChartAxis(time, 0.0, float(seconds[-1]), line=until * 1e-3)
     charts = []
     for joint in log.joints:
@@ -102,11 +109,11 @@ def draw_intervals(path: Path, calibrated: Calibration) -> None:
         unknown.path.replace("_", " ").replace(".", ", ") for unknown in calibrated.unknowns
     )
     places, steps = np.arange(len(names), dtype=float), calibrated.fit.steps
-    half, before = NORMAL_90 * calibrated.told, np.full(len(names), NORMAL_90)
+    half, before = NORMAL_90 * calibrated.spread_ratio, np.full(len(names), NORMAL_90)
     end = max(NORMAL_90, float((np.abs(steps) + half).max()))
     dots = (
         Dots("before the log", LOG, 0.0 * before, places, -before, before),
-        Dots("after it", ROBOT, steps, places, steps - half, steps + half),
+        Dots("after the log", ROBOT, steps, places, steps - half, steps + half),
     )
     across = ChartAxis(
         "distance from the prior mean, in prior standard deviations; 90 % intervals", -end, end

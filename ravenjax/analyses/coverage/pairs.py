@@ -1,9 +1,9 @@
-"""Finds pairs of faults that do together what neither fault does alone.
+"""Finds pairs of faults that harm together although neither fault harms alone, and the reverse.
 
-The campaign has runs with two faults, and runs with each of them alone. A minimal *cut set* is a
-set of faults that harm together, while no smaller part of the set harms. A cut set of order 1 is a
-single harmful fault, one of order 2 a pair. Faults can also cancel: a pair may be harmless although
-one of its faults harms alone. A fault tree cannot show such a pair.
+The campaign has runs with two faults, and runs with each of these faults alone. A minimal *cut set*
+is a set of faults that harm together, while no smaller subset harms. A cut set of order 1 is a
+single harmful fault, a cut set of order 2 is a pair. Faults can also cancel: a pair may be harmless
+although one of its faults harms alone. A fault tree cannot represent such a pair.
 """
 
 from collections import Counter
@@ -25,7 +25,7 @@ PACKAGE = "ravenjax.analyses.coverage"
 TABLE, DRAWING, MODEL = "pairs.csv", "fault_tree.svg", "fault_tree.xml"
 
 USUAL = "every_cycle"
-"""Durations of the console's packets that are not random."""
+"""Setting of campaign.packets without random durations of packets."""
 
 
 class Single(NamedTuple):
@@ -33,13 +33,13 @@ class Single(NamedTuple):
 
     run: str
     site: str
-    fault: str  # in words
+    fault: str  # description of the fault
     harms: bool
     detected_by: Sequence[str]  # sources that report by themselves
 
 
 class Pair(NamedTuple):
-    """A run with two faults that both acted, beside the runs with one of them."""
+    """A run with two faults that both changed a bit, and the two runs with one of these faults."""
 
     run: str
     first: Single
@@ -71,18 +71,20 @@ class DoubleFaults(NamedTuple):
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of pairs of each kind, and of those that defeat a source, in words."""
+        """The number of faults and pairs of each kind, by the description of the kind."""
         kinds = Counter(pair.kind for pair in self.pairs)
         defeating = [pair for pair in self.pairs if pair.defeated]
         return {
             "single faults": len(self.singles),
             "single faults that harm: cut sets of order 1": len(self.cut_sets()[0]),
-            "pairs of which both faults act": len(self.pairs),
+            "pairs in which both faults act": len(self.pairs),
             "pairs that harm": sum(pair.harms for pair in self.pairs),
-            "pairs that harm although neither fault does: cut sets of order 2": kinds["cut set"],
-            "pairs that do not harm although a fault does: masked": kinds["masked"],
-            "pairs that defeat a check": len(defeating),
-            "pairs that defeat a check and harm": sum(pair.harms for pair in defeating),
+            "pairs that harm although neither fault harms alone: cut sets of order 2": kinds[
+                "cut set"
+            ],
+            "pairs that do not harm although a fault harms alone: masked": kinds["masked"],
+            "pairs that hide a fault from a check": len(defeating),
+            "pairs that hide a fault from a check and harm": sum(pair.harms for pair in defeating),
         }
 
     def cut_sets(self) -> tuple[list[Single], list[Pair]]:
@@ -133,8 +135,8 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
         alone.setdefault((row["faults"][0], row["setting"]), single)
     if not doubles:
         raise UserError(
-            "no run has two faults: give a group two [[group.fault]], as campaigns/"
-            "double_faults.toml does"
+            "no run has two faults: write two [[group.fault]] in a group, as in campaigns/"
+            "double_faults.toml"
         )
     pairs, unmatched, idle = [], 0, 0
     for row in doubles:
@@ -159,10 +161,10 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
     )
 
 
-def write_pairs(found: DoubleFaults, place: Path) -> list[Path]:
+def write_pairs(found: DoubleFaults, out_folder: Path) -> list[Path]:
     """Write the table of pairs, and the cut sets as a drawn fault tree and in the Open-PSA format.
 
-    Returns the paths. Raises StoreError if the disk refuses.
+    Return the paths. Raise StoreError if a file cannot be written.
     """
     singles, pairs = found.cut_sets()
     by_site: dict[str, list[Single | Pair]] = {}
@@ -177,8 +179,8 @@ def write_pairs(found: DoubleFaults, place: Path) -> list[Path]:
     }
     texts[TABLE] = downloads.format_csv(pair.cells() for pair in found.pairs)
     for name, text in texts.items():
-        write_text(place / name, text)
-    return [place / name for name in texts]
+        write_text(out_folder / name, text)
+    return [out_folder / name for name in texts]
 
 
 def _pair(row: dict[str, Any], first: Single, second: Single) -> Pair:

@@ -1,8 +1,9 @@
-"""Finds the deadlines of all faults and actions: on a grid of ticks, then by bisection.
+"""Finds the last tick in which an action still prevents the harm of a fault: the deadline.
 
-The grid shows whether an action fails at one tick and succeeds at a later one. The bisection begins
-at the last tick of the grid at which the action prevents the harm. Runs of the bisection end
-`HORIZON_MS` after the action. A run of full length confirms each deadline.
+Each action is first simulated at the ticks of a coarse grid. The grid shows whether an action fails
+at one tick and succeeds at a later one. A bisection then starts at the last tick of the grid at
+which the action prevents the harm. Runs of the bisection end `HORIZON_MS` after the action. A run
+of full length confirms each deadline.
 """
 
 import contextlib
@@ -41,17 +42,17 @@ COLUMNS = (
 REACTION_MS = 250
 """Assumed time from the cue to an operator's action, for a robot without section [reaction]."""
 HORIZON_MS = 300
-"""How long the runs of a round last after the action. Most harm comes sooner."""
+"""Duration of the bisection's runs after the action, ms. Most harm occurs sooner."""
 GRID = 8
-"""Number of ticks that are tried for each fault and action before the bisection, from the fault's
-first effect to the harm.
+"""Number of ticks that are tried for each fault and action before the bisection. They lie between
+the fault's first effect and the harm.
 """
 
 
 class Lanes(NamedTuple):
     """Pairs of a fault and an action, int arrays [lanes]."""
 
-    row: np.ndarray  # of the fault table
+    row: np.ndarray  # row of the fault in the fault table
     action: np.ndarray  # number of the action
     effect: np.ndarray  # tick of the fault's first effect
     harm: np.ndarray  # tick of the harm without the action
@@ -69,8 +70,8 @@ class Actor(PlannedCampaign):
         part = config.robot.part("campaign")
         if not hasattr(part, "acted"):
             raise UserError(
-                f"robot {config.campaign.robot!r} declares no actions, so no deadline can be found:"
-                " expected a robot whose part `campaign` has `acted`"
+                f"robot {config.campaign.robot!r} declares no actions, so no deadline can be found."
+                " Expected a function `acted` in the robot's part `campaign`"
             )
         super().__init__(config, engine)
         program, self.actions = part.acted(self.plan.program)
@@ -81,16 +82,16 @@ class Actor(PlannedCampaign):
         assumed = getattr(program.params, "reaction", None)
         usual_ms = REACTION_MS if assumed is None else assumed.delay_ms
         self.delay_ms = self.plan.varied.get(reaction, np.full(self.plan.runs, usual_ms))
-        """Time from the cue to the operator's action, of each run."""
+        """Time from the cue to the operator's action, ms, for each run."""
         self._work: Computation | None = None
 
     def run(
         self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return the outcomes of runs with the action at tick `at`, each [lanes].
+        """Run each fault again with an action at tick `at` [lanes]. Return outcomes, each [lanes].
 
-        horizon: ticks after the last action on the same golden run; None: until the runs end.
-        alone: without the fault.
+        horizon: number of simulated ticks after the last action on the same golden run; None: until
+        the end of the runs. alone: run the action without the fault.
         """
         some = self._acted.take(lanes.row)
         slot = {
@@ -107,7 +108,7 @@ class Actor(PlannedCampaign):
         golden = np.unique(some.golden, return_inverse=True)[1].astype(np.int32)
         ends = self.plan.ends[lanes.row]
         if horizon is not None:
-            # Runs of one golden run end together, because an end of its own has a cost.
+            # All runs of a golden run end together, because each different end costs time.
             last = np.zeros(golden.max() + 1, np.int32)
             np.maximum.at(last, golden, at + horizon)
             ends = np.minimum(ends, last[golden])
@@ -122,10 +123,10 @@ class Actor(PlannedCampaign):
     def harmful(
         self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm occurs despite the action, bool [lanes]; see `run`.
+        """Return whether harm occurs despite the action, bool [lanes]. Arguments: see `run`.
 
-        Harm is motion beyond the limit, also while the robot coasts to a stop, and the campaign's
-        own harm.
+        Harm is an unintended motion beyond the limit, even while the robot coasts to a stop, and
+        any harm that the campaign defines.
         """
         if not len(at):
             return np.zeros(0, bool)
@@ -135,19 +136,20 @@ class Actor(PlannedCampaign):
             return moved
         return moved | (found["unintended_off_mm"] > np.float32(limit))
 
-    def find(self, lanes: Lanes, tell: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
+    def find(self, lanes: Lanes, report: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
         """Return the last tick at which each action prevents the harm, int [lanes], and whether
         it does so at all earlier ticks of the grid, bool [lanes].
 
-        The tick before the effect means that the action prevents nothing. A later tick that lies
-        between two of the grid, and prevents the harm unlike both, is not found.
+        If the action never prevents the harm, the result is the tick before the fault's effect. A
+        later tick between two ticks of the grid is not found if neither of these prevents the harm.
         """
         count, every = len(lanes.row), np.arange(GRID + 1)
+        # Ticks of the grid, [lanes, GRID + 1], from the effect to the tick after the harm.
         grid = lanes.effect[:, None] + (lanes.harm + 1 - lanes.effect)[:, None] * every // GRID
-        tell(f"{count * GRID} runs with an action")
+        report(f"{count * GRID} runs with an action")
         each = Lanes(*(np.repeat(values, GRID) for values in lanes))
         fails = self.harmful(each, grid[:, :-1].ravel()).reshape(count, GRID)
-        # The last one that prevents the harm; GRID: none does.
+        # Index of the last tick that prevents the harm; GRID if no tick does.
         last = np.where(fails.all(axis=1), GRID, GRID - 1 - (~fails[:, ::-1]).argmax(axis=1))
         monotone = ~(fails & (every[:-1] < last[:, None])).any(axis=1) | (last == GRID)
         ends = np.column_stack([grid, lanes.effect - 1, lanes.effect])
@@ -155,9 +157,10 @@ class Actor(PlannedCampaign):
         low, high = ends[place, from_place], ends[place, from_place + 1]
 
         def halve(horizon: int | None) -> None:
-            # Halves each interval until the last tick that prevents the harm is known.
+            # Halves each interval until the last tick that prevents the harm is known. The action
+            # prevents the harm at tick `low` and not at tick `high`.
             while (some := high - low > 1).any():
-                tell(f"{int(some.sum())} runs with an action")
+                report(f"{int(some.sum())} runs with an action")
                 at = ((low + high) // 2)[some]
                 late = self.harmful(lanes.where(some), at, horizon)
                 high[some], low[some] = (
@@ -166,7 +169,7 @@ class Actor(PlannedCampaign):
                 )
 
         halve(HORIZON_MS)
-        tell(f"{int((last < GRID).sum())} runs that confirm a deadline")
+        report(f"{int((last < GRID).sum())} runs of full length that confirm a deadline")
         late = last < GRID
         late[late] = self.harmful(lanes.where(late), low[late])
         high[late], low[late] = low[late], ends[late, last[late]]
@@ -178,18 +181,18 @@ def find_deadlines(
     folder: Path,
     engine: str = "auto",
     group: str | None = None,
-    tell: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> pd.DataFrame:
     """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
 
-    group: takes only the faults of this group. The table leaves out faults that do no harm when
-    they are run again. tell: takes a line of progress. Raises UserError, and StoreError as
+    group: only the faults of this group. Faults that do not harm when they are run again are left
+    out. report: is called with a line about the progress. Raise UserError, and StoreError as
     `manifest.read_manifest`.
     """
     record = manifest.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, record)) as runs:
         if group is not None and group not in (names := runs.groups()):
-            raise UserError(f"--group {group!r}: expected {', '.join(names)}")
+            raise UserError(f"--group {group!r}: no such group, expected one of {', '.join(names)}")
         found = runs.table.rows(
             f'SELECT row, action FROM {FACTS} WHERE {UNINTENDED} AND coalesce("group"::VARCHAR = ?,'
             " true) ORDER BY row",
@@ -198,14 +201,14 @@ def find_deadlines(
     rows, reactions = np.array(found, int).reshape(-1, 2).T
     if (reactions != NONE).any():
         raise UserError(
-            f"{folder}: in every run the operator reacts to the cue, so no run shows the harm"
-            ' without an action: write [reaction] action = "none", or add 0 to reaction.action in'
-            " [cross]"
+            f"{folder}: the operator reacts to the cue in every run, so no run shows the harm"
+            ' without an action. Write [reaction] action = "none", or add 0 to reaction.action in'
+            " [cross], and run the campaign again"
         )
     if not len(rows):
         return pd.DataFrame()
     actor, explainer = Actor.of_folder(folder, engine), Explainer.of_folder(folder, engine)
-    tell(f"{len(rows)} harmful runs, compared with their golden runs")
+    report(f"{len(rows)} harmful runs that are compared with their golden runs")
     shown = explainer.explain(rows)
     leaves = [name for name in shown.ticks if str(name).startswith(chain.LEAVES)]
     faults = pd.DataFrame(
@@ -221,9 +224,9 @@ def find_deadlines(
         pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()}), how="cross"
     )
     lanes = Lanes(*(each[name].to_numpy() for name in ("row", "number", "effect_ms", "harm")))
-    last, each["monotone"] = actor.find(lanes, tell)
+    last, each["monotone"] = actor.find(lanes, report)
     each["deadline_ms"] = (last - lanes.effect).astype(float)
-    tell(f"{len(each)} runs with an action and no fault")
+    report(f"{len(each)} runs with an action but no fault")
     each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
     # An operator who follows the cue takes the robot's first action.
     cue = each[each["number"] == 1].assign(action="cue")

@@ -1,1 +1,1 @@
-"""Exports control software and virtual robot for C programs."""
+"""Exports the control software and the virtual robot as a library for C programs."""

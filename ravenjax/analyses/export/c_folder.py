@@ -1,7 +1,7 @@
-"""Writes a folder with the C library of a robot: header, object, shared library, example.
+"""Writes a folder with a robot as a C library: header, object file, shared library and an example.
 
-The object needs no C compiler, because it is emitted like the engines' code. Linking it into a
-shared library needs the system's compiler. Without one, a program links the object itself.
+The object file needs no C compiler, because LLVM emits it, as for the engines. The shared library
+needs the system's linker. Without a linker, a program can use the object file.
 """
 
 import shutil
@@ -36,11 +36,11 @@ def write_library(
     robot: VirtualRobot | None = None,
     cpu: str = PORTABLE,
 ) -> CFolder:
-    """Write the library of control software and robot, with their current settings and state. The
-    default software is raven2's own.
+    """Write the C library of a control software and a robot, with their settings and state.
 
-    `cpu`: "portable" runs on any CPU of this machine's kind; "native" may use all features of this
-    CPU. Both give identical bits. Raises UserError, also if the compiler refuses to link.
+    The default software is raven2. `cpu`: "portable" code runs on any CPU of this architecture;
+    "native" code may use all features of this CPU. Both give identical bits. Raise UserError for
+    wrong arguments, and if the compiler cannot link the library.
     """
     if cpu not in CPUS:
         raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
@@ -51,7 +51,7 @@ def write_library(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(
-            f"{folder}: cannot be made ({error.strerror or error}), expected a folder to write into"
+            f"{folder}: cannot be created ({error.strerror or error}); name another folder"
         ) from error
     files = {ending: folder / f"{NAME}.{ending}" for ending in ("h", "o")}
     example = folder / "example.c"
@@ -64,15 +64,14 @@ def write_library(
 
 
 def _linked(code: Path, shared: Path) -> Path | None:
-    """Link the shared library of an object; return None if no compiler is installed."""
+    """Link an object file to a shared library. Return None if no compiler is installed."""
     compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
     if compiler is None:
-        shared.unlink(missing_ok=True)  # removes the library of an earlier object
+        # A library that was linked from an earlier object would not match this object.
+        shared.unlink(missing_ok=True)
         return None
     words = [compiler, "-shared", "-o", str(shared), str(code), "-lm"]
     result = subprocess.run(words, capture_output=True, text=True, check=False)
     if result.returncode != 0:
-        raise UserError(
-            f"{' '.join(words)} failed: {result.stderr.strip()}; {code} can be linked by hand"
-        )
+        raise UserError(f"{' '.join(words)} failed: {result.stderr.strip()}. Link {code} yourself")
     return shared

@@ -1,1 +1,1 @@
-"""Defines monitors (checks as data), calibrates them, and searches for missing checks."""
+"""Defines monitors (checks that are stored as data), calibrates them, and finds missing checks."""

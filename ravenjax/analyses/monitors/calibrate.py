@@ -1,4 +1,4 @@
-"""Computes fault-free operations and writes the folder of a monitor."""
+"""Calibrates a monitor on fault-free operations and writes the monitor's folder."""
 
 import dataclasses
 import fnmatch
@@ -29,32 +29,32 @@ OnOperator = Callable[[int, int], None]
 
 @dataclasses.dataclass
 class Request:
-    """The settings of a monitor, checked. Raises UserError."""
+    """The settings of a calibration. Wrong settings raise UserError."""
 
     config: CampaignConfig
-    signals: Sequence[str] = ()  # names of the catalogue; * matches any letters; (): SIGNALS
-    segments: str = ""  # as `Segments.parsed`
-    per_hour: float = PER_HOUR
-    confidence: float = CONFIDENCE
-    length_s: float = LENGTH_S
-    robots: int = ROBOTS
+    signals: Sequence[str] = ()  # names of scores; * matches any letters; (): SIGNALS
+    segments: str = ""  # text for `Segments.parsed`
+    per_hour: float = PER_HOUR  # largest rate of false alarms
+    confidence: float = CONFIDENCE  # probability that the rate is not exceeded
+    length_s: float = LENGTH_S  # duration of an operation
+    robots: int = ROBOTS  # number of robots, and operations, of each operator
     motions: Sequence[str] = ()  # (): every generated motion of the robot
     seed: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.length_s <= 3600:
-            raise UserError(f"an operation of {self.length_s:g} s: expected 1 to 3600 s")
+            raise UserError(f"--length-s is {self.length_s:g}, expected 1 to 3600 s")
         if self.robots < 1:
-            raise UserError(f"{self.robots} robots an operator: expected a number from 1 on")
+            raise UserError(f"--robots is {self.robots}, expected 1 or more")
         if self.seed < 0:
-            raise UserError(f"seed {self.seed}: expected a number from 0 on")
+            raise UserError(f"--seed is {self.seed}, expected 0 or more")
         self.target = FalseAlarmTarget(self.per_hour, self.confidence, self.length_s / 3600)
         try:
             _ = self.target.fewest_units
             self.stretches = Segments.parsed(self.segments)
         except ValueError as error:
             raise UserError(str(error)) from None
-        # The campaign's own detectors are left out, and their parameters with them.
+        # The campaign's detectors are not used, so parameters of user's detectors are left out.
         rest = {
             path: axis
             for path, axis in self.config.parameters.items()
@@ -70,11 +70,11 @@ def calibrate_monitor(
     engine: str = "auto",
     on_operator: OnOperator = lambda *_: None,
 ) -> Calibrated:
-    """Compute the missing part of `hours` of fault-free operation in `out`, and write the monitor
-    there.
+    """Simulate fault-free operations, calibrate the monitor, and write both into the folder `out`.
 
-    `hours`: of operation, over all operators and robots; None: as many as the target needs. Raises
-    UserError and StoreError. Finished operators stay on disk, and the same call continues.
+    `hours`: total hours of operation, of all operators and robots; None: as many as the target
+    needs. Finished operators stay on disk, and the same call continues. Raise UserError and
+    StoreError.
     """
     wanted = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
@@ -102,13 +102,13 @@ def operate_units(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Return the operations of `units` operators. Computes those that are missing in `out`."""
+    """Return the scores of `units` operators. Operators missing in `out` are simulated."""
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
     if missing := score_folder.list_missing(folder, units):
-        place = folder / "detectors"
-        with consent.given_for(place), interruption.held_back():
-            measured = with_measuring_detectors(config, wanted, segments, place)
+        detector_folder = folder / "detectors"
+        with consent.given_for(detector_folder), interruption.held_back():
+            measured = with_measuring_detectors(config, wanted, segments, detector_folder)
             for operator in OperationRunner(measured, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
                 on_operator(operator.operator + 1, units)
@@ -116,7 +116,9 @@ def operate_units(
 
 
 def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
-    """Return the candidates that match the patterns, in order. Raises UserError for no match."""
+    """Return the robot's candidate scores whose names match one of the patterns, in the robot's
+    order. Raise UserError for a pattern without a match.
+    """
     candidates = list_candidates(robot)
     names = [score.name for score in candidates]
     chosen = []
@@ -124,29 +126,32 @@ def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
         chosen += (found := fnmatch.filter(names, pattern))
         if not found:
             raise UserError(
-                f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor"
-                f" signals` lists them, and * stands for any letters{suggest_name(pattern, names)}"
+                f"signal {pattern!r}: {robot.title} has no signal of this name; `ravenjax monitor"
+                f" signals` lists all, and * stands for any letters{suggest_name(pattern, names)}"
             )
     return [score for score in candidates if score.name in chosen]
 
 
 def varying_motions(config: CampaignConfig) -> tuple[str, ...]:
-    """Return the generated motions that differ with their seed."""
+    """Return the names of the generated motions that depend on the seed."""
     from ravenjax.store.access.fault_free import UNVARIED
 
     return tuple(motion for motion in config.generated_motions() if motion not in UNVARIED)
 
 
 def with_measuring_detectors(
-    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
+    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, detector_folder: Path
 ) -> CampaignConfig:
-    """Return `config` with one detector per term and segment, and write their files to `place`."""
-    place.mkdir(parents=True, exist_ok=True)
+    """Return `config` with one detector for each score and segment.
+
+    Their Python files are written into the folder `detector_folder`.
+    """
+    detector_folder.mkdir(parents=True, exist_ok=True)
     raw = []
     for t, term in enumerate(wanted):
         for s in range(segments.count):
             name = f"t{t}_{s}"
-            path = (place / f"{name}.py").absolute()
+            path = (detector_folder / f"{name}.py").absolute()
             title = f"{term.words}, segment {s}"
             text = code.write_part([term], segments, title=title, segment=s)
             path.write_text(text, encoding="utf-8")
@@ -160,7 +165,7 @@ def with_measuring_detectors(
 def describe_design(
     config: CampaignConfig, design: OperationDesign, wanted: tuple[Score, ...], segments: Segments
 ) -> dict[str, Any]:
-    """Return everything that decides the scores of operations, as JSON values."""
+    """Return everything on which the scores of operations depend, as JSON values."""
     left_out = {"group", "detector", "stop", "outcomes", "reaction"}
     content = config.model_dump(mode="json", exclude=left_out)
     for name in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
@@ -185,12 +190,12 @@ def operate_afresh(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Compute operations in `out` of operators that the calibration in `folder` did not use,
-    measured in the same way.
+    """Simulate operations of operators that the calibration in `folder` did not use, and write
+    their scores into `out`.
 
-    `overrides`: `key.path=value` of the campaign, such as `parameters.plant.friction_scale=4`.
-    `robots`: number per operator; by default the calibration's. Finished operators stay on disk,
-    and the same call continues. Raises UserError and StoreError.
+    `overrides`: changes of the campaign, such as `parameters.plant.friction_scale=4`. `robots`:
+    number of robots of each operator; default as in the calibration. Finished operators stay on
+    disk, and the same call continues. Raise UserError and StoreError.
     """
     calibration.require_hours(hours)
     monitor, _ = writing.read_monitor(folder)
@@ -211,8 +216,8 @@ def operate_afresh(
     units = round(hours * 3600 / (own.robots * own.length_s))
     if units < 1:
         raise UserError(
-            f"--hours {hours:g}: less than one operator with {own.robots} operations of"
-            f" {own.length_s:g} s each, {own.robots * own.length_s / 3600:.3g} h"
+            f"--hours is {hours:g}, expected at least {own.robots * own.length_s / 3600:.3g}: one"
+            f" operator has {own.robots} operations of {own.length_s:g} s"
         )
     wanted = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
     return operate_units(config, own, wanted, monitor.segments, out, units, engine, on_operator)

@@ -1,7 +1,8 @@
-"""Calibrates a monitor on scores of operations: some operators determine the scale of each score,
-some the threshold, and some test the monitor.
+"""Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
-The number of an operator decides its use, so additional operators do not change earlier ones.
+Some operators determine the scale of each score, some the threshold, and some test the monitor. The
+number of an operator determines this use. Additional operators therefore do not change the use of
+earlier operators.
 """
 
 import math
@@ -22,14 +23,16 @@ from ravenjax.stats.conformal.threshold import (
 )
 
 ROUND = 8
-"""Operators of a round: one gives scales, CALIBRATES set the threshold, the others test."""
+"""The use of operators repeats after this number. In each round the first operator determines
+scales, the next CALIBRATES determine the threshold, and the others test the monitor.
+"""
 CALIBRATES = 4
 ROOM = 1.5
-"""Factor on the fewest units: room for pedal-up time and an alarm or two."""
+"""Factor on the smallest number of units, as a reserve for pedal-up time and a few alarms."""
 
 
 class Uses(NamedTuple):
-    """The use of each operation, bool [operations]."""
+    """Which operations are used for scales, the threshold and the test; bool [operations]."""
 
     scale: np.ndarray
     threshold: np.ndarray
@@ -37,24 +40,24 @@ class Uses(NamedTuple):
 
 
 class Test(NamedTuple):
-    """What the monitor did in operations that had no part in its calibration."""
+    """The monitor's alarms in operations that were not used for its calibration."""
 
-    units: int
+    units: int  # number of operators
     operations: int
-    hours: float  # hours of operations without an alarm, to which the promise refers
-    alarms: int  # operations with an alarm
-    one_each: AlarmRate  # over the first operation of each unit, which are independent
+    hours: float  # total duration of the operations without an alarm
+    alarms: int  # number of operations with an alarm
+    one_each: AlarmRate  # rate in the first operation of each operator; these are independent
 
     @property
     def per_hour(self) -> float:
-        """Return operations with an alarm per hour without one, over all operations."""
+        """Return the number of operations with an alarm, per hour of operations without alarms."""
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
 
 
 class Calibrated(NamedTuple):
-    """A calibrated monitor and the data behind it."""
+    """A calibrated monitor, its target, and the results of calibration and test."""
 
     monitor: Monitor
     target: FalseAlarmTarget
@@ -70,7 +73,9 @@ def assign_uses(unit: np.ndarray) -> Uses:
 
 
 def units_for(calibrating: int) -> int:
-    """Return the least number of operators with `calibrating` for the threshold and one test."""
+    """Return the number of operators of which `calibrating` determine the threshold and at least
+    one tests the monitor.
+    """
     rounds, rest = divmod(calibrating, CALIBRATES)
     return max(rounds * ROUND + (rest + 1 if rest else 0), CALIBRATES + 2)
 
@@ -78,14 +83,15 @@ def units_for(calibrating: int) -> int:
 def require_hours(hours: float) -> None:
     """Raise UserError if the hours are not a valid length of time."""
     if not math.isfinite(hours):
-        raise UserError(f"--hours {hours}: expected a number above 0, such as 20")
+        raise UserError(f"--hours is {hours}, expected a number above 0, such as 20")
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """Return the number of operators to compute: as many as fit into `hours`, or as many as the
-    target needs, with ROOM to spare.
+    """Return the number of operators to simulate: as many as fit into `hours`, or ROOM times the
+    number that the target needs.
 
-    Raises UserError if the hours are too few, with the number that would do.
+    robots: operations of each operator. Raise UserError if the hours are too few; the message
+    states the number of hours that are needed.
     """
     fewest = units_for(target.fewest_clusters)
     if hours is None:
@@ -96,9 +102,9 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
         least = fewest * robots * target.length_h
         fewer = f", or --robots 1 --hours {np.ceil(least / robots):g}" if robots > 1 else ""
         raise UserError(
-            f"{hours:g} h allow {units} operators, but at most {target.per_hour:g} false alarms an"
-            f" hour with {target.confidence:.0%} confidence need {fewest} operators: write --hours"
-            f" {np.ceil(least):g} or more{fewer}"
+            f"{hours:g} h are enough for {units} operators, but to show at most"
+            f" {target.per_hour:g} false alarms an hour with {target.confidence:.0%} confidence,"
+            f" {fewest} operators are needed: write --hours {np.ceil(least):g} or more{fewer}"
         )
     return units
 
@@ -106,15 +112,16 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
 def calibrate_thresholds(
     peaks: OperationScores, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget
 ) -> Calibrated:
-    """Return the monitor of `terms`, whose scores are the columns of `peaks`.
+    """Return the calibrated monitor of `terms`, whose scores are the columns of `peaks`.
 
-    Raises UserError if operations do not support the promise.
+    Raise UserError if the operations are too few for the target.
     """
     by = assign_uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.score).all(axis=1)
     if not valid.any():
         raise UserError(
-            "scales cannot be learned: every operation for them had a number that is not finite"
+            "scales cannot be computed: each operation that determines scales had an infinite or"
+            " NaN number. Let the campaign draw other robots"
         )
     shape = (-1, len(terms), segments.count)
     scale = threshold.signal_scales(peaks.score[valid].reshape(shape))
@@ -127,10 +134,10 @@ def calibrate_thresholds(
         failed = float((~np.isfinite(calibrating.score)).mean())
         raise UserError(
             f"{error.units} operators are too few for {target.per_hour:g} false alarms an hour with"
-            f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which is"
-            f" an alarm at every threshold, and in {lost:.0%} of the time the robot does not follow"
-            " the operator. Give more --hours (what is computed stays), allow more alarms, or let"
-            " the campaign draw robots that work"
+            f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which"
+            f" counts as an alarm at every threshold, and in {lost:.0%} of the time the robot does"
+            " not follow the operator. Write more --hours (finished operations are kept), allow"
+            " more false alarms, or let the campaign draw robots that work"
         ) from None
     monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
     tested = OperationScores(*(values[by.test] for values in whole))

@@ -1,10 +1,10 @@
-"""Generates a monitor as a Python file for campaigns and as C99 for a robot's own software.
+"""Generates a monitor's source code: Python for campaigns, and C99 for the software of a robot.
 
-Both files come from the same terms. They read every number as a float, and NaN as 0. Reading NaN as
-0 also keeps an engine from fusing the read with the subtraction that follows. The C code does the
-same operations as the Python file in the same order, and rounds each result to float. It only
-subtracts, divides and compares, so a compiler has no sum of products to fuse. Therefore every
-compiler with IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
+Both files compute the same bits. They read every number as a float, and NaN as 0. Reading NaN as 0
+also prevents an engine from fusing the read with the next subtraction. The C code does the same
+operations in the same order as the Python file, and rounds each result to float. It only subtracts,
+divides and compares, so a compiler cannot fuse a product with a sum. Therefore every compiler with
+IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from ravenjax.analyses.monitors.scores import Score
 from ravenjax.report import wording
 
 PART, HEADER, SOURCE, TEST = "monitor.py", "monitor.h", "monitor.c", "monitor_test.c"
-"""Files of a monitor. Each has a template of the same name."""
+"""Files of a monitor. A template with the name of the file generates it."""
 
 
 def write_part(
@@ -26,17 +26,17 @@ def write_part(
     segment: int | None = None,
     records: bool = False,
 ) -> str:
-    """Return the text of a Python file whose score is the largest of the terms, each divided by its
-    scale.
+    """Return a Python file that computes the largest score of the terms, each divided by its scale.
 
-    `terms`: each has one channel. `scales`: of each term in each segment; None: the terms' own
-    scales. `segment`: the score is 0 outside of it. `records`: the part also stores its inputs as
-    `read_NAME`, and its score.
+    `terms`: scores with one channel each. `scales`: scale of each term in each segment; None: the
+    scales in the terms. `segment`: the only segment in which the score is not 0. `records`: the
+    file also stores its inputs as `read_NAME`, and its score.
     """
     scales = [term.scales * segments.count for term in terms] if scales is None else scales
     values = _values(terms, segments, scales)
     if records:
         values["state"] |= {f"read_{name}": name for name in values["reads"]} | {"score": "score"}
+    # Conditions for being inside the segment: `past0` is true beyond the first edge, and so on.
     inside = []
     if segment is not None:
         inside += [f"past{segment - 1}"] if segment else []
@@ -46,7 +46,7 @@ def write_part(
 
 
 def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
-    """Return the texts of the C files by name. `notes`: the promise of the monitor, as lines."""
+    """Return the texts of the C files by name. `notes`: lines for the files' comments."""
     values = _values(monitor.terms, monitor.segments, monitor.scales)
     units = dict.fromkeys(values["reads"], "")
     for term in monitor.terms:
@@ -61,7 +61,7 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    # Values for the template of the check's file.
+    # Returns the values that the templates of Python and C files need.
     rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
     return {
         "terms": [
@@ -87,6 +87,6 @@ def _fill(name: str, **values: object) -> str:
 
 
 def _write_float(value: float) -> str:
-    """Write a float32 so that C reads the same bits: nine digits are enough."""
+    """Return a float32 as a C literal. Nine digits are enough for the same bits."""
     digits = f"{value:.9g}"
     return f"{digits if any(mark in digits for mark in '.e') else f'{digits}.0'}f"

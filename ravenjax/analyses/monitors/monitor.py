@@ -1,4 +1,5 @@
-"""Represents a calibrated monitor as data: terms with their scales, and a threshold."""
+"""Defines a calibrated monitor as data: scores of signals, the scale of each score, and a
+threshold."""
 
 from __future__ import annotations
 
@@ -13,15 +14,15 @@ from ravenjax.analyses.monitors.scores import Score
 
 @dataclasses.dataclass(frozen=True)
 class Segments:
-    """Segments of an operation by a number of the robot's view: below the first edge, then from
-    each edge to the next.
+    """Segments of an operation, in which a monitor has different thresholds.
 
-    `tick` makes them stretches of time; `runlevel` or `surgeon_mode` make them phases. Without
-    edges there is one segment, the whole operation.
+    The value of a signal determines the segment: below the first edge, then from each edge to the
+    next. With `tick` the segments are stretches of time; with `runlevel` or `surgeon_mode` they are
+    phases. Without edges the whole operation is one segment.
     """
 
-    field: str = ""  # a scalar field of the view
-    edges: tuple[float, ...] = ()  # ascending, float32
+    field: str = ""  # name of the signal, a single number of the robot's view
+    edges: tuple[float, ...] = ()  # ascending limits between segments, float32
 
     def __post_init__(self) -> None:
         numbers = np.asarray(self.edges, np.float32)
@@ -31,7 +32,7 @@ class Segments:
             or not np.isfinite(numbers).all()
             or (np.diff(numbers) <= 0).any()
         ):
-            raise ValueError("expected a field and ascending numbers")
+            raise ValueError("expected the name of a signal and ascending numbers")
         object.__setattr__(self, "edges", tuple(float(number) for number in numbers))
 
     @property
@@ -41,7 +42,7 @@ class Segments:
 
     @property
     def words(self) -> str:
-        """Return the segments as the command line takes them: tick=1000,5000."""
+        """Return the segments as text for the command line, such as "tick=1000,5000"."""
         return (
             f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}" if self.field else ""
         )
@@ -56,7 +57,8 @@ class Segments:
             return Segments(field or "?", tuple(map(float, edges.split(","))))
         except ValueError:
             raise ValueError(
-                f"segments {text!r}: expected a field and ascending numbers, such as tick=1000,5000"
+                f"--segments {text!r}: expected the name of a signal and ascending numbers, such as"
+                " tick=1000,5000"
             ) from None
 
 
@@ -66,11 +68,13 @@ WHOLE = Segments()
 
 @dataclasses.dataclass(frozen=True)
 class Monitor:
-    """A monitor: it alarms where a scaled term exceeds the threshold in a live robot."""
+    """A calibrated monitor. It raises an alarm if the robot is live and the score of a term,
+    divided by its scale, exceeds the threshold.
+    """
 
-    terms: tuple[Score, ...]  # each with one channel
+    terms: tuple[Score, ...]  # scores with one channel each
     segments: Segments
-    # float32, of each term in each segment, in the term's unit.
+    # Scale of each term in each segment, float32, in the unit of the term.
     scales: tuple[tuple[float, ...], ...]
     threshold: float  # float32
 
@@ -82,22 +86,25 @@ class Monitor:
                 f" {', '.join(names) or 'none'}"
             )
         if np.shape(self.scales) != (len(self.terms), self.segments.count):
-            raise ValueError("a monitor has a scale for each term and segment")
+            raise ValueError("a monitor needs a scale for each term and segment")
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value above which each term alarms, in its unit; [terms, segments]."""
+        """Return the value above which a term raises an alarm, in its unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 
 def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
-    """Split the scores into single channels with scale 1, so that each has its own limit."""
+    """Split scores into single channels with scale 1, so that each channel can have a limit."""
     singles = [single.scaled([1.0]) for score in scores for single in score.singles]
     return tuple({single.name: single for single in singles}.values())
 
 
 def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """Return the monitor's inputs in order: name of the number -> its place in the robot's view."""
+    """Return the monitor's inputs in order: name of the number -> expression in the robot's view.
+
+    For example, "boards_cmd_shoulder" -> "view.boards_cmd[0]".
+    """
     reads = {}
     for term in terms:
         for field in filter(None, (term.signal, term.against)):
@@ -109,5 +116,5 @@ def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
 
 
 def name_read(term: Score, field: str) -> str:
-    """Return the name of the number of a field that a term reads."""
+    """Return the name of the number that a term reads from a field, such as boards_cmd_shoulder."""
     return f"{field}_{term.labels[0]}" if term.channels else field

@@ -1,10 +1,11 @@
-"""Computes many fault-free operations and keeps only their scores. Each operator has a different
-motion, and each operation of an operator has a different robot.
+"""Simulates many fault-free operations and returns the scores of candidate checks for each
+operation.
 
-A fault-free run equals its golden run, so a detector's input does not depend on a golden run. Each
-operation is therefore computed once, without a comparison, and only its row of outcomes is kept.
-Memory does not grow with the number of operations, and a GPU computes all robots of an operator
-side by side.
+Each operator has a different motion. Each operation of an operator has a different robot.
+
+A fault-free run equals its golden run, so each operation is computed once. Only its row of outcomes
+is stored. Memory therefore does not grow with the number of operations. A GPU computes all robots
+of an operator in parallel.
 """
 
 import dataclasses
@@ -30,17 +31,17 @@ CALIBRATION, FRESH = 0, 1
 """Streams of operators. The two streams share no operator."""
 MS_PER_HOUR = 3.6e6
 MOST_AT_A_TIME = 32
-"""Largest number of operators whose operations are computed side by side."""
+"""Largest number of operators whose operations are computed in parallel."""
 _ARMED_AFTER = "detectors.armed_after"
 
 
 @dataclasses.dataclass(frozen=True)
 class OperationDesign:
-    """What is drawn for the operations."""
+    """The random design of the operations."""
 
-    motions: tuple[str, ...]  # Generated motions; each operator has one of them.
-    robots: int  # operations per operator, each with its own robot
-    length_s: float  # length of an operation
+    motions: tuple[str, ...]  # generated motions; each operator has one of them
+    robots: int  # number of operations per operator, each with a different robot
+    length_s: float  # duration of an operation
     seed: int
     stream: int = CALIBRATION
 
@@ -57,14 +58,15 @@ class OperatorScores:
     operator: int
     motion: str
     seed: int
-    # float32 [operations, detectors], maximum over the operation; NaN if a number was not finite.
+    # float32 [operations, detectors], maximum over the operation; NaN for a failed run.
     score: np.ndarray
-    hours: np.ndarray  # in which detectors looked
+    hours: np.ndarray  # time in which the detectors were active
 
 
 def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """Return `config` as a fault-free campaign whose runs have the design's length. If the design
-    has several robots, or a parameter has a list, the campaign draws the robots at random. Groups,
+    """Return `config` as a fault-free campaign with the duration of the design's operations.
+
+    If the design has several robots, or a parameter has a list, robots are drawn at random. Groups,
     [reaction] and [stop] are left out.
     """
     random = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
@@ -97,8 +99,8 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
         raise UserError(
-            f"the operator is a recording ({operator['file']}), which has no other motion to draw:"
-            " give a campaign whose operator.motion is generated"
+            f"the operator is a recording ({operator['file']}), from which no other motions can be"
+            " drawn: name a campaign whose operator.motion is generated"
         )
     names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
@@ -109,19 +111,19 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         )
     if config.cross:
         raise UserError(
-            f"[cross] repeats every run ({next(iter(config.cross))}): write distributions in"
-            " [parameters]"
+            f"[cross] repeats every run with several values of {next(iter(config.cross))}: write a"
+            " distribution in [parameters] instead"
         )
     if design.robots > 1 and not robot_varies(config):
         raise UserError(
             f"the {design.robots} robots of an operator would be equal, because no property of"
             " the robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}),"
-            " noise or packets, or take --robots 1"
+            " noise or packets, or write --robots 1"
         )
 
 
 def robot_varies(config: CampaignConfig) -> bool:
-    """Return whether two runs of one operator may differ: some property of the robot is drawn."""
+    """Return whether a property of the robot is drawn, so that runs of an operator differ."""
     return (
         config.campaign.noise
         or config.random_packets
@@ -130,12 +132,12 @@ def robot_varies(config: CampaignConfig) -> bool:
 
 
 class OperationRunner:
-    """The operations of a campaign, compiled once."""
+    """Computes operations of a campaign. The code is compiled once."""
 
     def __init__(
         self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
     ) -> None:
-        """Compile for a campaign. Raises UserError for a campaign that cannot be run."""
+        """Choose an engine. Raise UserError for a campaign that cannot be run."""
         require_runnable(config, design)
         compile_cache.enable_cache()
         self.config, self.design = operator_campaign(config, design), design
@@ -149,8 +151,8 @@ class OperationRunner:
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
         """Yield the scores of these operators in order. Closing the iterator cancels the rest."""
-        # As many operators at a time as the engine takes, or more to fill it. One thread more plans
-        # while the others run.
+        # Enough operators in parallel to fill the engine. One more thread plans the next operator
+        # while the others compute.
         lanes = self._kernel(self._first).branches
         some = min(MOST_AT_A_TIME, -(-lanes // self.design.robots))
         threads = 1 + max(self._engine.threads, some)
@@ -185,7 +187,8 @@ class OperationRunner:
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        # Returns scores [rows, detectors], NaN for failed runs, and the hours that were watched.
+        # Returns scores [rows, detectors], NaN for failed runs, and the hours [rows] in which the
+        # detectors were active.
         program, lanes = ready.program, kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         own = kernel.run(block, ready.columns).outcomes
@@ -199,15 +202,17 @@ class OperationRunner:
         return score, looked_ms / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
-        """Return the kernel of a plan's program. An earlier operator's kernel is reused if its
-        program is equal, for example with generated motions. Each thread has a separate kernel, so
-        that a GPU can compute more blocks at a time.
+        """Return the compiled kernel of a plan's program.
+
+        A kernel is used again for an equal program, as operators with generated motions have. Each
+        thread has a separate kernel, so that a GPU can compute several blocks in parallel.
         """
         kernels: list[tuple[TickProgram, Kernel]] = self._own.__dict__.setdefault("kernels", [])
         for program, kernel in kernels:
             if program == ready.program:
                 return kernel
-        with self._lock:  # the second thread finds the code that the first has compiled
+        # With the lock, only the first thread compiles, and the others find its code in the cache.
+        with self._lock:
             kernel = self._engine.compile(ready.program, self.design.robots)
             rows = np.arange(min(ready.runs, kernel.lanes))
             lanes = kernel.size(len(rows))

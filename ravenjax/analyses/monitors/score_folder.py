@@ -22,7 +22,7 @@ FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Create or continue a folder of operations. Raises UserError if its design is another."""
+    """Create or continue a folder of operations. Raise UserError if it has another design."""
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
     path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
@@ -31,8 +31,8 @@ def open_folder(folder: Path, design: dict[str, Any]) -> None:
     before, after = read_design(folder), json.loads(text)
     if other := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
         raise UserError(
-            f"{folder} holds operations of another {' and '.join(other)}: give another"
-            " folder, or the same campaign, signals and options to go on"
+            f"{folder} contains operations with another {' and '.join(other)}: name another"
+            " folder, or continue with the same campaign, signals and options"
         )
 
 
@@ -55,17 +55,18 @@ def add_scores(folder: Path, operator: OperatorScores) -> None:
 
 
 def read_scores(folder: Path, units: int | None = None) -> OperationScores:
-    """Return the operations in a folder, of operators below `units`. Raises StoreError.
+    """Return the scores of the operations in a folder, of operators with numbers below `units`.
 
-    score: float32 [operations, detectors]; NaN if a number was not finite.
+    score: float32 [operations, detectors]; NaN for a failed run. Raise StoreError if the folder
+    has no operations or a damaged file.
     """
     paths = sorted((folder / PARTS).glob("operator-*.parquet"))
     if not paths:
-        raise StoreError(f"{folder}: holds no operations yet")
+        raise StoreError(f"{folder}: contains no operations yet")
     try:
         table = pd.concat([files.read_table(path) for path in paths], ignore_index=True)
     except UserError as error:
-        raise StoreError(f"{error}; remove it, and the same command goes on") from None
+        raise StoreError(f"{error}; delete the file, and the same command continues") from None
     score = table.filter(regex=r"^score\d+$").to_numpy(np.float32)
     peaks = OperationScores(table["operator"].to_numpy(), score, table["hours"].to_numpy())
     return peaks if units is None else peaks.taken_from(np.arange(units))
@@ -79,7 +80,7 @@ def read_design(folder: Path) -> dict[str, Any]:
         raise StoreError(f"{folder / DESIGN}: cannot be read ({error})") from None
     if not isinstance(content, dict):
         raise StoreError(
-            f"{folder / DESIGN}: is not the JSON object that `monitor calibrate` writes"
+            f"{folder / DESIGN}: is not the JSON object that `ravenjax monitor calibrate` writes"
         )
     return content
 

@@ -1,12 +1,12 @@
-"""Defines the scores of candidate checks as data: a signal of the robot, a formula, and a scale.
+"""Defines the scores that candidate checks compute from a signal of the robot.
 
-- `bound`: |x| over its scale.
-- `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
-- `residual`: |x - y| over its scale, for two signals.
+- `bound`: |x| divided by its scale.
+- `rate`: |x - x a millisecond ago| divided by its scale; 0 in the first millisecond.
+- `residual`: |x - y| divided by its scale, for two signals.
 
-If a score has several channels, each channel is divided by its scale, and the largest result is the
-score. NaN is read as 0. The module `code` writes a score as a Python file that a campaign can use
-as a detector (`ravenjax.stages.detectors`).
+If a signal has several channels, each channel is divided by its scale, and the score is the largest
+quotient. NaN is read as 0. The module `code` writes a score as a Python file that a campaign can
+use as a detector (`ravenjax.stages.detectors`).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ KINDS: tuple[Kind, ...] = ("bound", "rate", "residual")
 _WORDS = {
     "bound": "{what}",
     "rate": "step of {what} within 1 ms",
-    "residual": "{what} from {against}",
+    "residual": "distance of {what} from {against}",
 }
 
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """One candidate check as data: a number per millisecond and arm."""
+    """The score of a candidate check: a number for each millisecond and arm."""
 
     name: str  # valid as the name of a detector in a campaign
     kind: Kind
@@ -39,18 +39,19 @@ class Score:
     channels: tuple[int, ...]  # indices in the field; (): the field is a single number
     # Name of each channel, such as joints and axes; ("",) for a single number.
     labels: tuple[str, ...]
-    units: tuple[str, ...]  # of each channel
-    # Of each channel, in its unit: the value at which it scores 1.
+    units: tuple[str, ...]  # unit of each channel
+    # Value of each channel at which the score is 1, in the unit of the channel.
     scales: tuple[float, ...]
     layer: str  # code of the robot's layer
-    against: str = ""  # other field of a residual, with the same channels
+    against: str = ""  # second field of a residual, with the same channels
 
     def __post_init__(self) -> None:
-        # A robot or a file of somebody else chooses these words, which become code.
+        # These words become code. They may come from a file of somebody else.
         for word in (self.name, self.signal, *filter(None, (self.against, *self.labels))):
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", word):
                 raise ValueError(
-                    f"score {self.name!r}: {word!r} must be letters, digits and _, a letter first"
+                    f"score {self.name!r}: {word!r} must start with a letter and have only letters,"
+                    " digits and _"
                 )
 
     @property
@@ -62,7 +63,7 @@ class Score:
 
     @property
     def singles(self) -> tuple[Score, ...]:
-        """Return each channel as a separate score, at its scale."""
+        """Return each channel as a separate score."""
         if len(self.labels) == 1:
             return (self,)
         return tuple(
@@ -80,33 +81,32 @@ class Score:
         )
 
     def scaled(self, scales: Sequence[float]) -> Score:
-        """Return the score with other scales, one above 0 for each channel."""
+        """Return the score with other scales, one for each channel, above 0."""
         return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
 
 
 def list_candidates(robot: Robot) -> tuple[Score, ...]:
-    """Return every candidate that a robot's signals give, one for all channels that are observed
-    together, with scales 1.
+    """Return the scores of all candidate checks of a robot, with scales 1.
 
-    They are in the robot's order: bounds, rates and residuals of each signal. Raises UserError for
-    a robot that declares no signals.
+    For each signal these are bounds, rates and residuals. Channels that are observed together have
+    one score. Raise UserError for a robot that declares no signals.
     """
     if not robot.signals:
         raise UserError(
-            f"robot {robot.name!r} declares no signals, so there is nothing to build a check on:"
-            " expected `signals` in its ROBOT, as ravenjax.vocabulary.signals says"
+            f"robot {robot.name!r} declares no signals that a check could observe. Expected"
+            " `signals` in its ROBOT, as ravenjax.vocabulary.signals describes"
         )
     return tuple(score for signal in robot.signals for score in _of(signal))
 
 
 def _of(signal: Signal) -> Iterator[Score]:
-    # Yields every score of a signal: distance to its bounds, rate of change, and residuals.
-    ways: list[tuple[Kind, str]] = [("residual", field) for field in signal.against]
+    # Yields every score of a signal: its magnitude, its step, and its distance from other signals.
+    kinds: list[tuple[Kind, str]] = [("residual", field) for field in signal.against]
     if signal.steps:
-        ways.insert(0, ("rate", ""))
+        kinds.insert(0, ("rate", ""))
     if signal.bounded:
-        ways.insert(0, ("bound", ""))
-    for kind, against in ways:
+        kinds.insert(0, ("bound", ""))
+    for kind, against in kinds:
         for label, channels in _channels(signal):
             named = tuple(signal.channels[place] for place in channels) or ("",)
             words = (signal.field, kind, against, label)
@@ -124,7 +124,10 @@ def _of(signal: Signal) -> Iterator[Score]:
 
 
 def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Return (name, indices) of channels that are observed together; the unnamed come first."""
+    """Yield (name, indices) of each set of channels that are observed together.
+
+    The first set has no name and contains all channels that are in no other set.
+    """
     if not signal.channels:
         yield "", ()
         return

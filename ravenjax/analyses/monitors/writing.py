@@ -1,4 +1,4 @@
-"""Writes and reads the folder of a monitor."""
+"""Writes and reads the folder that contains a calibrated monitor."""
 
 import dataclasses
 import tomllib
@@ -30,22 +30,22 @@ from ravenjax.store import files, manifest
 SCORE = "score"
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
-"""File of the part as a campaign names it, with its threshold."""
+"""File with a table [[detector]] for a campaign file: the monitor's file name and its threshold."""
 ENGINE = "simd"
-"""Engine of the test vector. It is a CPU engine, because its arithmetic equals that of C."""
+"""Engine that computes the test vector: a CPU engine, whose arithmetic equals that of C code."""
 
 
 def write_monitor(
     out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated
 ) -> None:
-    """Write everything except the operations, which are in `out` already."""
+    """Write the files of a monitor into `out`, which already contains its operations."""
     monitor, notes = result.monitor, describe_promise(result, design)
     detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
     title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
     operations = score_folder.read_scores(out / score_folder.FOLDER)
     texts = {
         code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
-        DETECTOR: "# Copy this into a campaign; file is taken from its folder on.\n"
+        DETECTOR: "# Copy this table into a campaign. `file` is relative to its folder.\n"
         + tomlkit.dumps({"detector": [detector]}),
         **code.write_c(monitor, notes),
         VECTOR: _csv(compute_test_vector(config, monitor, design.seed, ENGINE)),
@@ -69,7 +69,7 @@ def write_monitor(
 
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
-    """Return the promise, its scope and its basis, as lines."""
+    """Return the monitor's guaranteed false-alarm rate and its conditions, as lines of text."""
     template = wording.text_templates(__package__).get_template("promise.txt.j2")
     return template.render(
         target=result.target, threshold=result.threshold, design=design
@@ -91,18 +91,19 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     except OSError as error:
         raise StoreError(
             f"{path}: cannot be read ({error.strerror or error}); `ravenjax monitor calibrate`"
-            " writes one"
+            " writes this file"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
-            f"{path}: is no record of a monitor ({type(error).__name__}: {error})"
+            f"{path}: does not describe a monitor ({type(error).__name__}: {error}); calibrate"
+            " again, which uses the stored operations"
         ) from None
     for name, digest in content.get("sha256", {}).items():
         file = files.path_inside(folder, name)
         if not file.is_file() or files.hash_file(file) != digest:
             raise StoreError(
-                f"{file}: is not what the calibration wrote (sha256 expected"
-                f" {digest[:16]}); calibrate again, which reuses its operations"
+                f"{file}: was changed after the calibration (expected sha256 {digest[:16]});"
+                " calibrate again, which uses the stored operations"
             )
     return monitor, content
 
@@ -115,14 +116,20 @@ def _term(table: dict[str, Any]) -> Score:
 
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
-    """Return the first operation of each operator that provided no scale, for tests for a shift."""
-    some = peaks.one_each()
-    rest = ~calibration.assign_uses(some.unit).scale
-    return pd.DataFrame({"operator": some.unit, **score_columns(monitor, some.score)}).loc[rest]
+    """Return reference scores, with which `ravenjax monitor` compares those of new operations.
+
+    There is one row for the first operation of each operator who was not used to scale the scores.
+    """
+    first = peaks.one_each()
+    unscaled = ~calibration.assign_uses(first.unit).scale
+    scores = {"operator": first.unit, **score_columns(monitor, first.score)}
+    return pd.DataFrame(scores).loc[unscaled]
 
 
 def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
-    """Return SCORE, each operation's joint score, and the columns of `peak` by name."""
+    """Return columns [operations] by name: SCORE, the joint score, and one for each term of the
+    monitor in each segment. peak: largest scores [operations, terms * segments].
+    """
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms
@@ -138,7 +145,7 @@ def _csv(table: pd.DataFrame) -> str:
 
 
 def _short(value: float) -> float:
-    """Return the same float32 in nine digits."""
+    """Round to nine digits, from which the bits of a float32 can be restored."""
     return float(f"{value:.9g}")
 
 
@@ -147,6 +154,7 @@ def _float32(value: Any) -> float:
 
 
 SECONDS = 3.0
+"""Duration of the run whose signals become the test vector, s."""
 FAULT = {
     "site": "usb_out",
     "effect": "overwrite",
@@ -154,26 +162,25 @@ FAULT = {
     "start_ms": 1500,
     "duration_ms": 100,
 }
-"""Fault that causes an alarm if a robot has this site, which is after every software check."""
-_NAME, _SAME_LANES = "monitor", 2
+"""Fault of the test vector, for a robot with this site. It is large enough to cause an alarm."""
+_NAME, _CONSECUTIVE = "monitor", 2
 
 
 def compute_test_vector(
     config: CampaignConfig, monitor: Monitor, seed: int, engine: str
 ) -> pd.DataFrame:
-    """Return a monitor's inputs and scores in each millisecond, to test its C code: one row per
-    millisecond of the first arm of `config`'s robot.
+    """Return a monitor's inputs and scores in each millisecond of a run, to test its C code.
 
-    Columns: ms, live, the monitor's inputs, score (0 while not live), alarm. The run has a fault if
-    the robot has the site of FAULT. Raises UserError for a robot that does not show what its
-    detectors read.
+    The table has one row per millisecond of the first arm of `config`'s robot. Columns: ms, live,
+    the monitor's inputs, score (0 while not live), alarm. The run has a fault if the robot has the
+    site of FAULT. Raise UserError for a robot whose detectors' inputs cannot be recorded.
     """
     robot = config.robot
     part: Any = robot.part("campaign")
     if not hasattr(part, "watched"):
         raise UserError(
-            f"robot {robot.name!r} does not show what its detectors see, so there is no test"
-            " vector: expected a robot whose part `campaign` has `watched`, as raven2"
+            f"robot {robot.name!r} cannot record the inputs of its detectors, so no test vector"
+            " can be written. Expected a function `watched` in the robot's module `campaign`"
         )
     compile_cache.enable_cache()
     with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
@@ -203,7 +210,8 @@ def compute_test_vector(
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    # A short campaign of one run, whose signals are the test vector of the written check.
+    # Returns a campaign with one short run, whose signals become the test vector. The detector
+    # waits for 2 consecutive scores, because it then stores its last score, which is recorded.
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:
@@ -217,7 +225,7 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
     }
     raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
     raw["campaign"] = own["campaign"] | settings
-    # Parameters that are a single number, and of the arm that is kept.
+    # Parameters with several values, and parameters of other arms, are left out.
     lost = {f".{arm}." for arm in config.campaign.arms[1:]}
     raw["parameters"] = {
         path: value
@@ -228,7 +236,7 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
         {
             "name": _NAME,
             "file": str(file),
-            "consecutive": _SAME_LANES,
+            "consecutive": _CONSECUTIVE,
             "threshold": [monitor.threshold],
         }
     ]

@@ -1,1 +1,2 @@
-"""Searches for the smallest harmful fault, decisive inputs, and the probability of rare events."""
+"""Searches for the smallest harmful fault, the inputs that matter most, and the probability of rare
+events."""

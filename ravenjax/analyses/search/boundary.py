@@ -1,12 +1,13 @@
-"""Runs searches of kind "boundary": finds the smallest harmful fault for each sign and each
-combination (*cell*) of the group's lists.
+"""Finds the smallest harmful value of a fault (searches of kind "boundary").
 
-The search handles all cells side by side. It scans the range, then bisects every bracket, with one
-batch per step. An ordinary campaign runs both ends of every bracket again and must give the same
-outcomes.
+A group of faults may contain lists. Each combination of their values is called a *cell*. The search
+finds the smallest harmful value in each cell, for both signs. It computes all cells in parallel,
+with one batch of runs per step. It scans the range, then bisects every interval at whose ends the
+outcomes differ. An ordinary campaign repeats the runs at both ends of every final interval and must
+give the same outcomes.
 
 The scan shows which cells have no single threshold. A cell that is never or always harmful is
-censored. If harm begins and ends more than once along the range, the report says so.
+censored. If harm begins and ends more than once along the range, the report states this.
 """
 
 import dataclasses
@@ -30,24 +31,24 @@ from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.outcomes.events import Rules
 
 FOLDER = "verified"
-"""Subfolder of the search for the campaign with both sides of every bracket."""
+"""Subfolder for the campaign that repeats the runs at both ends of every bracket."""
 SHOWN = ("run", "response", "peak_model_deviation_mm", "peak_golden_deviation_mm")
-"""Columns of both sides' runs that a cell's record has."""
+"""Columns of these runs that the result of a cell contains."""
 
-Asked = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Maps (cell [n], number [n]) to [n]: 1 yes, 0 no, NaN no valid answer."""
+Evaluate = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Function that returns for cells [n] and values [n]: 1 harm, 0 no harm, NaN no valid outcome."""
 
 CROSSING, NEVER, ALWAYS, INVALID = "crossing", "never", "always", "invalid"
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchRange:
-    """The range of numbers that is searched."""
+    """The range of values in which the smallest harmful value is searched."""
 
     low: float
     high: float
-    log: bool  # True if equal ratios, rather than equal differences, are equivalent
-    # A bracket is narrow enough at this share of its lower end (log), or of the whole range.
+    log: bool  # True for a logarithmic scale
+    # Accepted width of a bracket, as a share of its lower end (log) or of the whole range.
     tolerance: float
 
     def spread(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
@@ -68,20 +69,21 @@ class SearchRange:
 
 @dataclasses.dataclass(frozen=True)
 class Brackets:
-    """The point at which the answer becomes yes, for each cell."""
+    """The interval in which values become harmful, for each cell."""
 
-    # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID if an answer was not valid.
+    # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID if an outcome was not valid.
     state: np.ndarray
-    # [cells], largest number below the crossing with a no; NaN without one.
-    low: np.ndarray
-    high: np.ndarray  # [cells], smallest number with a yes; NaN without one
-    # Of each cell, the intervals of the scan in which the answer changes.
+    low: np.ndarray  # [cells], largest harmless value below the boundary; NaN if there is none
+    high: np.ndarray  # [cells], smallest harmful value; NaN if there is none
+    # For each cell, the intervals of the scan at whose ends the outcomes differ.
     changes: tuple[tuple[tuple[float, float], ...], ...]
-    steps: int  # number of steps after the scan
+    steps: int  # number of steps of the bisection
 
     @property
     def monotone(self) -> np.ndarray:
-        """Return whether the answer stays yes after the first yes of the scan; bool [cells]."""
+        """Return whether all values of the scan after the first harmful one are harmful; bool
+        [cells].
+        """
         single = [
             len(changes) <= (state != ALWAYS)
             for state, changes in zip(self.state, self.changes, strict=True)
@@ -89,33 +91,38 @@ class Brackets:
         return np.array(single, bool)
 
 
-def find_brackets(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int) -> Brackets:
-    """Return the smallest number for which `asked` returns 1, for every cell.
+def find_brackets(
+    evaluate: Evaluate, within: SearchRange, whole: np.ndarray, scan: int
+) -> Brackets:
+    """Find the smallest value for which `evaluate` returns 1, for every cell.
 
-    `whole`: bool [cells], whether a cell takes only whole numbers. `scan`: count of numbers that
-    are tried first, evenly over the range.
+    `whole`: bool [cells], True if only whole numbers are possible. `scan`: number of values that
+    are tried first, evenly spaced over the range. A bisection follows.
     """
     cells = len(whole)
     tried = within.spread(np.full(cells, within.low), np.full(cells, within.high), scan)
     tried = np.where(whole, np.rint(tried), tried)
-    answer = asked(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
+    answer = evaluate(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
     state, low, high = _first(answer, tried)
     changes = tuple(_changes(answer[:, cell], tried[:, cell]) for cell in range(cells))
     steps = 0
     while len(active := np.flatnonzero((state == CROSSING) & ~within.narrow(low, high, whole))):
         steps += 1
         tried = within.spread(low[active], high[active], 3)
-        # A bracket of whole numbers more than one apart contains another one.
+        # If whole numbers are more than 1 apart, a whole number lies between them.
         inner = np.clip(np.rint(tried[1]), low[active] + 1.0, high[active] - 1.0)
         tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
-        answer[1] = asked(active, tried[1])
+        answer[1] = evaluate(active, tried[1])
         state[active], low[active], high[active] = _first(answer, tried)
     return Brackets(state, low, high, changes, steps)
 
 
 def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the state, and the first change from no to yes, of each column."""
+    """Return state, low and high of `Brackets` for each column of answers [values, cells].
+
+    `tried`: the values [values, cells] in ascending order.
+    """
     yes = answer == 1.0
     first = np.argmax(yes, axis=0)
     cells = np.arange(answer.shape[1])
@@ -128,7 +135,7 @@ def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float], ...]:
-    # Pairs of neighbouring values between which the answer changes.
+    # Returns pairs of neighbouring values with different answers.
     at = np.flatnonzero(answer[1:] != answer[:-1])
     return (
         tuple((float(tried[i]), float(tried[i + 1])) for i in at)
@@ -137,8 +144,8 @@ def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float]
     )
 
 
-def due(template: Template, search: Boundary) -> int:
-    """Return the approximate number of runs."""
+def expected_runs(template: Template, search: Boundary) -> int:
+    """Return the approximate number of runs of a search."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
@@ -147,7 +154,10 @@ def due(template: Template, search: Boundary) -> int:
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
-    """Return the numbers of search.json. Verifies both sides of every boundary in a campaign."""
+    """Run the search and return its results for search.json.
+
+    A campaign repeats the runs at both ends of every bracket, as a test.
+    """
     axis = template.axis(0)
     low, high = map(float, axis.values)
     within = SearchRange(low, high, axis.kind == "loguniform", search.tolerance)
@@ -155,7 +165,8 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     case, sign = np.array(cells).T
 
     def points(cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Cells and sizes as case [n] and values [n, 1].
+        # Returns the points of cells [n] with fault values of these sizes [n]: case [n] and values
+        # [n, 1].
         return case[cell], (sign[cell] * size)[:, None]
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -199,12 +210,12 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     }
 
 
-def _along(told: Sequence[dict[str, Any]]) -> str | None:
-    # The key for the chart's x axis: a duration, or else the number with most values.
+def _along(cells: Sequence[dict[str, Any]]) -> str | None:
+    # Returns the key for the chart's x axis: a duration, or else the number with most values.
     numeric = {
-        name: len({cell[name] for cell in told})
-        for name in told[0]
-        if all(isinstance(cell[name], int | float) for cell in told)
+        name: len({cell[name] for cell in cells})
+        for name in cells[0]
+        if all(isinstance(cell[name], int | float) for cell in cells)
     }
     durations = [name for name in numeric if name.endswith("duration_ms")]
     return durations[0] if durations else max(numeric, key=numeric.__getitem__, default=None)
@@ -213,18 +224,19 @@ def _along(told: Sequence[dict[str, Any]]) -> str | None:
 def _require_outcomes(
     search: Boundary, folder: Path, rows: pd.DataFrame, rules: Rules, expected: np.ndarray
 ) -> None:
-    """Raise RuntimeError if the campaign of both sides of every bracket contradicts the search."""
+    """Raise RuntimeError if the campaign that repeats runs has other outcomes than the search."""
     contrary = outcome.parse_outcome(search.harm).values(rows, rules) != expected
     if contrary.any():
         raise RuntimeError(
-            f"the campaign in {folder} contradicts the search that it verifies: runs"
-            f" {rows['run_id'][contrary].tolist()}"
+            f"the campaign in {folder} repeats runs of the search, but has other outcomes in runs"
+            f" {rows['run_id'][contrary].tolist()}. Please report this error"
         )
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return one chart per value of the first list of the numbers of `find`, with the boundary
-    over `along`, and a series for each other case.
+    """Return charts of the boundary, from the results of `find`.
+
+    There is a chart for each value of the first list, and a curve for each other case.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
@@ -268,7 +280,7 @@ def _chart(title: str, cells: list[dict[str, Any]], numbers: dict[str, Any]) -> 
     unit = f", {searched['unit']}" if searched["unit"] else ""
     word = short_axis_name(searched["name"]).partition(",")[0]
     low, high = searched["low"], searched["high"]
-    # Room for the marks of cells without a boundary.
+    # Leaves room for the marks of cells without a boundary.
     top = high * 1.3 if searched["scale"] == "log" else high + 0.08 * (high - low)
     return Chart(
         title,

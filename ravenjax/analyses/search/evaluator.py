@@ -1,8 +1,9 @@
-"""Computes outcomes of a search's points. The template is planned and compiled once.
+"""Computes the outcomes of the runs that a search requests. The campaign's code is compiled once.
 
-A point always gives the same run. The run's id is a hash of its content, as in a campaign. So its
-random draws (effect "random", noise) equal those of a campaign with the same row. A point that was
-run before, also by an earlier start of the search (`journal`), is not run again.
+A *point* is a set of values for a run's inputs. A point always gives the same run: the run's id is
+a hash of its content, as in a campaign. Random draws (effect "random", noise) therefore equal those
+of a campaign with the same row. The file `journal` stores computed points, so that no point is
+computed twice, even after an interruption.
 """
 
 import contextlib
@@ -31,7 +32,10 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Computes outcomes: `evaluator(case [n], values [n, inputs])`, [n, outcomes]; NaN: failed."""
+    """Computes outcomes of points. Call it with case [n] and values [n, inputs].
+
+    The result is an array [n, outcomes], with NaN for failed runs.
+    """
 
     def __init__(
         self,
@@ -40,7 +44,11 @@ class Evaluator:
         engine: str = "auto",
         margins: bool = False,
     ) -> None:
-        """Plan the runs. `margins`: return margins of `wanted`, not 0 and 1. Raises UserError."""
+        """Prepare runs of a template whose outcomes are `wanted`.
+
+        `margins`: compute the distance of a number from its limit, not 0 and 1. Raise UserError for
+        outcomes that the campaign does not have.
+        """
         compile_cache.enable_cache()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
@@ -63,62 +71,79 @@ class Evaluator:
         self._tables: list[pa.Table] = []
         self._known = pd.Index(np.zeros(0, np.uint64))  # ids of the tables' rows
         self._values = np.zeros((0, len(self.wanted)))  # outcomes of the runs in `_known`
-        self._asked = pd.Index(np.zeros(0, np.uint64))
+        self._requested = pd.Index(np.zeros(0, np.uint64))
 
-    def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep runs in `journal`, and take over those that it holds. `due`: about how many."""
+    def keep_in(self, journal: Journal, expected: int, on_progress: OnProgress | None) -> None:
+        """Store runs in `journal`, and use the runs that it contains.
+
+        `expected`: approximate number of runs of the search, for the progress.
+        """
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.parse_run_ids(rows.column("run_id").to_pylist())
-            new = np.flatnonzero(
-                self._known.get_indexer(ids) < 0
-            )  # after a kill, two files may hold the same runs
+            # If the process was killed, two files may contain the same runs.
+            new = np.flatnonzero(self._known.get_indexer(ids) < 0)
             self._learn(ids[new], [rows.take(new)])
-        self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
+        self.progress = self._progress(
+            expected, on_progress, min(self.held, expected - 1), journal.notes
+        )
         for rows in self._tables:
             self.progress.count_failures(parts.count_failures(rows))
 
     def _progress(
-        self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]
+        self, expected: int, on_progress: OnProgress | None, earlier: int, notes: tuple[str, ...]
     ) -> Progress:
         words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks
-        return Progress(words, due, due - earlier, ticks, told, notes=notes)
+        return Progress(words, expected, expected - earlier, ticks, on_progress, notes=notes)
 
     @property
     def runs(self) -> int:
         """Return the number of runs that were requested. A repeated point counts once."""
-        return len(self._asked)
+        return len(self._requested)
 
     @property
     def held(self) -> int:
-        """Return the number of known runs, including those of earlier starts."""
+        """Return the number of computed runs, including runs of earlier starts of the search."""
         return len(self._known)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """See the class."""
-        points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
+        """Return the outcomes [n, outcomes] of points: case [n] and values [n, inputs] of the axes.
+
+        Only points that were not computed before are computed.
+        """
+        points, row_of_point = np.unique(
+            np.column_stack([case, values]), axis=0, return_inverse=True
+        )
         rows = design.table_columns(
             self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:])
         )
         ids = rows["run_id"].to_numpy()
-        fresh = ids[self._asked.get_indexer(ids) < 0]
+        fresh = ids[self._requested.get_indexer(ids) < 0]
         if len(fresh):
-            self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
+            self._requested, self.batches = (
+                self._requested.append(pd.Index(fresh)),
+                self.batches + 1,
+            )
         new = np.flatnonzero(self._known.get_indexer(ids) < 0)
         if len(new):
             self._run(rows.take(new))
-        return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
+        return self._values[self._known.get_indexer(ids)][row_of_point.reshape(-1)]
 
     def rows(self) -> pa.Table:
-        """Return every requested run in the order of requests, wherever earlier starts ended."""
-        place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
+        """Return the result table of all requested runs, in the order of the first requests."""
+        stored_rows, numbers = (
+            self._known.get_indexer(self._requested),
+            np.arange(self.runs, dtype=np.int32),
+        )
         return schema.conform_table(
-            parts.concatenate_parts(self._tables).iloc[place].assign(index=numbers, pair=numbers),
+            parts.concatenate_parts(self._tables)
+            .iloc[stored_rows]
+            .assign(index=numbers, pair=numbers),
             self.shape,
         )
 
     def _run(self, rows: pd.DataFrame) -> None:
-        # Computes the rows as a campaign does, and notes each finished part in the journal.
+        # Computes the runs as a campaign does, and stores each finished part in the journal.
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [
@@ -137,13 +162,13 @@ class Evaluator:
         self._learn(ready.rows["run_id"].to_numpy(), tables)
 
     def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
-        """Add runs that were not known yet. `ids`: of all rows of the tables, in their order."""
+        """Store the outcomes of newly computed runs. ids: run ids of all rows of the tables."""
         self._tables += tables
         self._known = self._known.append(pd.Index(ids))
         self._values = np.concatenate([self._values, *map(self._wanted, tables)])
 
     def _wanted(self, rows: pa.Table) -> np.ndarray:
-        """Return the wanted outcomes of each row, float64 [rows, outcomes]."""
+        """Return the outcomes that the search needs, float64 [rows, outcomes]."""
         rules = self._plan.config.rules
         names = {name for one in self.wanted for name in one.columns(rules)}
         columns = rows.select(sorted(names)).to_pandas()
@@ -154,7 +179,9 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _planned(self, rows: pd.DataFrame) -> Plan:
-        """Return the template's plan with other rows, those of one golden run side by side."""
+        """Return the template's plan with other rows, sorted so that runs that share a golden run
+        are adjacent.
+        """
         base, columns = self._plan, table.varied_parameters(rows)
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream_keys(rows["run_id"].to_numpy(), purpose)
@@ -172,13 +199,13 @@ class Evaluator:
         )
 
     def _computation_of(self, ready: Plan) -> Computation:
-        """Return the computation, compiled for the first rows and reused afterwards."""
+        """Return the computation for a plan. It is compiled for the first plan and then reused."""
         if self._computation is None or self._kernel is None:
             self._computation = Computation(ready, self.engine, self.progress)
             self._kernel = self._computation.kernel
             self._computation.compile()
         share = -(-ready.runs // self._computation.threads)
-        # Blocks with fewer lanes spread a small batch over all threads.
+        # Blocks with fewer runs distribute a small batch over all threads.
         kernel = copy.copy(self._kernel)
         kernel.lanes = min(kernel.lanes, kernel.size(min(share, kernel.lanes)))
         self._computation.plan, self._computation.kernel = ready, kernel

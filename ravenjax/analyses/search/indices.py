@@ -1,6 +1,8 @@
-"""Runs searches of kinds "sobol" and "morris": finds which inputs decide an outcome, for each case.
+"""Measures which inputs determine an outcome, for each case (searches of kinds "sobol" and
+"morris").
 
-The figure shows Sobol's indices, or mean and deviation of Morris's elementary effects.
+The figure shows Sobol's indices, or the mean and the standard deviation of Morris's elementary
+effects.
 """
 
 import math
@@ -20,17 +22,17 @@ from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.stats.inputs import sensitivity
 
 RESAMPLES = 500
-"""Bootstrap samples behind an interval."""
+"""Number of bootstrap samples for an interval."""
 MOST_PANELS = 24
 
 Indices = dict[str, dict[str, np.ndarray]]
-"""Maps the name of an index to value [inputs], and low and high if there is an interval."""
+"""Maps the name of an index to its value [inputs], and to low and high if it has an interval."""
 
 Analyse = Callable[[np.ndarray], Indices]
-"""Maps outcomes of the sample's points [points] to indices."""
+"""Function that computes indices from the outcomes [points] of the design's points."""
 
 
-def due(template: Template, search: Sobol | Morris) -> int:
+def expected_runs(template: Template, search: Sobol | Morris) -> int:
     """Return the approximate number of runs."""
     inputs = len(template.inputs)
     points = (
@@ -42,7 +44,7 @@ def due(template: Template, search: Sobol | Morris) -> int:
 def find(
     template: Template, search: Sobol | Morris, evaluator: Evaluator, _: Path
 ) -> dict[str, Any]:
-    """Sample the unit cube, run every point in every case, and analyse every outcome."""
+    """Run the design in every case, and return the indices of every outcome for search.json."""
     unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
     points = len(unit)
     case = np.repeat(np.arange(template.cases), points)
@@ -66,7 +68,10 @@ def find(
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
-    """Return the indices of one outcome; None if a run is invalid or all outcomes are equal."""
+    """Return mean, deviation and indices of one outcome.
+
+    The indices are None if a run is invalid or all outcomes are equal.
+    """
     invalid = int(np.count_nonzero(~np.isfinite(values)))
     mean, deviation = (math.nan,) * 2 if invalid else (float(values.mean()), float(values.std()))
     indices = analyse(values) if deviation > 0.0 else None
@@ -74,7 +79,7 @@ def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
-    # Returns points of the unit cube to compute, and the function that analyses their outcomes.
+    # Returns the design's points of the unit cube, and the function that analyses their outcomes.
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:
@@ -85,6 +90,7 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
     unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
 
     def morris(values: np.ndarray) -> Indices:
+        # Computes Morris effects from the values of one outcome [runs].
         effects = sensitivity.morris_analyse(
             unit, values, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
@@ -98,7 +104,7 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return one chart per case and outcome of the numbers of `find`."""
+    """Return a chart for each case and outcome, from the results of `find`."""
     names = tuple(short_axis_name(one["name"]).removeprefix("plant.") for one in numbers["inputs"])
     make = _shares if numbers["method"] == "sobol" else _effects
     drawn = [record for record in numbers["results"] if record["indices"] is not None]
@@ -113,6 +119,7 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
 
 
 def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    # Returns a chart of Sobol indices with intervals, one row per input.
     places = np.arange(len(names), dtype=float)
     dots = tuple(
         Dots(label, palette.series_colour(number), one["value"], places, one["low"], one["high"])
@@ -128,6 +135,7 @@ def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
 
 
 def _effects(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+    # Returns a chart of Morris effects: mean absolute effect and standard deviation of each input.
     mean, deviation = indices["mu_star"], indices["sigma"]["value"]
     end = 1.08 * float(max(mean["high"].max(), deviation.max()))
     dots = tuple(
@@ -143,7 +151,7 @@ def _effects(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
     )
     return Chart(
         title,
-        ChartAxis("mean |effect|", 0.0, end),
-        ChartAxis("deviation of the effect", 0.0, end),
+        ChartAxis("mean |elementary effect|", 0.0, end),
+        ChartAxis("standard deviation of the effect", 0.0, end),
         dots,
     )

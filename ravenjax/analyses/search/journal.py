@@ -1,10 +1,9 @@
-"""Stores the runs of a search as they finish, so that the same command continues after an
-interruption.
+"""Stores finished runs of a search, so that the same command continues an interrupted search.
 
-A search consists of batches. Each batch depends on the outcomes of earlier batches. Only runs are
-stored. After an interruption, the search repeats the same batches. It reads finished runs from the
-journal and computes the others. The journal has numbered parts, like a campaign (`store.parts`).
-When the search is done, `rows.parquet` holds all runs in one file.
+A search consists of batches. Each batch depends on the outcomes of earlier batches. After an
+interruption, the search repeats the same batches. It reads finished runs from this store and
+computes the others. The store consists of numbered files, like the parts of a campaign
+(`store.parts`). At the end of the search, `rows.parquet` contains all runs.
 """
 
 import contextlib
@@ -20,14 +19,14 @@ ROWS = "rows.parquet"
 
 
 class Journal:
-    """Finished runs in a search's folder, to which no other process writes (see `store.lock`)."""
+    """The finished runs in the folder of a search. No other process may write into the folder."""
 
     def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
-        """Read the runs that the folder holds. A damaged part is set aside and reported.
+        """Read the finished runs of the folder. Damaged files are renamed and reported.
 
-        `identity`: hash of everything that decides outcomes. `rows_sha256`: of `rows.parquet`, if
-        an earlier start finished. Raises StoreError if the disk refuses or a part belongs to
-        another search.
+        `identity`: hash of everything on which outcomes depend. `rows_sha256`: hash of
+        `rows.parquet`, if the search has finished before. Raise StoreError if a file cannot be
+        read or written, or belongs to another search.
         """
         self.out, self._parts, self._identity = out, out / folder.PARTS, identity
         self.tables: list[pa.Table] = []
@@ -37,7 +36,7 @@ class Journal:
             if files.hash_file(rows) == rows_sha256:
                 self.tables.append(pq.read_table(rows))
             else:
-                self.notes += (f"{rows}: its content was changed; its runs are computed again",)
+                self.notes += (f"{rows}: the file was changed, so its runs are computed again",)
         files.require_writable(self._parts)
         recorded = {part.file: part for part in manifest.read_parts(out) or ()}
         there = parts.part_files(self._parts)
@@ -51,24 +50,24 @@ class Journal:
         self._next = max((parts.row_range(path)[1] + 1 for path in there), default=0)
 
     def add(self, rows: pa.Table) -> None:
-        """Store finished runs, rows of the result table. Raises StoreError if the disk refuses."""
+        """Store finished runs (rows of the result table). Raise StoreError if that fails."""
         numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
         self._next += len(rows)
         for name in ("index", "pair"):
-            place = rows.schema.get_field_index(name)
-            rows = rows.set_column(place, rows.schema.field(place), numbers)
+            index = rows.schema.get_field_index(name)
+            rows = rows.set_column(index, rows.schema.field(index), numbers)
         part = parts.put_part(self._parts, parts.encode_table(rows, self._identity))
         manifest.record_part(self.out, part)
 
     def conclude(self, rows: pa.Table) -> str:
-        """Write `rows.parquet` and return its sha256. Raises StoreError if the disk refuses."""
+        """Write all runs to `rows.parquet`. Return its sha256. Raise StoreError if that fails."""
         files.write_aside(
             self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd")
         )
         return files.hash_file(self.out / ROWS)
 
     def forget(self) -> None:
-        """Remove the parts, whose rows are in `rows.parquet` too, as far as possible."""
+        """Delete the numbered files, if possible. Their runs are in `rows.parquet`, too."""
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():
                 path.unlink()

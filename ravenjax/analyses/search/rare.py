@@ -1,8 +1,9 @@
-"""Runs searches of kind "rare": estimates the probability of a rare event under the file's
-distributions, for each combination of its lists.
+"""Estimates the probability of a rare event (searches of kind "rare").
 
-Subset simulation and plain Monte Carlo sample the same unit cube. If plain Monte Carlo finds the
-event often enough, both methods must agree. Otherwise plain Monte Carlo gives an upper bound.
+The inputs of runs have the distributions of the search file. Each combination of the file's lists
+is estimated separately. Subset simulation and plain Monte Carlo sample the same unit cube. If plain
+Monte Carlo finds the event often enough, both methods must agree. Otherwise plain Monte Carlo gives
+an upper bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """
@@ -21,19 +22,20 @@ from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
 
 FAR = 1e6
-"""Distance from the event of a run without a valid outcome, which does not count as the event."""
+"""Distance from the event for a run without a valid outcome. Such a run does not count as an event.
+"""
 
 CURVE = 200
-"""Number of points that are kept of an exceedance curve."""
+"""Number of points of an exceedance curve in search.json."""
 
 
-def due(template: Template, search: Rare) -> int:
+def expected_runs(template: Template, search: Rare) -> int:
     """Return the approximate number of runs. Rarer events need more levels."""
     return template.cases * (search.check + 4 * search.runs)
 
 
 def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dict[str, Any]:
-    """Return both estimates for every case."""
+    """Estimate the probability in every case, and return the results for search.json."""
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
     for case in range(template.cases):
@@ -71,7 +73,10 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 def _limit_state(
     template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
 ) -> LimitState:
-    """Return the distance of points from the event, at most 0 at it. `drawn` collects them."""
+    """Return the function g that maps points [n, inputs] to their distances from the event [n].
+
+    The event happened if the distance is at most 0. All distances are appended to `drawn`.
+    """
 
     def g(unit: np.ndarray) -> np.ndarray:
         cases = np.full(len(unit), case)
@@ -92,7 +97,9 @@ def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
 
 
 def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
-    """Return the share of plain Monte Carlo runs that came at least this near to the event."""
+    """Return values of the event's column, and the share of plain Monte Carlo runs that were at
+    least as near to the event.
+    """
     valid = np.sort(sampled[sampled < FAR])
     if not len(valid):
         return {"value": [], "probability": []}
@@ -104,7 +111,7 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 
 def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
-    """Return each level that subset simulation reached, with its probability; the event is last."""
+    """Return value and probability of each level of the subset simulation, the event last."""
     levels = [level for level in found.levels if level > 0.0]
     likely = [search.steps ** -(i + 1.0) for i in range(len(levels))]
     return [
@@ -114,7 +121,7 @@ def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return one chart per case of the numbers of `find`."""
+    """Return a chart for each case, from the results of `find`."""
     relation = "more" if numbers["relation"] == ">=" else "less"
     charts = []
     for record in numbers["results"]:
@@ -145,7 +152,7 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
                 ChartAxis(
                     numbers["column"], across.min(), across.max() + 1e-9, line=numbers["bound"]
                 ),
-                ChartAxis(f"probability of that much or {relation}", least / 2.0, 1.0, log=True),
+                ChartAxis(f"probability of this value or {relation}", least / 2.0, 1.0, log=True),
                 tuple(marks),
             )
         )

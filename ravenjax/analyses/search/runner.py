@@ -1,5 +1,6 @@
-"""Runs a search file, or continues an interrupted search, and writes search.json, search.md,
-search.html and the figure.
+"""Runs a search file or continues an interrupted search, and writes its report.
+
+The report consists of search.json, search.md, search.html and a figure.
 """
 
 import dataclasses
@@ -38,7 +39,9 @@ KINDS: dict[str, tuple[Any, str]] = {
     "morris": (indices, "indices.md.j2"),
     "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: the module with `due`, `find` and `draw`, and the template."""
+"""For each kind of search: its module, with functions `expected_runs`, `find` and `draw`, and the
+template of its report.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,11 +60,11 @@ def run_search(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run a search and write it into `out`, or finish it if `out` holds a part of it.
+    """Run a search and write its results into `out`, or continue an interrupted search there.
 
-    The search is a file, a bundled one by name, or a loaded one. `out`: folder, by default
-    results/NAME. `overrides`: `key.path=value`, for a file. Raises UserError and StoreError for
-    errors that the user can fix.
+    `file`: a search file, the name of a bundled search, or a loaded search. `out`: folder, by
+    default results/NAME. `overrides`: changes of a file, as `key.path=value`. Raise UserError and
+    StoreError for errors that the user can correct.
     """
     config = file if isinstance(file, SearchConfig) else loading.load_search(file, overrides)
     folder = Path("results") / config.campaign.campaign.name if out is None else Path(out)
@@ -77,13 +80,13 @@ def run_search(
 def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    # Runs the search in a folder. A search that was interrupted there goes on from its journal.
+    # Runs the search in a folder. An interrupted search continues with the runs of its journal.
     search, identity = config.search, _identity(config, evaluator)
     earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
     kind, _ = KINDS[search.kind]
-    due = kind.due(evaluator.template, search)
-    evaluator.keep_in(journal, due, ProgressFile(folder, on_progress))
+    expected = kind.expected_runs(evaluator.template, search)
+    evaluator.keep_in(journal, expected, ProgressFile(folder, on_progress))
     try:
         result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
@@ -109,6 +112,7 @@ def _into(
 
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
+    # Returns what must be equal for a search to continue with the stored runs.
     return files.json_values(
         {
             "config": config.resolved(),
@@ -122,10 +126,10 @@ def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
 
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
-    """Begin or continue a search in `out`, and return the earlier start's search.json.
+    """Begin or continue a search in the folder `out`. Return the existing search.json, if any.
 
-    `identity`: the part of search.json that decides the result. Raises UserError if the folder
-    holds another search, and StoreError if it cannot be written to.
+    `identity`: everything on which the result depends. Raise UserError if the folder contains
+    another search, and StoreError if it cannot be written to.
     """
     path = out / NUMBERS
     if not path.exists():
@@ -138,19 +142,19 @@ def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
         )
     except (OSError, ValueError, KeyError, TypeError):
         raise UserError(
-            f"{path}: cannot be read as a search; delete it, or give another folder with --out"
+            f"{path}: is not a record of a search; delete it, or name another folder with --out"
         ) from None
     if differences:
         raise UserError(
-            f"{out}: holds another search, which differs from the search you are starting:\n"
+            f"{out}: contains another search, which differs from the search you are starting:\n"
             f"{list_lines(differences)}\n"
-            "Nothing was changed. Give another folder with --out, or delete this one"
+            "Nothing was changed. Name another folder with --out, or delete this folder"
         )
     return earlier
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    # Writes figure, text, page and numbers. Returns the text's list of findings for the terminal.
+    # Writes figure, text, page and search.json. Returns the list of findings for the terminal.
     (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))
     templates = wording.text_templates(__package__)

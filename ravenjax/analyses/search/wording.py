@@ -15,7 +15,7 @@ def short_axis_name(name: str) -> str:
 
 
 def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
-    """Return the inputs and their distributions in words. `inputs`: value of `Template.drawn`."""
+    """Return the inputs and their distributions as text. `inputs`: value of `Template.drawn`."""
     parts = []
     for one in inputs:
         kind, values = next(iter(one["drawn"].items()))
@@ -27,7 +27,7 @@ def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def describe_case(case: Mapping[str, Any]) -> str:
-    """Return a case in words."""
+    """Return a case, given as values by axis name, as text for tables."""
     parts = ((*short_axis_name(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")

@@ -1,10 +1,12 @@
-"""Defines the executor interface: it takes chunks of a plan and delivers each finished part, in any
-order. Executor `local` computes in this process, whose engine uses every core or every GPU.
+"""Defines executors: objects that compute the chunks of a campaign and deliver the results.
 
-A chunk is a range of rows, and its *part* is the file with their results. The bytes of a part do
-not depend on where it was computed. Only the coordinator, the process that the user started, writes
-to the result folder; workers send it the bytes of finished parts. Therefore no worker needs access
-to the folder, a worker that dies cannot damage it, and all disk errors occur in one process.
+A chunk is a range of rows of the result table, and its *part* is the file with their results. The
+executor `local` computes in this process, on all cores or all GPUs. Parts may be delivered in any
+order. The bytes of a part do not depend on where it was computed.
+
+Only the coordinator, the process that the user started, writes to the result folder. Workers send
+it the bytes of finished parts. Therefore no worker needs access to the folder, a worker that dies
+cannot damage the folder, and all disk errors occur in one process.
 """
 
 from __future__ import annotations
@@ -26,8 +28,8 @@ from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 
 Pack = Callable[[Mapping[str, Any]], Any]
-"""Turns the columns of a chunk's rows into what is stored of them. It runs where the chunk is
-computed.
+"""Function that converts the columns of a chunk to what is stored, such as the bytes of a file. It
+is called in the process that computes the chunk.
 """
 
 WRITERS = 12
@@ -41,8 +43,8 @@ class FinishedChunk:
     """A chunk whose rows are all computed."""
 
     rows: range
-    packed: Any  # what `Work.pack` made of its columns
-    failures: dict[str, int]  # runs without a valid outcome, by cause
+    packed: Any  # result of `Work.pack` for the chunk's columns
+    failures: dict[str, int]  # number of runs without a valid outcome, by cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ class Work:
     plan: Plan
     engine: Engine
     pack: Pack
-    # May be called from several threads at once. An exception that it raises ends the work.
+    # Several threads may call this function at once. An exception ends the work.
     deliver: Callable[[FinishedChunk], None]
     progress: Progress
 
@@ -62,21 +64,20 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int | None:
-        """Requested number of parallel tasks; None: as many as fit."""
+        """Requested number of parallel tasks; None: as many as the machines can run."""
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
         """Compute and deliver every chunk exactly once.
 
-        A chunk that fails does not hold up the others. Once they are delivered, UserError names the
-        failed chunk and the reason. If a signal or an error of `deliver` ends the work early, the
-        delivered chunks stay.
+        If a chunk fails, the others are still delivered. Then UserError names the failed chunk and
+        the reason. If a signal or an error of `deliver` ends the work early, delivered chunks stay.
         """
         ...
 
 
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
-    """Pack the rows of `part`, which are rows of `plan`, into a finished chunk."""
+    """Convert computed rows of `plan` to a finished chunk: verdicts, packed columns, failures."""
     runs = plan.rows.iloc[part.rows.start : part.rows.stop]
     rows = outcomes.result_columns(plan.config, runs, part.outcomes, part.golden_runs)
     first = int(runs["index"].to_numpy()[0])
@@ -86,9 +87,9 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
 
 
 class BackgroundQueue:
-    """Runs calls in other threads and bounds the number of waiting calls.
+    """Runs function calls in other threads, with a limited number of waiting calls.
 
-    As a context manager it waits for the calls that have begun.
+    At the end of its `with` block it waits for running calls.
     """
 
     def __init__(self, threads: int) -> None:
@@ -103,16 +104,16 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call `function` in another thread; block while too many calls are waiting.
+        """Call `function` in another thread. Wait while too many calls are waiting.
 
-        Raises the exception of an earlier call.
+        Raise the exception of an earlier call, if it failed.
         """
         while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
             interruption.wait_for_result(self._under_way.popleft())
         self._under_way.append(self._pool.submit(function, *arguments))
 
     def finish(self) -> None:
-        """Wait for every call, and raise the exception of any that failed."""
+        """Wait for all calls. Raise the exception of a call that failed."""
         while self._under_way:
             interruption.wait_for_result(self._under_way.popleft())
 
@@ -123,7 +124,7 @@ class Local:
     workers = 1
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """See `Executor`."""
+        """Compute and deliver every chunk, as `Executor.run` describes."""
         computation = Computation(work.plan, work.engine, work.progress)
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))

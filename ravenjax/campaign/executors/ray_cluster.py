@@ -1,14 +1,14 @@
-"""Executor `ray`: computes chunks as tasks on a Ray cluster (`pip install 'ravenjax[ray]'`).
+"""Computes the chunks of a campaign on a Ray cluster (`pip install 'ravenjax[ray]'`).
 
-A worker gets the campaign's `Head` once. For each chunk the worker then gets the chunk's rows of
-the plan, about 100 B per run. Workers do not plan. Parts come back to the coordinator as bytes
-through Ray's object store. Therefore the cluster needs no shared file system, and a task that Ray
-runs twice has no side effects. Each run takes about 200 B of the coordinator's network in both
-directions together.
+A chunk is a range of runs. Each worker process receives the campaign's compiled-code settings once
+(`Head`). For each chunk it then receives the inputs of its runs, about 100 B per run. It returns
+the finished Parquet file as bytes through Ray's object store. Therefore the cluster needs no shared
+file system, and a task that Ray runs twice has no side effects. A run needs about 200 B of the
+coordinator's network in both directions together.
 
-Ray repeats a task whose worker or node died, or whose node stopped answering. If no chunk finishes
-for a long time, the workers are replaced as well. If a chunk still fails, the executor delivers all
-others and then reports the failed one. The same command, started again, computes only this chunk.
+Ray repeats a task whose worker or node died or does not answer. If no chunk finishes for a long
+time, the workers are replaced as well. If a chunk still fails, the executor delivers all others and
+then reports the failed chunk. The same command, started again, computes only this chunk.
 """
 
 from __future__ import annotations
@@ -42,36 +42,36 @@ from ravenjax.store import manifest
 RETRIES = 3
 """How often Ray repeats a task whose worker or node died."""
 CORES = 4
-"""Cores of a task if the number of tasks is not given; fewer if no node has that many."""
+"""Cores of a task, if the user gives no number of tasks and a node has so many."""
 WRITERS = 4
-"""Largest number of parts that are written in parallel."""
+"""Largest number of files that are written in parallel."""
 SILENT_S = 600.0
 """Time without a finished chunk after which workers are replaced, s. It doubles each time."""
 ANSWER_S = 10.0
-"""Time that a cluster has to answer, s."""
+"""Time in which a cluster must answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
-"""Environment variables of the coordinator that decide how a task computes. They are set in a task
-before its imports.
+"""Environment variables that affect results or speed. Each task has the values of the process that
+the user started.
 """
 
 _workers: dict[str, Worker] = {}
-"""In a Ray worker: the compiled worker for the chunks of the current campaign, by key."""
+"""In a Ray worker process: the compiled Worker of the current campaign, by key."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Head:
-    """What all chunks of a campaign have in common."""
+    """The settings that all chunks of a campaign share."""
 
     plan: Plan  # without rows
     engine: str
     pack: Pack
-    largest_chunk: int  # in rows
-    cores: int  # of a task
+    largest_chunk: int  # largest number of rows of a chunk
+    cores: int  # number of cores of a task
     computed_by: Mapping[str, str]  # code, device and versions of the coordinator
 
 
 def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
-    """Make the head of these chunks."""
+    """Return the settings for these chunks. cores: number of cores of a task."""
     return Head(
         plan=work.plan.take(slice(0)),
         engine=work.engine.name,
@@ -83,7 +83,7 @@ def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
 
 
 def _computed_by(plan: Plan, device: str) -> dict[str, str]:
-    """Return what must agree between processes that compute the same rows."""
+    """Return code hash, kind of device and package versions, which determine results."""
     code = manifest.code_hash(plan.config.robot)[:16]
     # An engine names several devices as '2 x A'. Their kind must agree, not their number.
     kind = device.partition(" x ")[2] or device
@@ -91,10 +91,10 @@ def _computed_by(plan: Plan, device: str) -> dict[str, str]:
 
 
 class Worker:
-    """Computes chunks of one campaign in a Ray worker process; compiles once, for the first."""
+    """Computes chunks of a campaign in a Ray worker process. The first chunk compiles the code."""
 
     def __init__(self, head: Head) -> None:
-        """Raises UserError if this process would not compute what the coordinator would."""
+        """Raise UserError if this process has other code, device or versions than the user's."""
         precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
         self._engine = compile_cache.cached_engine(head.engine, precision)
@@ -102,7 +102,7 @@ class Worker:
         self._computation: Computation | None = None
 
     def compute(self, rows: Mapping[str, Any]) -> tuple[Plan, PartRows]:
-        """Compute these rows (see `Plan.row_fields`); return their plan and their outcomes."""
+        """Compute the runs of these rows (`Plan.row_fields`). Return their plan and outcomes."""
         head, plan = self._head, dataclasses.replace(self._head.plan, **rows)
         if self._computation is None:
             self._computation = Computation(
@@ -117,22 +117,22 @@ class Worker:
 def _require_same(here: Mapping[str, str], there: Mapping[str, str]) -> None:
     # Results must not depend on the machine, so other versions or devices are refused.
     different = [
-        f"{name}: {here.get(name)} here, {there.get(name)} at the coordinator"
+        f"{name}: {here.get(name)} on the worker, {there.get(name)} on the machine of the command"
         for name in sorted(here.keys() | there.keys())
         if here.get(name) != there.get(name)
     ]
     if different:
         raise UserError(
-            f"the worker on {socket.gethostname()} would not compute the same:"
-            f" {'; '.join(different)}. Install the same versions there, and use one kind of device"
-            " for one campaign."
+            f"the worker on {socket.gethostname()} would compute other results:"
+            f" {'; '.join(different)}. Install the same versions on all machines, and use one kind"
+            " of device for a campaign."
         )
 
 
 def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk]:
-    """Ray task: compute one chunk, and return (time of compiling in s, the finished chunk)."""
+    """Compute one chunk in a Ray task. Return (time of compilation in s, the finished chunk)."""
     if key not in _workers:
-        # Drop the worker of another campaign.
+        # The worker of an earlier campaign is not needed any more.
         _workers.clear()
         _workers[key] = Worker(head)
     worker = _workers[key]
@@ -152,7 +152,7 @@ class Ray:
         _import_ray()
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """See `protocol.Executor`."""
+        """Compute and deliver every chunk, as `protocol.Executor.run` describes."""
         ray = _import_ray()
         joins = not ray.is_initialized()
         if joins:
@@ -199,12 +199,12 @@ class Ray:
                     elif time.monotonic() - finished_at < patience_s:
                         _require_answer(first_node)
                     else:
-                        # Ray repeats tasks of processes that died, not of those that hang.
+                        # Ray repeats tasks whose process died, but not tasks that hang.
                         for task in under_way:
                             ray.cancel(task, force=True)
                         waiting += under_way.values()
                         under_way.clear()
-                        progress.note(f"no chunk finished for {patience_s:g} s: workers replaced")
+                        progress.note(f"no result for {patience_s:g} s, so workers were replaced")
                         patience_s, finished_at = 2 * patience_s, time.monotonic()
                     for task in done:
                         rows = under_way.pop(task)
@@ -223,7 +223,7 @@ class Ray:
                             queue.call(deliver, finished)
                             delivered += 1
                     if len(lost) > tasks and not delivered:
-                        # No task works at all, so the chunk is not the reason.
+                        # All tasks fail, so the cause is not a single chunk.
                         raise _refusal(lost, delivered)
                 queue.finish()
             except BaseException:
@@ -237,26 +237,26 @@ class Ray:
 def _require_answer(address: str) -> None:
     """Raise UserError if the cluster's first machine does not answer."""
     host, _, port = address.rpartition(":")
-    # Without this, Ray itself would end this process a minute later.
+    # Ray itself would end this process a minute later, without a message about the results.
     try:
         socket.create_connection((host, int(port)), ANSWER_S).close()
     except OSError as error:
         raise UserError(
-            f"the Ray cluster at {address} has ended ({error}). Finished parts are kept: start it"
-            " again, and the same command continues"
+            f"the Ray cluster at {address} has ended ({error}). Finished results are kept. Start"
+            " the cluster again; the same command then continues"
         ) from None
 
 
 def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
-    # One error for all chunks that failed on the cluster.
+    # Returns one error about all chunks that failed on the cluster.
     lines = [
         f"rows {rows.start} to {rows.stop - 1}: {why}"
         for rows, why in sorted(lost.items(), key=lambda item: item[0].start)
     ]
-    rest = "every other chunk is finished and kept" if delivered else "no chunk was finished"
+    rest = "all other chunks are finished and kept" if delivered else "no chunk was finished"
     return UserError(
-        f"{len(lost)} chunk(s) failed; {rest}:\n{list_lines(lines)}\nStart the same command again"
-        " to try these alone; with --executor local the error itself comes to light."
+        f"{len(lost)} chunk(s) of runs failed; {rest}:\n{list_lines(lines)}\nThe same command tries"
+        " only these again. With --executor local it prints the original error."
     )
 
 
@@ -279,14 +279,14 @@ def _join(ray: Any, address: str | None) -> None:
             f"--ray-address {address}: no Ray cluster answers there ({error})"
         ) from error
     if threading.current_thread() is threading.main_thread():
-        # Ray has replaced the handler of SIGTERM.
+        # Ray replaced the handler of SIGTERM, so the earlier handler is restored.
         signal.signal(signal.SIGTERM, terminated)
 
 
 def task_environment(engine: str) -> dict[str, str]:
-    """Return a task's environment; without a GPU for JAX where it would only waste memory."""
+    """Return the environment variables of a task. With engine simd, JAX does not use a GPU."""
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
-    # The user has already agreed here.
+    # The user has already agreed to the campaign's Python code.
     variables[consent.VARIABLE] = "1"
     return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
 
@@ -307,6 +307,7 @@ def _cores_and_tasks(
 
 
 def _import_ray() -> Any:
+    # Ray is an optional dependency, so it is imported only when a campaign uses it.
     try:
         import ray
     except ImportError as error:

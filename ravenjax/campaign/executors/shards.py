@@ -1,7 +1,7 @@
 """Divides a campaign into shards, one for each job of a batch scheduler: `--shard 2/7`.
 
-Chunk k belongs to shard k mod N. So each shard has rows of every group, and all shards end at about
-the same time.
+A campaign consists of chunks, which are ranges of runs. Chunk k belongs to shard k mod N. So each
+shard has runs of every group, and all shards need about the same time.
 """
 
 import re
@@ -10,15 +10,15 @@ from typing import NamedTuple
 from ravenjax.errors import UserError, format_value
 
 CHUNKS = 16
-"""Least number of chunks of a shard, if the campaign is large enough and the user chose no chunk
+"""Smallest number of chunks in a shard, if the campaign has enough runs and the user chose no chunk
 size.
 """
 FEWEST_ROWS = 64
-"""Least number of rows of a chunk, if the user chose no chunk size."""
+"""Smallest number of rows of a chunk, if the user chose no chunk size."""
 
 
 class Shard(NamedTuple):
-    """Shard `number` (from 1) out of `of`."""
+    """Number of a shard (from 1) and number of shards."""
 
     number: int
     of: int
@@ -42,7 +42,7 @@ class Shard(NamedTuple):
 
 
 def parse_shard(text: str) -> Shard:
-    """Parse a shard as written on the command line. Raises UserError."""
+    """Parse a shard of the command line, such as "2/7". Raise UserError for other forms."""
     match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
     if match is not None:
         shard = Shard(int(match[1]), int(match[2]))

@@ -1,1 +1,2 @@
-"""Expands groups into the fault table, and converts it to an engine's inputs."""
+"""Expands the groups of a campaign file into a table of faults, and converts it to arrays for an
+engine."""

@@ -1,9 +1,10 @@
 """Expands a campaign into its fault table: one row per run, one column per input of a run.
 
-The expansion is deterministic. A group's draws depend only on the campaign's seed and on the
-group's name and design, not on other groups, on chunk size or on storage order. `run_id` is a hash
-of the row's content and of all settings of the campaign, so equal runs have equal ids, in whatever
-row. All work is done by columns, because a campaign may have millions of runs.
+The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
+group's name and design. They do not depend on other groups, on chunk size or on storage order. The
+`run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs therefore
+have equal ids, in whatever row. The code computes whole columns, because a campaign may have
+millions of runs.
 """
 
 import hashlib
@@ -32,38 +33,37 @@ MOST_RUNS = 100_000_000
 """Largest number of rows of a fault table."""
 
 _PARAMETER = -1
-"""Takes the place of the fault slot in the key of a parameter's axis."""
+"""Replaces the number of the fault slot in the key of a parameter."""
 
 
 class _Piece(NamedTuple):
     """Runs of one group, or of one entry of design "list", as columns.
 
-    Each column has shape [runs], or [] where all runs have the same value.
+    Each column has shape [runs], or [] if all runs have the same value.
     """
 
     runs: int
     group: str
     seed: np.ndarray  # int64
-    # How many rows earlier the run is that differs only in crossed parameters; 0: this is the first
-    # such run.
+    # Number of rows between the first run that differs only in crossed parameters, and this run.
     behind: int
-    faults: list[dict[str, np.ndarray]]  # by slot
+    faults: list[dict[str, np.ndarray]]  # columns of each fault slot
     parameters: dict[str, np.ndarray]  # path -> values
 
 
 def table_columns(config: CampaignConfig) -> pd.DataFrame:
-    """Return the whole fault table with the columns of `ravenjax.store.schema`; `run_id` is a
-    number (uint64).
+    """Return the whole fault table, with the columns of `ravenjax.store.schema`.
 
-    With [stop], the first rows of each group are a sample of it. `campaign.limit` does not shorten
-    the table; `runner` applies it. A parameter that a group does not set is NaN in its rows, which
-    means the robot's value.
+    `run_id` is a number (uint64). With [stop], the first rows of each group are a random sample of
+    the group. `campaign.limit` does not shorten the table; `runner` does. If a group does not set a
+    parameter, its rows have NaN, which means the robot's value.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
     runs = sum(piece.runs for piece in pieces)
 
     def joined(columns: Iterable[Any], dtype: Any) -> np.ndarray:
+        # Concatenates one value or one array for each piece of the table to a column [runs].
         lengths = (piece.runs for piece in pieces)
         return np.concatenate(
             [
@@ -93,12 +93,12 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
     groups = list(dict.fromkeys(piece.group for piece in pieces))
-    # Numbers of an empty slot do not count.
+    # Numbers of an empty slot must not change the run id, so they become NaN.
     counted = {
         name: np.where(np.asarray(words[f"{name.partition('_')[0]}_site"] == ""), np.nan, values)
         for name, values in numbers.items()
     }
-    # Content that decides the outcome of all runs alike.
+    # All settings of the campaign on which outcomes depend.
     common = json.dumps(config.deciding(), sort_keys=True, separators=(",", ":"))
     ids = run_id.compute_run_ids(
         hashlib.sha256(common.encode()).hexdigest(), words, {"seed": seed} | counted | parameters
@@ -124,12 +124,12 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
 
 
 def count_rows(config: CampaignConfig) -> int:
-    """Return the number of rows of the fault table, without expanding it, without limit."""
+    """Return the number of rows of the whole fault table, without expanding it."""
     return sum(count_group_rows(config).values())
 
 
 def count_due_rows(config: CampaignConfig) -> int:
-    """Return the number of rows to compute: all, or the first `campaign.limit`."""
+    """Return the number of rows to compute: all rows, or the first `campaign.limit` rows."""
     return min(count_rows(config), config.campaign.limit or MOST_RUNS)
 
 
@@ -145,7 +145,7 @@ def count_group_rows(config: CampaignConfig) -> dict[str, int]:
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
-    # Yields the runs of a group in pieces that share a combination of crossed parameters.
+    # Yields the runs of a group, one piece for each combination of crossed parameters.
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, written in faults_and_axes(config, group):
         axes = moments.placed(written, group.name)
@@ -170,7 +170,9 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return {path: value} of each combination of crossed parameters, the last one fastest."""
+    """Return {path: value} of each combination of crossed parameters. The last parameter varies
+    fastest.
+    """
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [
@@ -184,8 +186,8 @@ def faults_and_axes(
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
     """Yield (faults, axes) of a group, or of each entry of design "list".
 
-    The axes of the first fault come first, in the order of `FIELDS`, then those of the next fault.
-    The parameters come last.
+    An axis has the values or the distribution of a key. The order is: keys of the first fault in
+    the order of `FIELDS`, keys of the next fault, and so on, then parameters.
     """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)
@@ -199,6 +201,7 @@ def faults_and_axes(
 
 
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
+    # Returns the axis of each field of a fault, with defaults where the file states no value.
     site = config.robot.sites[fault.site]
     resolved = {
         "arm": fault.arm or fixed_axis(config.campaign.arms[0] if site.per_arm else ""),
@@ -213,13 +216,12 @@ def _of_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
 
 
 def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the whole fault table in the order for [stop], `index` and `pair` renumbered.
+    """Return the fault table in the order that a stop rule needs, with new `index` and `pair`.
 
-    A draw is one point of a group's design. Its repeats and crossed variants have the same fault;
-    their rows are adjacent, are computed together and count once. Draws of a random, lhs or sobol
-    design keep their order, because their first draws are a sample. Draws of a grid, zip or list
-    are shuffled by the campaign's seed, because their first draws would be a corner of the design.
-    Run ids do not depend on the order.
+    The first rows of each group must be a random sample of it. A draw is one point of a group's
+    design. Its repeats and crossed variants have the same fault. Their rows are adjacent, are
+    computed together and count once. Draws of a random, lhs or sobol design keep their order. Draws
+    of a grid, zip or list are shuffled with the campaign's seed. This does not change run ids.
     """
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
@@ -228,7 +230,7 @@ def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
-        # Consecutive number, from 0, of each row that is the first of its kind.
+        # Number, from 0, of the fault of each row that has a new fault.
         kind = np.cumsum(first_of_kind[rows]) - 1
         draw = kind[pair[rows] - start] // group.repeats
         number = len(rows) // rows_of_a_draw(config, group)

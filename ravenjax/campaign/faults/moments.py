@@ -1,4 +1,4 @@
-"""Converts fault onsets that a file gives by a phase of the operation into milliseconds."""
+"""Converts the start of a fault, given as a phase of the operation, into milliseconds."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,19 +14,19 @@ from ravenjax.errors import UserError
 
 @dataclasses.dataclass(eq=False)
 class Moments:
-    """The phases of a campaign's operation. They are computed when the first onset needs them."""
+    """Converts fault starts that name a phase. The phases are computed at the first use."""
 
     config: CampaignConfig
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
-        """{phase: int [stretches, 2]}, each from its first tick to before its end."""
+        """{phase: int [stretches, 2]}: first tick of each stretch, and first tick after it."""
         return self.config.robot.part("campaign").phases(self.config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
-        """Return a group's axes with all onsets in milliseconds.
+        """Return a group's axes with all fault starts in milliseconds.
 
-        Raises UserError for a phase that never occurs.
+        Raise UserError for a phase that never occurs.
         """
         return {
             key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
@@ -34,7 +34,7 @@ class Moments:
         }
 
     def _axis(self, axis: Axis, where: str) -> Axis:
-        # Replaces phases and moments of an axis by milliseconds of this operation.
+        # Replaces phases in the values of an axis by milliseconds of this operation.
         if axis.kind == PHASE:
             return self._phase(axis.values[0], where)
         values = (self._ms(v, where) if isinstance(v, Moment) else v for v in axis.values)
@@ -46,13 +46,15 @@ class Moments:
         return int(phase.at(np.array((round(moment.share * (count - 1)) + 0.5) / count)))
 
     def _phase(self, phase: str, where: str) -> Axis:
+        # Returns an axis over all moments of a phase. where: location in the file for error
+        # messages.
         stretches = self.phases[phase]
         if not len(stretches):
             there = ", ".join(name for name, some in self.phases.items() if len(some))
             raise UserError(
-                f"{where}: phase {phase!r} ({self.config.robot.phases[phase]}) never comes in the"
-                f" {self.config.campaign.ticks} ms of this operation; expected one that does:"
-                f" {there}. Write that, or take another motion, a longer campaign.duration_s or"
-                " another scale"
+                f"{where}: phase {phase!r} ({self.config.robot.phases[phase]}) does not occur in"
+                f" the {self.config.campaign.ticks} ms of this operation; expected one of {there}."
+                " Write such a phase, or another motion, a longer campaign.duration_s or another"
+                " scale"
             )
         return Axis(PHASE, (phase, *map(tuple, stretches.tolist())))

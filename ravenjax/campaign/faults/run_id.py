@@ -1,4 +1,4 @@
-"""Computes run ids: 64-bit hashes of everything that decides a run's outcome, as 16 hex digits.
+"""Computes run ids: 64-bit hashes of all inputs of a run, as 16 hexadecimal digits.
 
 The name and value of each column are hashed with a key of the campaign. The sum of these hashes is
 hashed again, so the order of columns does not matter. Empty values (NaN, or an empty word) are left
@@ -22,11 +22,10 @@ def compute_run_ids(
 ) -> np.ndarray:
     """Return the id of each row of a table with these columns, uint64 [rows].
 
-    common: text that stands for everything that is equal in all runs and decides their outcomes.
-    words: columns of words. numbers: columns of numbers, at least one. Numbers are converted to
-    float64, so that 1 equals 1.0, and -0.0 equals 0.0. The id of a row depends on its
-    content only. If several rows have the same content, this holds for the first of them. The ids
-    of the others also depend on how many such rows come before.
+    common: text with everything that is equal in all runs and affects outcomes. words: columns of
+    words. numbers: columns of numbers, at least one. Numbers are converted to float64, so that 1
+    equals 1.0, and -0.0 equals 0.0. The id of a row depends only on its content. If several rows
+    have the same content, the ids of later rows also depend on the number of earlier ones.
     """
     sums = np.zeros(len(next(iter(numbers.values()))), np.uint64)
     for name, column in words.items():
@@ -76,7 +75,7 @@ def _salt(text: str) -> np.uint64:
 
 
 def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
-    """Return the hash of each value, uint64 [rows], 0 for NaN; [1] if all are equal."""
+    """Return the hash of each value, uint64 [rows]; [1] if all values are equal; 0 for NaN."""
     values = values[:1] if (values == values[:1]).all() else values
     canonical = values + 0.0  # float64 without -0.0
     hashes = mix_bits(canonical.view(np.uint64) ^ salt)
@@ -85,7 +84,7 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 
 def _number_copies(ids: np.ndarray) -> np.ndarray:
-    """Return the ids; where an id occurs again, it is replaced by another one."""
+    """Return the ids, with a different id in place of each repeated id."""
     if pd.Index(ids).is_unique:
         return ids
     copy = pd.Series(ids).groupby(ids).cumcount().to_numpy(np.uint64)

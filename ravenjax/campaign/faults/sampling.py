@@ -1,4 +1,4 @@
-"""Samples a design: the position of each run of a group on each axis."""
+"""Samples the design of a group: which value each run has for each variable key."""
 
 import math
 import warnings
@@ -21,14 +21,14 @@ class Sample(NamedTuple):
     """
 
     runs: int
-    # Which repeat of its design point a run is, int64 [runs]; [] if there is only one repeat.
+    # Number of the repeat, int64 [runs]; [] if there is only one repeat.
     repeat: np.ndarray
-    # Position on each axis, [runs], as `Axis.at` takes it; [] on an axis of one value.
+    # Position on each axis for `Axis.at`, [runs]; [] on an axis of one value.
     places: dict[Key, np.ndarray]
 
 
 def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """Return how many runs `sample_runs` gives, without repeats."""
+    """Return the number of different runs of a group, without repeats."""
     if group.design in SAMPLED:
         return group.runs or 0
     lengths = [len(axis.values) for axis in axes.values() if axis.kind == "list"]
@@ -36,7 +36,10 @@ def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
 
 
 def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Return the runs of `group`. Draws depend only on `rng` and the order of the axes."""
+    """Return the runs of `group`, with the position of each run on each axis.
+
+    Random draws depend only on `rng` and the order of the axes.
+    """
     different = count_samples(group, axes)
     runs = different * group.repeats
     place, repeat = np.arange(runs), np.zeros((), np.int64)
@@ -59,7 +62,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
 def _draws(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    # Axes of kind `together` share a dimension of the unit cube.
+    # Draws positions [rows] on each axis. Axes of kind `together` use the same random numbers.
     names = [axis.kind if axis.kind == "together" else key for key, axis in axes.items()]
     dimensions = {name: number for number, name in enumerate(dict.fromkeys(names))}
     unit = _unit(design, rows, len(dimensions), rng)

@@ -1,7 +1,7 @@
-"""Makes the columns of one fault slot for many runs, in a form in which equal faults have equal
+"""Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
 columns.
 
-Fields that an effect does not use are NaN or 0. A network effect has the channel that it acts on.
+Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
 Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
 """
 
@@ -28,7 +28,7 @@ from ravenjax.vocabulary.robot import Robot
 
 @functools.cache
 def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Return the words of each column; the first is that of an empty slot."""
+    """Return the possible words of each column. The first word is that of an empty slot."""
     channels = dict.fromkeys(
         channel.name for site in robot.sites.values() for channel in site.channels
     )
@@ -52,10 +52,10 @@ NUMBERS: dict[str, tuple[type[np.number], float]] = {
 def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return FIELDS of `fault` -> [runs], or [] where all runs agree. Words are indices into
-    `words_of`.
+    """Return the columns FIELDS of a fault, each [runs], or [] if all runs have the same value.
 
-    axes: axes of all fields except the site; places: the runs' positions on them.
+    Words are stored as indices into `words_of`. axes: values or distribution of each field except
+    the site. places: position of each run on each axis.
     """
     words, site = words_of(robot), robot.sites[fault.site]
 
@@ -64,7 +64,7 @@ def fill_slot(
 
     word = {name: codes(name, axes[name].values)[places[name]] for name in words if name != "site"}
     effect = word["effect"]
-    # An effect of the network names the channel that it acts on.
+    # A network effect determines its channel.
     acts_on = [NETWORK_EFFECTS[e].channel if e in NETWORK_EFFECTS else "" for e in words["effect"]]
     acts = codes("channel", (c if c in words["channel"] else "" for c in acts_on))[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
@@ -88,7 +88,7 @@ def fill_slot(
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
-    """Return valid times; a drawn number never means UNTIL_END."""
+    """Return valid times, at least 0 or 1. Only the word END in a file means UNTIL_END."""
     if name == "period_ms":
         return np.where(periodic, np.maximum(drawn, 1), 0)
     if name != "duration_ms":

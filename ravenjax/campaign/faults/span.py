@@ -1,4 +1,5 @@
-"""Computes when the faults of a run can first act, and when they have ended."""
+"""Computes the first tick in which the faults of a run may act, and the tick in which they have
+ended."""
 
 from collections.abc import Iterator, Mapping
 
@@ -16,9 +17,9 @@ _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pe
 def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
     """Return the first tick in which a fault of each run may act, int32 [runs].
 
-    Up to that tick the run equals its golden run bit by bit. Returns `ticks` for a run in which no
-    fault acts. A fault window that counts packets is treated as if each tick brought a packet. A
-    window that counts time in pedal-down is treated as if the pedal was down from the beginning.
+    Up to that tick the run equals its golden run bit by bit. The result is `ticks` for a run in
+    which no fault acts. Windows that count packets are treated as if a packet arrived in each tick.
+    Windows that count time in pedal-down are treated as if the pedal was always down.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
     for trigger, where, _, opening in _openings(faults):
@@ -34,11 +35,12 @@ def last_observed_ticks(
 ) -> np.ndarray:
     """Return the first tick in which each run is no longer observed, int32 [runs].
 
-    This is `observe` ticks after its last fault ended. A run lasts until `ticks` if the end of its
-    last fault is not known in advance. Then the fault lasts, or it counts time in pedal-down and a
-    fault may move the pedal. Without `clocks` this holds for any fault that counts packets or
-    time in pedal-down. A run without a fault also lasts until `ticks`, and so does every run if
-    `observe` is None.
+    This is `observe` ticks after the end of its last fault. It is `ticks` in these cases:
+
+    - The run has no fault, or `observe` is None.
+    - A fault never ends.
+    - A fault counts time in pedal-down, and a fault may change the pedal.
+    - A fault counts packets or time in pedal-down, and `clocks` is None.
     """
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
@@ -48,7 +50,7 @@ def last_observed_ticks(
 
 
 def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
-    """Return the first tick after each fault's last window, int64 [runs, slots]; 0: none."""
+    """Return the first tick after each fault's last window, int64 [runs, slots]; 0: no window."""
     last = np.zeros(faults["code"].shape, np.int64)
     for trigger, where, rows, opening in _openings(faults):
         if trigger == _TIME:
@@ -64,7 +66,7 @@ def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.nd
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """Yield (trigger code, places [runs, slots], runs, windows) of each trigger in use."""
+    """Yield (trigger code, indices of its faults, runs of these, windows) of each used trigger."""
     for trigger in (_TIME, _PACKET, _PEDAL):
         where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
         if len(where[0]):

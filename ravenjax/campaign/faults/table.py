@@ -1,4 +1,4 @@
-"""Converts the fault table to an engine's inputs: `Injection`, and arrays with one row per run."""
+"""Converts a table of faults to arrays for an engine, with one row per run."""
 
 import math
 
@@ -20,9 +20,8 @@ ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.ui
 """The numbers of a fault, as in `faults.fault.FaultSlot`."""
 
 SHARED = "shared_id"
-"""Column of a fault table with crossed parameters.
-
-It holds the id of the first of the runs that differ only in those parameters.
+"""Column of a fault table with crossed parameters: the id of the first run that differs only in
+these parameters.
 """
 
 Target = tuple[str, str, str]
@@ -30,14 +29,14 @@ Target = tuple[str, str, str]
 
 
 def count_slots(table: pd.DataFrame) -> int:
-    """Return the number of fault slots that the table has columns for."""
+    """Return the number of fault slots of the table."""
     return sum(name.startswith("fault") and name.endswith("_site") for name in table)
 
 
 def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
-    """Return the fault machinery that the table needs, in the order of the robot's sites.
+    """Return the sites, channels, effects and triggers that occur in the table.
 
-    The order of the rows does not matter.
+    They select the code that injects faults. Sites have the order of the robot.
     """
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
@@ -69,7 +68,7 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
 
 
 def injection_targets(injection: Injection) -> list[Target]:
-    """Return the channels of an injection; a fault's code is the place, from 1."""
+    """Return the channels of an injection. The code of a fault is its position here, from 1."""
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
@@ -84,6 +83,7 @@ def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndar
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, count_slots(table))):
         number, combinations = _word_groups(table, slot)
+        # Code, effect, trigger and value of each combination; NaN: the value is in the table.
         meant = np.zeros((len(combinations), 4))
         for place, (site, arm, channel, effect, trigger) in enumerate(combinations):
             if site:
@@ -107,9 +107,9 @@ def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndar
 
 
 def shared_ids(table: pd.DataFrame) -> np.ndarray:
-    """Return the id that decides each run's random numbers, uint64 [rows].
+    """Return the id from which each run's random numbers follow, uint64 [rows].
 
-    It is the run's id, or with crossed parameters that of the first run that differs only in those.
+    It is the run's id, or the id of the first run that differs only in crossed parameters.
     """
     return table[SHARED if SHARED in table else "run_id"].to_numpy()
 

@@ -1,3 +1,1 @@
-"""Defines and checks the campaign file: which keys it has, what they mean, and the error
-messages.
-"""
+"""Defines the keys of campaign files, checks their values, and words error messages."""

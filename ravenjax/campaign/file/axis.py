@@ -1,7 +1,7 @@
-"""Defines an axis of a campaign: one value, a list of values, or a distribution to draw from.
+"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
 
-A list may also be written `{ list = [..] }`. Then its values are levels of the design, and not the
-numbers of a vector.
+A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
+numbers of one vector.
 """
 
 import dataclasses
@@ -23,30 +23,30 @@ _TABLES = resources.read_tables(__file__, "axis.toml")
 DISTRIBUTIONS: dict[str, str] = _TABLES["distributions"]
 
 LIST = "list"
-"""Marks a list as a list of levels: each run gets one of its values."""
+"""Key of a table with a list of which each run has one value."""
 
 FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
-"""Tables that may be written in place of a value."""
+"""Tables that may replace a value, with the form of their content."""
 
 _PAIRS = ("uniform", "loguniform", "normal")
 
 PHASE = "phase"
-"""A distribution of times: one of the milliseconds of a phase of the operation."""
+"""Key of a table for times: a random millisecond of a phase of the operation."""
 SHARE = "share"
 
 PHASE_FORMS: dict[str, str] = _TABLES["phase_forms"]
-"""Tables that `start_ms` may hold in place of a time, shown with the phase `fast`."""
+"""Tables with a phase that `start_ms` may have instead of a time, for the phase `fast`."""
 
 LONGEST_MS = 1_000_000_000
 """Upper bound of all times of a fault. The longest run is 3 600 000 ms."""
 
 END = "end"
 UNTIL_END = -1
-"""`duration_ms` of a fault that lasts until the run ends, in tables. A file has END instead."""
+"""Value of `duration_ms` in the fault table if a fault lasts until the run ends. A file has END."""
 
 TAIL = 7.04
-"""Standard deviations beyond which `Axis.at` never draws from a normal distribution (quantiles from
-1e-12).
+"""Largest distance from the mean, in standard deviations, that is drawn from a normal distribution.
+It is the quantile of 1e-12.
 """
 
 
@@ -62,20 +62,20 @@ class Moment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """Values of one field over the runs of a group.
+    """The values of one key over the runs of a group.
 
-    `fixed_axis` holds one value. `list` is enumerated by designs grid and zip, and drawn from by
-    random, lhs and sobol. All other kinds are always drawn from. `phase` holds the phase's name.
-    Once the motion is known, it holds (begin, end) of each stretch of the phase's milliseconds:
-    integers, ascending, from begin to before end.
+    Kind `fixed` has one value. The values of `list` are enumerated by designs grid and zip, and
+    drawn at random by random, lhs and sobol. All other kinds are distributions. The values of
+    `phase` are the name of the phase, and later also (begin, end) of each stretch of the phase in
+    ms: integers, ascending, without the end.
     """
 
     kind: Kind
     values: tuple[Any, ...]
-    explicit: bool = False  # written as { list = [..] }
+    explicit: bool = False  # True if the file has { list = [..] }
 
     def written(self) -> Any:
-        """Return the axis as it is written in a campaign file."""
+        """Return the value of the key in a campaign file."""
         values = [value._asdict() if isinstance(value, Moment) else value for value in self.values]
         if self.kind in ("fixed", PHASE):
             return values[0] if self.kind == "fixed" else {PHASE: values[0]}
@@ -88,26 +88,26 @@ class Axis:
 
     @property
     def listed(self) -> tuple[Any, ...]:
-        """The values that the axis can take if they are countable, else ()."""
+        """All possible values, if they are a list, else ()."""
         return () if self.kind in (*_PAIRS, PHASE) else self.values
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Least and greatest number that the axis may draw, if it is a distribution of numbers."""
+        """Smallest and largest number that a distribution of numbers may draw."""
         low, high = self.values
         return (low - TAIL * high, low + TAIL * high) if self.kind == "normal" else (low, high)
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """The phases that the axis refers to, each once."""
+        """The phases of the operation in the values, each once."""
         if self.kind == PHASE:
             return self.values[:1]
         return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
-        """Convert the quantiles `unit` [n] in [0, 1) to positions as `at` takes them.
+        """Convert the quantiles `unit` [n] in [0, 1) to positions for `at`.
 
-        Each listed value gets an equal share of them.
+        Listed values are equally probable.
         """
         if not self.listed:
             return unit
@@ -116,8 +116,8 @@ class Axis:
     def at(self, places: np.ndarray, whole: bool = False) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape.
 
-        places: indices of listed values, else quantiles in [0, 1). whole: drawn numbers are rounded
-        to integers; listed ones stay as they were written.
+        places: indices of listed values, or quantiles in [0, 1) of a distribution. whole: round
+        drawn numbers to integers. Listed values are not rounded.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]
@@ -149,15 +149,15 @@ class Axis:
 
 
 def fixed_axis(value: Any) -> Axis:
-    """Make the axis of one value."""
+    """Return the axis of a key with one value."""
     return Axis("fixed", (value,))
 
 
 @dataclasses.dataclass(frozen=True)
 class OneValue:
-    """Defines what one value of an axis may be, and which tables may replace it."""
+    """Defines the possible values of a key, and which tables may replace a value."""
 
-    expected: str  # in words, for messages
+    expected: str  # the possible values as text, for messages
     # Returns the value; raises ValueError for an invalid one.
     parsed: Callable[[Any], Any]
     schema: dict[str, Any]  # JSON Schema
@@ -183,13 +183,13 @@ class OneValue:
             kind, values = next(iter(raw.items()), (None, ()))
             if len(raw) != 1 or kind not in self.forms:
                 got = ", ".join(map(str, raw)) or "none"
-                keys = f"a table has exactly one of the keys {', '.join(self.forms)}"
+                keys = f"a table needs exactly one of the keys {', '.join(self.forms)}"
                 raise ValueError(f"{keys}, got {got}{suggest_name(kind, self.forms)}")
         if kind in _PAIRS:
             return self._distribution(kind, values)
         if not isinstance(values, list | tuple) or not values:
             raise ValueError(
-                f"{kind} takes a list with at least one value, got {values!r}; each is"
+                f"{kind} needs a list with at least one value, got {values!r}; each value is"
                 f" {self.expected}"
             )
         return Axis(kind, tuple(map(self.value, values)), kind == LIST and values is not raw)
@@ -197,10 +197,12 @@ class OneValue:
     def _distribution(self, kind: Any, raw: Any) -> Axis:
         # Parses a distribution, such as {uniform = [low, high]}, and checks its ends.
         if not isinstance(raw, list | tuple) or len(raw) != 2:
-            raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
+            raise ValueError(f"{kind} needs {DISTRIBUTIONS[kind]}, got {raw!r}")
         first, second = map(_number, raw)
         if kind == "normal" and second < 0:
-            raise ValueError(f"normal: got {second!r}, expected a deviation that is not negative")
+            raise ValueError(
+                f"normal: got standard deviation {second!r}, expected a number of at least 0"
+            )
         if kind != "normal" and not first <= second:
             raise ValueError(
                 f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]"
@@ -208,14 +210,15 @@ class OneValue:
         if kind == "loguniform" and first <= 0:
             raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
         axis = Axis(kind, (first, second))
-        # A normal distribution is cut at the least value, so only its upper end is checked.
+        # A normal distribution is truncated at the smallest value, so only its upper end is
+        # checked.
         least = -self.largest if kind == "normal" else self.least
         if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
         return axis
 
     def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of what a file may contain here."""
+        """Return the JSON Schema of the key."""
         some = {"type": "array", "items": self.schema, "minItems": 1}
         properties = {
             form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else some)}
@@ -224,12 +227,12 @@ class OneValue:
         table = {**_TABLES["table"], "properties": properties}
         forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
-            "description": f"{self.expected}, a list of them, or one of {forms}",
+            "description": f"{self.expected}, a list of these, or one of {forms}",
             "anyOf": [self.schema, some, table],
         }
 
     def annotation(self, parsed: Callable[[Any], Axis] | None = None) -> Any:
-        """Return the type annotation of a key that takes an axis of such values."""
+        """Return the type annotation of a key with such values."""
         return Annotated[
             Any,
             BeforeValidator(parsed or self.axis),
@@ -239,6 +242,7 @@ class OneValue:
 
 
 def _number(raw: Any) -> int | float:
+    # Checks that a value from a file is a finite number.
     if (
         isinstance(raw, bool)
         or not isinstance(raw, int | float)
@@ -249,13 +253,14 @@ def _number(raw: Any) -> int | float:
 
 
 def time_axis(least: int, endless: bool = False) -> OneValue:
-    """Times of at least `least` ms; endless: or END."""
+    """Return the definition of times of at least `least` ms. endless: END is possible, too."""
     expected = f"a whole number of milliseconds from {least} to {LONGEST_MS}"
     schema: dict[str, Any] = {"type": "integer", "minimum": least, "maximum": LONGEST_MS}
     if endless:
         expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
 
     def parsed(raw: Any) -> int | str:
+        # Reads one value of an axis of whole numbers, or the word for the end of the run.
         if endless and raw in (END, UNTIL_END):
             return END
         if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1:
@@ -268,11 +273,12 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
 
 
 def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
-    """Return the kind of axis whose values are texts. known: the allowed texts; None: any."""
+    """Return the definition of names. what: kind of name. known: the possible names; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
     def parsed(raw: Any) -> str:
+        # Reads one value of an axis of words.
         if not isinstance(raw, str):
             raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
         if known is not None and raw not in known:
@@ -293,10 +299,10 @@ _MOMENTS = dataclasses.replace(
 
 
 def _onset(raw: Any) -> Axis:
-    """Parse the time when a fault begins: a time, or a position in a phase of the operation.
+    """Parse the start of a fault: a time, or a position in a phase of the operation.
 
-    Which milliseconds belong to a phase depends on the operator's motion, see
-    `ravenjax.campaign.faults.moments`.
+    `ravenjax.campaign.faults.moments` later converts phases to milliseconds, which depend on the
+    operator's motion.
     """
     if not _is_place(raw):
         return _MOMENTS.axis(raw)
@@ -313,6 +319,7 @@ def _is_place(raw: Any) -> bool:
 
 
 def _moment(raw: Mapping[str, Any]) -> Moment:
+    # Reads a moment that is given as a phase and a share of this phase.
     phase, share = raw.get(PHASE), raw.get(SHARE)
     if isinstance(share, bool) or not isinstance(share, int | float):
         share = math.nan

@@ -1,7 +1,7 @@
-"""Checks the parameters that a campaign varies against the ranges that its robot's records declare.
+"""Checks that the parameters in a campaign file lie within the ranges that the robot declares.
 
-The check imports the modules of the robot's tick, which is slow. A campaign's parameters are
-therefore checked when the campaign is planned, not when its file is read.
+The check imports the modules of the robot's tick, which is slow. Parameters are therefore checked
+when the campaign is planned, not when its file is read.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path, allowed values) of each parameter, in order; `shorten_path` gives such paths. A
-    parameter whose joints have different ranges has several entries.
+    """Return (path, allowed values) of each parameter of a robot, in order.
+
+    Paths have the form of `shorten_path`. A parameter whose joints have different ranges has
+    several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
@@ -37,14 +39,14 @@ def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
     """Return (path or beginning of paths, reason) of parameters that a campaign must not vary.
 
-    Longer paths come first.
+    Longer paths are first.
     """
     rows_of = quantity.list_reserved(robot.part("campaign").Params)
     return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
 
 def shorten_path(robot: Robot, path: str) -> str:
-    """Return a parameter's path without arm, number of a set, joint or axis."""
+    """Return a parameter's path without the arm, numbers, the joint and the axis."""
     return paths.plain_path(path, robot.arms, robot.joints)
 
 
@@ -53,10 +55,10 @@ Ranges = tuple[tuple[str, Quantity], ...]
 
 
 def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
-    """Return what the parameter at `path` may be: several entries if it names a vector of unlike
-    numbers.
+    """Return the allowed values of the parameter at `path`.
 
-    more: parameters that a campaign has in addition to those of its robot.
+    There are several entries if `path` names a vector with different ranges. more: parameters that
+    the campaign adds to those of its robot.
     """
     kind, last = shorten_path(robot, path), path.rpartition(".")[2]
     matches = [row for name, row in (*parameter_bounds(robot), *more) if name == kind]
@@ -66,10 +68,7 @@ def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]
 
 
 def reserved_reason(robot: Robot, path: str) -> str:
-    """Return why a campaign must not vary a parameter, and what to write instead.
-
-    Returns "" for a parameter that it may vary.
-    """
+    """Return why a campaign must not vary a parameter, and what to write instead; "" if it may."""
     kind = shorten_path(robot, path)
     return next(
         (
@@ -114,7 +113,7 @@ def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channe
 
 
 def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
-    """Yield (key, message) of each invalid parameter value, without a check of the paths."""
+    """Yield (key, message) of each parameter value that is out of range. Paths are not checked."""
     first: dict[str, Key] = {}
     more = config.own_ranges
     for key, table in config.parameter_tables():
@@ -123,13 +122,13 @@ def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
             wrong = [reserved_reason(config.robot, path), config.unread(path)]
             wrong += [out_of_range(axis, row) for row in allowed_values(config.robot, path, more)]
             if key[-1] == "cross" and any(path in table for table in _beside(config, key)):
-                wrong.append("stands in parameters, too: remove one of the two")
+                wrong.append("the path is in [parameters], too: remove one of the two")
             yield from (((*key, path), message) for message in wrong if message)
     for path, other in itertools.combinations(first, 2):
         if paths_overlap(config.robot, path, other):
             yield (
                 first[other],
-                f"names numbers that {path} names, too: write one of the two throughout the file",
+                f"names the same numbers as {path}: use only one of these paths in the file",
             )
 
 
@@ -157,8 +156,8 @@ def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> s
         part = path.partition(".")[0]
         if allowed_values(robot, path) and not any(name.startswith(f"{part}.") for name in known):
             return (
-                f"unknown parameter: this campaign has no part {part!r}: add the section of the"
-                " file that it belongs to"
+                f"unknown parameter: this campaign has no {part!r}. Add the section of the file to"
+                " which the parameter belongs"
             )
         free = [
             name for name in known if not reserved_reason(robot, name) and not config.unread(name)
@@ -170,17 +169,17 @@ def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> s
         return ""
     pairs = zip(parts, axis.values, strict=True)
     return (
-        f"got a list of {len(parts)} for a vector of {len(parts)} numbers, which may be meant in"
-        f" two ways. One number each: write {', '.join(f'{path}.{p} = {v:g}' for p, v in pairs)}."
-        f" {len(parts)} levels, each for all of them: write"
-        f" {{ list = {format_value(list(axis.values))} }}"
+        f"got a list of {len(parts)} for a vector of {len(parts)} numbers, which has two possible"
+        " meanings. For one number per joint or axis, write"
+        f" {', '.join(f'{path}.{p} = {v:g}' for p, v in pairs)}. For {len(parts)} values, each for"
+        f" the whole vector, write {{ list = {format_value(list(axis.values))} }}"
     )
 
 
 def out_of_range(axis: Axis, row: Quantity) -> str:
-    """Return what is wrong with the values of a parameter; "" if nothing is."""
+    """Return a message if values of a parameter are out of range, else ""."""
     if row.whole and axis.drawn and not axis.listed:
-        return f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
+        return f"{axis.kind} may draw fractions, expected {row}; write {{choice = [..]}}"
     drawn = (
         "" if axis.listed else f"{axis.kind} = {format_value(list(axis.values))}, which may draw "
     )
@@ -191,7 +190,7 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
 
 
 def paths_overlap(robot: Robot, path: str, other: str) -> bool:
-    """Return whether two different paths of parameters name a number in common."""
+    """Return whether two different paths of parameters name the same number."""
     components = paths.path_words(robot.joints)
 
     def marks(path: str) -> list[list[str]]:

@@ -1,7 +1,8 @@
-"""Defines the model of a whole campaign file: all sections, derived values, and what a robot may
-add.
+"""Defines the pydantic model of a whole campaign file, with values that follow from several
+sections.
 
-`loading` reads a file and `semantics` checks rules that involve several sections.
+A robot may add sections. `loading` reads a file, and `semantics` checks rules that involve several
+sections.
 """
 
 from __future__ import annotations
@@ -39,25 +40,26 @@ from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 
 class CampaignConfig(Section):
-    """A validated campaign with every key, as `load_campaign` and `Campaign.config` return it."""
+    """A checked campaign with all keys and defaults."""
 
     campaign: CampaignSection
     parameters: dict[str, Number] = Field(default_factory=dict)
     """path = value, list or distribution; from = a file of robots"""
     cross: Cross = Field(default_factory=dict)
-    """path = list: every run once with each value, all else alike, random numbers too; for pairs"""
+    """path = list: every run is repeated with each value and equal random numbers, for paired
+    comparisons"""
     haptics: Haptics = Haptics()
     detector: tuple[Detector, ...] = ()
-    """observers that are scored"""
+    """detectors, which observe the runs"""
     check: tuple[OwnCheck, ...] = ()
-    """your own checks in the loop"""
+    """your own checks in the control loop"""
     harm: tuple[OwnHarm, ...] = ()
-    """what counts as harm"""
+    """harms that you define"""
     outcomes: Outcomes = Outcomes()
     stop: Stop | None = None
-    """when to stop; without it the whole table is computed"""
+    """rule to stop early; without it all runs are computed"""
     group: tuple[Group, ...] = Field(min_length=1)
-    """the runs"""
+    """groups of runs"""
     _source: Path | None = PrivateAttr(None)
     _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
     _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
@@ -72,18 +74,18 @@ class CampaignConfig(Section):
     def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"got name {twice[0]!r} twice, expected a different name for each")
+            raise ValueError(f"got name {twice[0]!r} twice, expected different names")
         return tables
 
     @property
     def source(self) -> Path | None:
-        """The file that the campaign was read from."""
+        """The file from which the campaign was read."""
         return self._source
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return a copy in which the files that it names are located in `folder`.
+        """Return a copy in which paths of Python files are relative to `folder`.
 
-        Raises UserError for a file that cannot be used.
+        Raise UserError for a file that cannot be used.
         """
         located = {
             kind: tuple(
@@ -105,12 +107,12 @@ class CampaignConfig(Section):
 
     @property
     def limit_counts(self) -> bool:
-        """Whether unintended motion beyond the limit is harm."""
+        """Whether unintended motion beyond outcomes.limit_mm counts as harm."""
         return all(one.counts != "replaces" for one in self.harm)
 
     @property
     def rules(self) -> events.Rules:
-        """The campaign's choices in the definitions of outcomes."""
+        """The campaign's settings on which the definitions of outcomes depend."""
         built_in = built_in_column(self.own_checks, self.stops)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
         threshold = self.haptics.cues()[cue].threshold_m * 1e3
@@ -176,17 +178,17 @@ class CampaignConfig(Section):
 
     @property
     def robot_label(self) -> str:
-        """Description of what runs, in words."""
+        """Text that describes the robot."""
         return self.robot.title
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield (name, value in words) of the file's settings for the robot and the operator."""
+        """Yield name and value of settings of the robot and the operator, as texts for a table."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
         if self.campaign.observe_ms is not None:
             yield (
                 "observed",
-                f"until {self.campaign.observe_ms:,} ms after a run's last fault ended",
+                f"until {self.campaign.observe_ms:,} ms after the end of a run's last fault",
             )
 
     def settings(self) -> dict[str, Any]:
@@ -219,18 +221,20 @@ class CampaignConfig(Section):
     def notices(self) -> Iterator[Complaint]:
         """Yield (key, message) of values without effect in the keys that this robot adds."""
         for number, name in self._repeated:
-            yield ("group", number, "hazards"), f"{name} is there twice: it is run once"
+            yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
-        """Yield (key, which runs, bool [runs], message) of the same, where runs may differ.
+        """Yield (key, bool [runs], message) of values without effect in some runs.
 
-        plan: the `campaign.plan.Plan`.
+        plan: the `campaign.plan.Plan` of the campaign.
         """
         return iter(())
 
     @property
     def distances_mm(self) -> tuple[float, float]:
-        """Distance from the model that a healthy robot exceeds, and the longest possible, mm."""
+        """Distance from the nominal model that a fault-free robot exceeds, and the largest possible
+        distance, mm.
+        """
         return 0.0, math.inf
 
     def parameter_tables(self) -> Iterator[tuple[Key, dict[str, Axis]]]:
@@ -244,16 +248,18 @@ class CampaignConfig(Section):
                 yield ("group", g, "run", r, "parameters"), run.parameters
 
     def unread(self, path: str) -> str:
-        """Return why nothing reads the parameter at `path` in this campaign, or ""."""
+        """Return why the parameter at `path` has no effect in this campaign, or ""."""
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether the user meant values of a fault that exceed the range of a word."""
+        """Return whether a fault may have values beyond 16 bits."""
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return settings for run ids: those that affect all runs and are not at their default."""
-        # Because defaults are left out, a key that is added later does not change existing ids.
+        """Return the settings on which all runs depend, for the hash of run ids.
+
+        Defaults are left out, so that a new key does not change the ids of existing campaigns.
+        """
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         stops = [
             [part.hash_source(use.part), use.consecutive, thresholds[0]]
@@ -305,20 +311,23 @@ class CampaignConfig(Section):
 
 
 def robot_of(raw: Any, folder: Path | None = None) -> Robot:
-    """Return the robot that a campaign's tables name. folder: of its file. Raises UserError."""
+    """Return the robot that a campaign's tables name.
+
+    folder: folder of the campaign file. Raise UserError for an unknown robot.
+    """
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
     return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT, folder)
 
 
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
-    """Return the model of a campaign's tables: the robot's own model, or the general one."""
+    """Return the pydantic model of a robot's campaigns."""
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
 
 
 def validate_tables(raw: Any) -> CampaignConfig:
-    """Return the campaign of nested tables, as a manifest holds them.
+    """Return the campaign of nested tables, such as those of a manifest.
 
-    Raises ValidationError and UserError.
+    Raise ValidationError and UserError.
     """
     return config_class_of(robot_of(raw)).model_validate(raw)

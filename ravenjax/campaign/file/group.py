@@ -1,4 +1,5 @@
-"""Defines the keys of a group of runs in a file, as pydantic models: its faults and its design."""
+"""Defines the keys of the table [[group]] of a campaign file as pydantic models: faults and
+design."""
 
 from __future__ import annotations
 
@@ -26,24 +27,24 @@ from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRI
 from ravenjax.vocabulary.sites import Site
 
 ALL = "*"
-"""Value of `channel` that means every channel of the site."""
+"""Value of `channel` for every channel of the site."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
 DESIGNS: dict[Design, str] = {
     "grid": (
-        "every combination of the lists, the last key varying fastest; each distribution is drawn"
-        " once a run"
+        "every combination of the lists; the last key varies fastest. Distributions are drawn once"
+        " per run"
     ),
-    "zip": "lists side by side, first with first; all of one length, or single values",
-    "list": "each [[group.run]] in turn, with the group's values where it says nothing",
-    "random": "`runs` draws from every list and distribution, independent of each other",
-    "lhs": "`runs` draws as a Latin hypercube: each key's values are spread evenly",
+    "zip": "one run for each position in the lists, which have the same length or one value",
+    "list": "one run for each [[group.run]], with the group's values for all other keys",
+    "random": "`runs` independent random draws from every list and distribution",
+    "lhs": "`runs` draws as a Latin hypercube: the values of each key are evenly spread",
     "sobol": (
-        "`runs` draws as a scrambled Sobol sequence: all keys together are spread evenly; best is a"
-        " power of two"
+        "`runs` draws as a scrambled Sobol sequence: all keys together are evenly spread; `runs`"
+        " should be a power of two"
     ),
 }
-"""Designs, and how each turns lists and distributions into runs."""
+"""Designs: how lists and distributions become runs."""
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
 
@@ -72,12 +73,12 @@ def flatten_table(table: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
-    """Return the axes of a table `cross`. Raises ValueError for one that is drawn."""
+    """Return the axes of a table `cross`. Raise ValueError for a distribution."""
     for path, axis in axes.items():
         if axis.drawn:
             raise ValueError(
-                f"{path}: got {axis.kind}, expected a list: every run is repeated with each of its"
-                " values"
+                f"{path}: got {axis.kind}, expected a list, because every run is repeated with each"
+                " value"
             )
     return axes
 
@@ -86,14 +87,14 @@ Cross = Annotated[dict[str, Number], AfterValidator(parse_crossed_axes)]
 
 
 _MISSPELT = 0.7
-"""Ratio of difflib from which on a word counts as a misspelling of another."""
+"""Smallest ratio of difflib for which a word counts as a misspelling of another word."""
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    """Return whether a table is a distribution, also a misspelt one or one without its list.
+    """Return whether a table is a distribution, perhaps with a misspelt name or without a list.
 
-    Such a table is later refused as a distribution. The word must be nearer to a distribution than
-    to any joint of a robot: `wrist` resembles `list`.
+    A misspelt distribution is refused later with a good message. _MISSPELT must be so large that
+    names of joints are no distributions: `wrist` resembles `list`.
     """
     return len(table) == 1 and all(
         key in FORMS
@@ -103,12 +104,13 @@ def _is_distribution(table: dict[str, Any]) -> bool:
 
 
 def _effects(raw: Any, info: ValidationInfo) -> Axis:
+    # Reads the axis of effects of a fault.
     try:
         return word_axis("effect", EFFECTS).axis(raw)
     except ValueError:
         if info.data.get("site") == "network":
             raise
-    # A message proposes only effects that the site takes.
+    # The message proposes only effects that this site supports.
     return word_axis("effect", [e for e in EFFECTS if e not in NETWORK_EFFECTS]).axis(raw)
 
 
@@ -122,54 +124,55 @@ else:
 
 
 class Fault(Section):
-    """[[group.fault]]: one fault of each run in the group. Each key except site takes a value, a
-    list or a distribution.
+    """[[group.fault]]: one fault of each run in the group. Each key except site may have a value,
+    a list or a distribution.
     """
 
     site: str
-    """where: a fault site, see `ravenjax faults`"""
+    """fault site at which the fault acts, see `ravenjax faults`"""
     arm: Arm | None = None
-    """gold or green; may be left out with one arm"""
+    """gold or green; may be left out if the campaign has one arm"""
     channel: Channel | None = None
-    """joint, axis or field of the site; "*": each of them; may be left out where it has one"""
+    """joint, axis or field of the site; "*": every channel, in different runs; may be left out if
+    the site has one channel"""
     effect: EffectName
-    """what becomes of the number, see Effects"""
+    """change of the signal, see Effects"""
     value: Value | None = None
-    """in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; lose: a
-    probability; stuck, drop and duplicate take none"""
+    """value of the effect, in the channel's unit; for scale a factor, for bit_flip the index of the
+    bit, for delay packets, for lose a probability; stuck, drop and duplicate have no value"""
     trigger: Trigger = fixed_axis("time")
-    """what start_ms counts from: time, packet or pedal"""
+    """clock of start_ms: time, packet or pedal"""
     start_ms: Onset
-    """onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase of the
-    operation, see Phases"""
+    """start of the fault: ms, packets or ms since pedal-down, depending on the trigger; or a
+    position in a phase of the operation, see Phases"""
     duration_ms: Duration = fixed_axis(END)
-    """length of the window, ms or packets; "end": until the run ends"""
+    """duration of the fault, ms or packets; "end": until the run ends"""
     every_ms: Repeat = fixed_axis(0)
-    """the window opens again after each, 0: never"""
+    """time after which the fault is repeated, from start to start; 0: no repetition"""
     period_ms: Repeat = fixed_axis(0)
-    """period of effect periodic, ms; of effect lose: length of each loss, 1 if left out"""
+    """for effect periodic the period, ms; for effect lose the duration of each loss, default 1"""
     wraps: bool = False
-    """a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is
-    refused, but at usb_out where campaign.dac_words is set"""
+    """permit values beyond 16 bits, which are stored modulo 2^16; otherwise such values are
+    refused, except at usb_out if campaign.dac_words is set"""
 
     @model_validator(mode="after")
     def _fits(self) -> Fault:
-        """Check the keys without a robot. Raises ValueError with a message that names the key."""
+        """Check rules that need no robot. Raise ValueError with a message that names the key."""
         if self.start_ms.phases and self.trigger.listed != ("time",):
             raise ValueError(
-                f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time': the"
-                " milliseconds of a phase count from the beginning of the run"
+                f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time',"
+                " because a phase is a time since the beginning of the run"
             )
         return self
 
     def axes(self) -> Iterator[tuple[str, Axis]]:
-        """Yield (key, axis) of each key that is present and takes an axis."""
+        """Yield (key, axis) of each key that may vary and has a value."""
         for name in Fault.model_fields:
             if isinstance(axis := getattr(self, name), Axis):
                 yield name, axis
 
     def channels(self, site: Site) -> Axis:
-        """Return the channels of the fault's site; "" if it names none and the site has several."""
+        """Return the channels of the fault; "" if none is named and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
             return fixed_axis(names[0] if len(names) == 1 else "")
@@ -177,14 +180,14 @@ class Fault(Section):
 
 
 class Run(Section):
-    """[[group.run]]: one run of a group with design = "list": the keys that differ from the
-    group's, with single values.
+    """[[group.run]]: one run of a group with design = "list". It has the keys that differ from
+    those of the group, with single values.
     """
 
     fault: tuple[
         dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...
     ] = ()
-    """per slot, the keys to replace"""
+    """for each fault of the group, the keys to replace"""
     parameters: dict[str, Number] = Field(default_factory=dict)
     """path = value"""
 
@@ -198,29 +201,30 @@ class Group(Section):
     """[[group]]: runs that share a design. A group without faults has fault-free runs."""
 
     name: str = Field(min_length=1)
-    """names the group in tables and report"""
+    """name of the group in tables and in the report"""
     design: Design = "grid"
     """how lists and distributions become runs"""
     runs: int | None = Field(default=None, ge=1, le=100_000_000)
-    """how many are drawn; of designs random, lhs, sobol, and only there"""
+    """number of runs to draw; only for designs random, lhs and sobol"""
     repeats: int = Field(default=1, ge=1, le=1_000_000)
-    """number of repeats of each run, each with other seeds"""
+    """number of repeats of each run, each with another seed"""
     fault: tuple[Fault, ...] = Field(default=(), max_length=MAX_SLOTS)
-    """faults that act in the same run; none: fault-free runs"""
+    """faults that act in the same run; without faults the runs are fault-free"""
     run: tuple[Run, ...] = ()
-    """the runs of design list"""
+    """runs of design list"""
     parameters: dict[str, Number] = Field(default_factory=dict)
-    """as [parameters], for this group alone"""
+    """as [parameters], only for this group"""
     cross: Cross = Field(default_factory=dict)
-    """as [cross], for this group alone"""
+    """as [cross], only for this group"""
 
     @model_validator(mode="before")
     @classmethod
     def _flat(cls, raw: Any) -> Any:
-        # In a file, groups that name hazards are replaced by plain groups before this check.
+        # In a file, groups that name hazards were replaced by ordinary groups before this check.
         if isinstance(raw, dict) and "hazards" in raw:
             raise ValueError(
-                'a group that names hazards is a dict in Python: {"name": .., "hazards": [..]}'
+                'in Python, write a group that names hazards as a dict: {"name": .., "hazards":'
+                " [..]}"
             )
         return flatten_parameters(raw)
 
@@ -228,25 +232,26 @@ class Group(Section):
     def _design(self) -> Group:
         # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
-            raise ValueError(f"design = {self.design!r} needs runs, the number of runs to draw")
+            raise ValueError(f"design = {self.design!r} needs the key runs, a number of draws")
         if self.design not in SAMPLED and self.runs is not None:
             raise ValueError(
-                f"design = {self.design!r} sets the number of runs itself: remove runs, or use"
-                " repeats"
+                f"design = {self.design!r} determines the number of runs: remove the key runs, or"
+                " use repeats"
             )
         if (self.design == "list") != bool(self.run):
             raise ValueError(
                 "design = 'list' needs at least one [[group.run]]"
                 if self.design == "list"
-                else f"[[group.run]] belongs to design = 'list', got design = {self.design!r}"
+                else f"[[group.run]] needs design = 'list', got design = {self.design!r}"
             )
         for r, run in enumerate(self.run):
             if len(run.fault) > len(self.fault):
                 raise ValueError(
-                    f"run[{r}].fault: got {len(run.fault)} faults, the group has {len(self.fault)}"
+                    f"run[{r}].fault: got {len(run.fault)} faults, but the group has"
+                    f" {len(self.fault)}"
                 )
             if drawn := [path for path, axis in run.parameters.items() if axis.kind != "fixed"]:
-                raise ValueError(f"run[{r}].parameters: {drawn[0]} takes a single value")
+                raise ValueError(f"run[{r}].parameters: {drawn[0]} needs a single value")
             try:
                 self.faults_of(run)
             except UserError as error:

@@ -1,6 +1,6 @@
-"""Finds and reads TOML files, and makes error messages that name a key's line.
+"""Reads TOML files and finds the line of a key, for error messages.
 
-tomllib does not provide line numbers, so this module finds them.
+The standard library's tomllib does not report line numbers.
 """
 
 import dataclasses
@@ -25,18 +25,18 @@ _PART = re.compile(r""""([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+)""")
 SUFFIX = ".toml"
 Key = tuple[str | int, ...]
 Complaint = tuple[Key, str]
-"""A key, and what is wrong with it."""
+"""A key of a file, and a message about a mistake."""
 
 MOST_COMPLAINTS = 12
-"""Number of complaints that are printed; further ones are only counted."""
+"""Number of mistakes that are printed; further mistakes are only counted."""
 
 
 def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
-    """Return the file that `path` names: as given, in ./`folder`, or a bundled one. `.toml` may be
-    left out.
+    """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
 
-    what: "campaign", "search" ..; listing: command that lists the bundled files, if the error does
-    not. Raises UserError.
+    The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
+    that lists the bundled files; if it is "", the error lists them. Raise UserError if no file is
+    found.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
@@ -51,9 +51,9 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     names = [file.stem for file in resources.list_resources(folder, f"*{SUFFIX}")]
     problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
     others = (
-        f"`{listing}` lists the bundled ones"
+        f"`{listing}` lists the bundled files"
         if listing
-        else f"bundled are {', '.join(names) or 'none'}"
+        else f"bundled files are {', '.join(names) or 'none'}"
     )
     raise UserError(
         f"{path}: {problem}; {others}{suggest_name(name.name.removesuffix(SUFFIX), names)}"
@@ -61,9 +61,9 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
 
 
 def require_path(name: str, value: Any, of: str) -> Path:
-    """Return the path that a caller gave as argument `name`. of: what it should be the path of.
+    """Return the value of argument `name` as a path. of: kind of file, for the message.
 
-    Raises UserError.
+    Raise UserError for a value that is no path.
     """
     if not isinstance(value, str | os.PathLike) or not str(value):
         raise UserError(f"{name} is {format_value(value)}, expected the path of {of}")
@@ -71,9 +71,9 @@ def require_path(name: str, value: Any, of: str) -> Path:
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the tables of a TOML file, and its text. Raises UserError."""
+    """Return the tables of a TOML file, and its text. Raise UserError if it is not valid."""
     try:
-        # Some editors write a byte order mark first.
+        # Some editors write a byte order mark at the beginning.
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read: {error}. Expected a TOML file in UTF-8") from None
@@ -81,10 +81,10 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; `name` describes the text in errors. Raises UserError."""
+    """Return the tables of a TOML text. name: its file, for the message of UserError."""
     try:
         return tomllib.loads(text)
-    # tomllib also raises ValueError where a number has thousands of digits.
+    # tomllib also raises ValueError for a number with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
@@ -92,7 +92,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
 def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
     """Return the message for a pydantic error in a table of this model.
 
-    hint: where an unknown key belongs.
+    hint: text about the table to which an unknown key belongs.
     """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
@@ -123,7 +123,7 @@ def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
 def format_key(key: Key) -> str:
     """Return a key as text, such as `group[0].fault[1].site`.
 
-    A part that contains dots reads the same as nested tables.
+    Dots may also come from a part that contains dots, such as the path of a parameter.
     """
     text = ""
     for part in key:
@@ -136,10 +136,10 @@ def format_key(key: Key) -> str:
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Return the line number, from 1, of each table header and key, by dotted key.
+    """Return the line number, from 1, of each table header and key of a TOML text.
 
-    Entries of arrays of tables count from 0. Keys inside inline tables and multi-line strings have
-    no line: use `nearest_line`.
+    Keys have the form of `format_key`. Keys inside inline tables and multi-line strings have no
+    line; use `nearest_line` for these.
     """
     numbers: dict[str, int] = {}
     counts: dict[Key, int] = {}
@@ -156,7 +156,7 @@ def key_lines(text: str) -> dict[str, int]:
 
 
 def nearest_line(found: dict[str, int], key: Key) -> int | None:
-    """Return the line of `key`, or of the closest table or key around it."""
+    """Return the line of `key`, or of the innermost table or key that contains it."""
     for length in range(len(key), 0, -1):
         if format_key(key[:length]) in found:
             return found[format_key(key[:length])]
@@ -168,9 +168,9 @@ def _parts(dotted: str) -> Key:
 
 
 def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
-    """Return the key of the table that a header opens.
+    """Return the key of the table whose header has these parts.
 
-    A part that names an array of tables means its latest entry.
+    A part that names an array of tables means its last entry so far.
     """
     key: Key = ()
     for i, part in enumerate(parts):
@@ -184,18 +184,18 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
 
 @dataclasses.dataclass
 class Where:
-    """Turns (key, message) into an error's line, which names the file and line, or the override."""
+    """Makes error messages that name the file and the line, or the override `--set`."""
 
-    source: Path | None
-    lines: dict[str, int]
-    replaced: Sequence[Key]
-    # For each group, the number of the group in the file that it comes from.
+    source: Path | None  # the campaign file
+    lines: dict[str, int]  # line of each key, from `key_lines`
+    replaced: Sequence[Key]  # keys of overrides
+    # For each group after the expansion of hazards, the number of its group in the file.
     written: Sequence[int] = ()
-    names: Sequence[str] = ()  # of each group
-    groups: Sequence[Any] = ()  # as written in the file
+    names: Sequence[str] = ()  # name of each group after the expansion
+    groups: Sequence[Any] = ()  # the groups of the file
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
-        """Return all complaints as one error, in the order of the file, without repetitions."""
+        """Return one error with all messages, in the order of the file, without repetitions."""
         unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
         in_order = sorted(unique, key=lambda complaint: nearest_line(self.lines, complaint[0]) or 0)
         rows = [
@@ -206,10 +206,9 @@ class Where:
         return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
 
     def _in_file(self, key: Key, message: str) -> Complaint:
-        """Return a complaint with the key that is written in the file.
+        """Return a complaint with a key that is in the file.
 
-        If the fault comes from the hazard library, the complaint names the hazard and the deciding
-        key of the group.
+        For a fault of the hazard library, this is a key of the group that names the hazard.
         """
         match key:
             case ("group", int(place), *rest) if place < len(self.written):
@@ -225,9 +224,9 @@ class Where:
         return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
 
     def _place(self, key: Key) -> str:
-        # Where a key was written: `--set`, or file and line; "" for tables from Python.
+        # Returns where a key was written: `--set`, or file and line; "" for tables from Python.
         text, replaced = format_key(key), [format_key(key) for key in self.replaced]
-        # Where the file does not have a table, an override has opened it.
+        # An override may create a table that the file does not have.
         inner = () if text in self.lines else (f"{text}.", f"{text}[")
         if any(text.startswith(other) or other.startswith(inner) for other in replaced):
             return "--set: "

@@ -1,4 +1,4 @@
-"""Applies overrides such as `--set key.path=value` to a campaign file's tables."""
+"""Changes values of a campaign file from the command line, as in `--set campaign.limit=100`."""
 
 import tomllib
 from collections.abc import Sequence
@@ -9,11 +9,11 @@ from ravenjax.campaign.file.location import Key
 from ravenjax.errors import UserError, format_value, suggest_name
 
 MOST_PARTS = 24
-"""Largest number of keys in the path of an override. No table of a file is as deeply nested."""
+"""Largest number of keys in the path of an override. Tables of a file are less deeply nested."""
 
 
 def check_overrides(overrides: Sequence[str]) -> Sequence[str]:
-    """Return the overrides. Raises UserError unless they are a list of strings."""
+    """Return the overrides. Raise UserError unless they are a list of texts."""
     if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
         raise UserError(
             f"overrides are {format_value(overrides)}, expected a list of texts such as"
@@ -23,10 +23,10 @@ def check_overrides(overrides: Sequence[str]) -> Sequence[str]:
 
 
 def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
-    """Return `raw` with every override `key.path=value` applied, and their keys.
+    """Apply overrides `key.path=value` to the tables `raw`. Return the new tables and the keys.
 
-    A value is TOML or plain text. Entries of arrays are given by number or name. Raises UserError,
-    also as `check_overrides`.
+    A value is TOML or plain text. Entries of arrays have a number or a name. Raise UserError for an
+    override that cannot be applied.
     """
     keys = []
     for override in check_overrides(overrides):
@@ -56,7 +56,7 @@ def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[A
         entry, key = _entered(table[index], rest, value, override)
         return [*table[:index], entry, *table[index + 1 :]], (index, *key)
     if not isinstance(table, dict):
-        raise UserError(f"--set {override}: {head!r} is no key of the value {format_value(table)}")
+        raise UserError(f"--set {override}: {format_value(table)} is a value without key {head!r}")
     table = flatten_parameters(table)
     # Paths of parameters contain dots.
     if head in PATHS and rest:
@@ -73,7 +73,7 @@ def _index(table: list[Any], part: str, override: str) -> int:
     if part.isdecimal() and int(part) < len(table):
         return int(part)
     expected = f"a number 0..{len(table) - 1}" + (
-        f" or a name of {', '.join(map(str, names))}" if any(names) else ""
+        f" or one of the names {', '.join(map(str, names))}" if any(names) else ""
     )
     raise UserError(
         f"--set {override}: got {part!r}, expected"

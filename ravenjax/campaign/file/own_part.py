@@ -15,24 +15,24 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def require_identifier(name: str) -> str:
-    """Return the name. Raises ValueError if it cannot be part of a parameter's path."""
+    """Return the name. Raise ValueError if it cannot be part of a parameter's path."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or keyword.iskeyword(name):
         raise ValueError(
-            f"name = {name!r}, expected letters, digits and _, a letter first, because it is part"
-            " of parameter paths"
+            f"got name = {name!r}, expected only letters, digits and _, with a letter first,"
+            " because paths of parameters contain the name"
         )
     return name
 
 
 OwnName = Annotated[str, AfterValidator(require_identifier), Field(max_length=60)]
-"""The name of a user's part."""
+"""The name of a user's check, detector or harm."""
 
 SHA256 = "^[0-9a-f]{64}$"
 """Pattern of the hash that identifies the content of a file."""
-CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"
-"""Description of a key that holds such a hash; the file's name precedes it."""
-Sha256 = Annotated[str | None, Field(pattern=SHA256, description=f"of that file {CONTENT}")]
-"""The hash of the file of a table."""
+CONTENT = "and the files of its folder that it loads. Other content is refused; default: accept any"
+"""Description of a key with such a hash, after the name of the file."""
+Sha256 = Annotated[str | None, Field(pattern=SHA256, description=f"hash of that file {CONTENT}")]
+"""The hash of a user's Python file."""
 
 AnySection = TypeVar("AnySection", bound=Section)
 
@@ -40,10 +40,10 @@ _KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """Return the code of a file. It is read again if it or a file that it imports has changed.
+    """Return the code of a user's file. A changed file is read again.
 
-    what: kind of the part. Raises UserError if the file is unusable, its code must not run
-    (`consent`), or its content does not match `sha256`.
+    what: "check" or "detector". Raise UserError if the file cannot be used, if the user has not
+    agreed to run it (`consent`), or if its content does not match `sha256`.
     """
     key = name, file.absolute(), what
     code = _KNOWN.get(key)
@@ -51,8 +51,8 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
         code = _KNOWN[key] = part.read_source(*key, consent.require_consent)
     if sha256 not in (None, own := part.hash_source(code)):
         raise UserError(
-            f"{file}: has changed since (sha256 {own[:16]}, expected {sha256[:16]}). "
-            "Restore it, or run the campaign into another folder"
+            f"{file}: has changed since the campaign began (sha256 {own[:16]}, expected"
+            f" {sha256[:16]}). Restore it, or run the campaign into another folder"
         )
     return code
 
@@ -60,9 +60,9 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
 def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """Return a table with its file located in `folder` and the hash of its content.
+    """Return a table with the absolute path of its file, which is in `folder`, and its hash.
 
-    key, sha256: the table's keys of both.
+    key, sha256: names of the keys for the path and the hash.
     """
     file: Path | None = getattr(table, key)
     if file is None:

@@ -1,6 +1,5 @@
-"""Defines the base class of a campaign file's tables: a pydantic model that Python code can also
-construct.
-"""
+"""Defines the base class of all tables of a campaign file: a pydantic model that Python code can
+also construct."""
 
 import dataclasses
 import os
@@ -15,7 +14,9 @@ from ravenjax.errors import describe_unknown_name, format_value
 
 
 class _SectionClass(type(BaseModel)):
-    """Metaclass that accepts NumPy values and words errors like those of a file."""
+    """Metaclass of tables that Python code constructs. It accepts NumPy values and raises UserError
+    with the messages of a file.
+    """
 
     if not TYPE_CHECKING:
 
@@ -33,9 +34,9 @@ class _SectionClass(type(BaseModel)):
 
 
 def _typed(schema: Any) -> Any:
-    """Return a core schema in which a text is no number, and true and false are of their own type.
+    """Return a pydantic schema that does not convert types, as JSON Schema.
 
-    Pydantic would take "3" and true for numbers, and "yes" for true. JSON Schema does not.
+    Pydantic would accept "3" and true as numbers, and "yes" as true.
     """
     if isinstance(schema, list | tuple):
         return type(schema)(map(_typed, schema))
@@ -56,7 +57,7 @@ def _number(raw: Any) -> Any:
 
 
 class Section(BaseModel, metaclass=_SectionClass):
-    """A table of the file. It is frozen and refuses unknown keys."""
+    """A table of a file. It is immutable and refuses unknown keys."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -68,7 +69,7 @@ class Section(BaseModel, metaclass=_SectionClass):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Put each description, which is a docstring of several lines, on one line."""
+        """Put the description of each key, a docstring of several lines, on one line."""
         for field in cls.model_fields.values():
             field.description = field.description and " ".join(field.description.split())
 
@@ -78,9 +79,10 @@ class Section(BaseModel, metaclass=_SectionClass):
 
 
 def toml_value(value: Any) -> Any:
-    """Convert a value to what TOML has: lists for arrays, tuples and ranges, no key that is None.
+    """Convert a value to types of TOML. Arrays, tuples and ranges become lists; keys that are None
+    are removed.
 
-    A value that TOML cannot hold is kept, so that a later check refuses it.
+    Other values are returned unchanged. A later check refuses them.
     """
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)
@@ -114,9 +116,9 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OneOf:
-    """Annotation of a text that must be one of some names."""
+    """Annotation of a text that must be one of these names."""
 
-    what: str
+    what: str  # kind of name, for messages
     names: Collection[str]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:

@@ -1,7 +1,7 @@
-"""Defines the sections of a campaign file for every robot: [campaign], [haptics], [[detector]],
-[[check]], [outcomes], [stop].
+"""Defines the sections of a campaign file that every robot has, as pydantic models.
 
-The models define keys, units and ranges. `group` defines groups of runs.
+They are [campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. The models define
+keys, units and ranges. The module `group` defines groups of runs.
 """
 
 from __future__ import annotations
@@ -25,43 +25,42 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 class CampaignSection(Section):
-    """[campaign]: keys that hold for every run. A robot may have further keys."""
+    """[campaign]: keys for all runs. A robot may have further keys."""
 
     robot: str = robots.DEFAULT
-    """kind of robot, or the Python module that declares ROBOT"""
+    """name of the robot, or the Python module that declares ROBOT"""
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
-    """short name; also names the default output folder"""
+    """short name, also of the default output folder"""
     description: str = ""
-    """what the campaign asks"""
+    """purpose of the campaign"""
     seed: int = Field(default=0, ge=0, lt=2**31)
     """seed of designs, noise and random effects"""
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0)
-    """length of each run, s"""
+    """duration of each run, s"""
     observe_ms: int | None = Field(default=None, ge=1, le=3_600_000)
-    """end each run this long after its last fault ended, with the outcomes up to then. Left out,
-    each run lasts for duration_s. So does a run whose faults have no certain end: a fault that
-    lasts, or one that counts time in pedal-down where a fault may move the pedal"""
+    """time between the end of a run's last fault and the end of the run. Default: runs last for
+    duration_s. So do runs whose last fault has no known end: a fault that never ends, or a fault
+    that counts time in pedal-down if a fault may change the pedal"""
     arms: tuple[str, ...] = Field(
         default_factory=lambda known: robots.find_robot(known["robot"]).arms[:1], min_length=1
     )
     """arms, in order"""
     noise: bool = False
-    """draw the robot's noise, a new draw for each run"""
+    """draw the robot's noise at random, with other numbers in each run"""
     limit: int | None = Field(default=None, ge=1)
-    """compute only this many runs, the first ones; a later start with more, or with all,
-    continues
-    """
+    """compute only the first runs, this many; the same campaign with a larger limit continues"""
     chunk: int | None = Field(default=None, ge=1, le=1_000_000)
-    """rows per Parquet part; default: by the number of runs"""
+    """number of runs in each Parquet file; the default depends on the number of runs"""
 
     @property
     def ticks(self) -> int:
-        """Control cycles per run, 1 ms each."""
+        """Number of control cycles of a run, 1 ms each."""
         return round(self.duration_s * 1000.0)
 
     @field_validator("duration_s")
     @classmethod
     def _whole_ms(cls, duration: float) -> float:
+        # A run consists of ticks of 1 ms.
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
@@ -72,7 +71,7 @@ class CampaignSection(Section):
 
 
 class CueSet(NamedTuple):
-    """One haptic threshold and gain set, in SI and device units."""
+    """One haptic set: threshold and gains of the cue, in SI and device units."""
 
     threshold_m: float
     kp: float  # device units per m
@@ -82,7 +81,7 @@ class CueSet(NamedTuple):
 
 _Item = TypeVar("_Item")
 OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
-"""Annotation for the JSON Schema: a file may write one value in place of a list of one."""
+"""Annotation for the JSON Schema of a list. A single value is accepted in place of a list."""
 
 
 def _listed(raw: Any) -> Any:
@@ -95,17 +94,17 @@ _Numbers = Annotated[
     BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]),
     Field(min_length=1),
 ]
-"""A number or a list of numbers, none negative."""
+"""A number of at least 0, or a list of such numbers."""
 
 MOST_CUES = 256
-"""Largest number of haptic sets. Each costs every run some time and four columns."""
+"""Largest number of haptic sets. Each set adds time to every run, and four columns."""
 
 
 class Haptics(Section):
-    """[haptics]: the cue's thresholds and gains, all evaluated in the same run."""
+    """[haptics]: thresholds and gains of the haptic cue. All are evaluated in the same run."""
 
     threshold_mm: _Numbers = (PUBLISHED_CUE_MM,)
-    """tip distance above which the cue pulls, mm"""
+    """distance of the tip from the nominal model above which the cue is on, mm"""
     kp_per_mm: _Numbers = (0.0045,)
     """spring, device units per mm"""
     kd_per_mm_s: _Numbers = (0.00009,)
@@ -113,10 +112,11 @@ class Haptics(Section):
     cap: _Numbers = (0.05,)
     """largest force, device units"""
     combine: Literal["grid", "zip"] = "grid"
-    """grid: every combination; zip: side by side"""
+    """grid: every combination of the lists; zip: one set for each position in the lists"""
 
     @model_validator(mode="after")
     def _same_length(self) -> Haptics:
+        # Checks how the lists of settings combine to haptic sets, and their number.
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
             raise ValueError(
@@ -136,7 +136,7 @@ class Haptics(Section):
         return self.model_dump(exclude={"combine"})
 
     def cues(self) -> tuple[CueSet, ...]:
-        """Every haptic set, in the order of the lists. The last list varies fastest."""
+        """Return all haptic sets. The last list varies fastest."""
         lists = list(self._lists().values())
         if self.combine == "zip":
             longest = max(len(values) for values in lists)
@@ -151,18 +151,18 @@ class Haptics(Section):
 
 
 MOST_THRESHOLDS = 64
-"""Largest number of thresholds of a detector. Each costs every run some time and two columns."""
+"""Largest number of thresholds of a detector. Each adds time to every run, and two columns."""
 
 _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
 class Detector(Section):
-    """[[detector]]: a detector that observes the runs and is scored. If `fusion` or `consecutive`
-    is a list, each pair of their values is one detector.
+    """[[detector]]: a detector, which observes the runs and may raise alarms. If `fusion` or
+    `consecutive` is a list, each combination of their values is one detector.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60)
-    """what it is called in tables"""
+    """name of the detector in tables"""
     kind: BuiltInKind | None = Field(
         default=None,
         description="; ".join(
@@ -170,39 +170,43 @@ class Detector(Section):
         ),
     )
     file: Path | None = None
-    """in place of kind: a Python file with a detector of your own, from this file's folder"""
+    """instead of kind: a Python file with your own detector, relative to the campaign file"""
     sha256: own_part.Sha256 = None
     acts: Literal["watch", "stop"] = "watch"
-    """of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond
-    later"""
+    """only with file: watch, or stop: an alarm at the first threshold presses the E-stop a
+    millisecond later"""
     fusion: Annotated[
         tuple[Fusion, ...],
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]),
         Field(min_length=1),
     ] = ("all",)
-    """of steps: which of the three must be over; all, two, any, or one of them alone"""
+    """only for kind steps: how many of its three signals must exceed their thresholds: all, two,
+    any, or the named signal alone"""
     consecutive: Annotated[
         tuple[_UpTo8, ...],
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
         Field(min_length=1),
     ] = (1,)
-    """milliseconds in a row above the threshold that make an alarm, 1 to 8"""
+    """number of consecutive ms above the threshold that raise an alarm, 1 to 8"""
     threshold: Annotated[_Numbers, Field(max_length=MOST_THRESHOLDS)] = (1.0,)
-    """alarm above it; all evaluated in the same run"""
+    """scores above which an alarm is raised; all are evaluated in the same run"""
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
+        # Checks that the keys of a detector can be used together.
         if (self.kind is None) == (self.file is None):
             got = "neither" if self.file is None else "both"
-            raise ValueError(f"expected one of kind (built in) and file (your own), got {got}")
+            raise ValueError(
+                f"expected one of the keys kind (built-in detector) and file (your own), got {got}"
+            )
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
-            raise ValueError("acts and sha256 belong to a detector with a file: remove them")
+            raise ValueError("the keys acts and sha256 need the key file: remove them")
         if self.file is not None:
             own_part.require_identifier(self.name)
         if self.kind != "steps" and self.fusion != ("all",):
             raise ValueError(
-                f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind"
-                f" {self.kind or 'file'!r}: remove it"
+                f"fusion = {list(self.fusion)} needs kind 'steps', got kind"
+                f" {self.kind or 'file'!r}: remove the key"
             )
         return self
 
@@ -229,7 +233,7 @@ class Detector(Section):
     def part(self) -> OwnSource | None:
         """Return the code of the detector's file; None for a built-in detector.
 
-        Raises UserError for a file that is unusable or changed.
+        Raise UserError for a file that cannot be used or was changed.
         """
         if self.file is None:
             return None
@@ -240,50 +244,50 @@ class OwnCheck(Section):
     """[[check]]: a check of your own inside the control loop. It acts in the same millisecond."""
 
     name: own_part.OwnName
-    """what it is called in tables, where its columns are check_own_NAME_.."""
+    """name of the check in tables; its columns are check_own_NAME_.."""
     file: Path
-    """a Python file with the check, from this file's folder"""
+    """Python file with the check, relative to the campaign file"""
     sha256: own_part.Sha256 = None
     at: str
     """seam at which the check acts"""
     acts: Action = Field(
         default="watch",
-        description="what it does when it trips, by the robot's own means; "
+        description="action of the check when it trips; "
         + "; ".join(f"{word}: {meaning}" for word, meaning in DOES.items()),
     )
     threshold: float = Field(default=1.0, ge=0.0, le=1e6)
-    """it trips above it; varied as checks.threshold.NAME"""
+    """score above which the check trips; its parameter is checks.threshold.NAME"""
     consecutive: int = Field(default=1, ge=1, le=8)
-    """milliseconds in a row above the threshold in which it trips from then on"""
+    """number of consecutive ms above the threshold before the check trips"""
 
     @property
     def part(self) -> OwnSource:
-        """The code of its file. Raises UserError for one that is unusable or changed."""
+        """Code of the check's file. Raise UserError if it cannot be used or was changed."""
         return own_part.part_source(self.name, self.file, self.sha256, "check")
 
     @property
     def use(self) -> CheckUse:
-        """Return the check as the tick uses it. Raises UserError as `part`."""
+        """Return the check in the form that the tick uses. Raise UserError as `part`."""
         return CheckUse(self.name, self.part, self.at, self.acts, self.consecutive)
 
     @property
     def check(self) -> Check:
-        """Return the check as the result table describes it."""
+        """Return the check in the form that the result table uses."""
         return of_own(self.name, self.at, self.acts)
 
 
 class OwnHarm(Section):
-    """[[harm]]: a harm of your own. It begins in the first millisecond in which its expression is
-    true, also if it comes without a fault.
+    """[[harm]]: a harm that you define. It begins in the first millisecond in which its expression
+    is true, even in a run without a fault.
     """
 
     name: own_part.OwnName
-    """what it is called in tables, where its columns are harm_NAME_.."""
+    """name of the harm in tables; its columns are harm_NAME_.."""
     when: str
     """expression over signals and time, such as `depth > 2 and once[0:100](speed > 50)`"""
     counts: Literal["joins", "replaces", "watch"] = "joins"
-    """joins: an unintended motion beyond the limit is harm, too; replaces: it is not; watch: the
-    harm has columns and decides nothing"""
+    """joins: this harm and unintended motion beyond the limit both count; replaces: only this harm
+    counts; watch: this harm has columns, but does not count"""
 
     @field_validator("when")
     @classmethod
@@ -293,53 +297,56 @@ class OwnHarm(Section):
 
     @property
     def use(self) -> harm.HarmUse:
-        """The harm as the tick uses it."""
+        """The harm in the form that the tick uses."""
         return harm.HarmUse(self.name, self.when, self.counts)
 
 
 class Outcomes(Section):
-    """[outcomes]: the haptic set and the limit that decide the verdict, and the rule for jumps."""
+    """[outcomes]: the haptic set and the limit for verdicts, and the rule for jumps."""
 
     jump: Literal["code", "text"] = "code"
-    """code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text:
-    true tip > large_jump_mm within 2 ms"""
+    """code: the measured tip moves more than jump_step_mm in two consecutive packets, and that of
+    the golden run does not; text: the true tip moves more than large_jump_mm within 2 ms"""
     cue: int = Field(default=0, ge=0)
-    """number of the haptic set, from 0"""
+    """number of the haptic set for the verdict, from 0"""
     jump_step_mm: float = Field(default=0.1, gt=0.0, le=1000.0)
-    """of rule code: step of the measured tip per packet, mm"""
+    """for rule code: motion of the measured tip per packet, mm"""
     large_jump_mm: float = Field(default=1.0, gt=0.0, le=1000.0)
-    """of rule text: motion of the true tip within 2 ms, mm"""
+    """for rule text: motion of the true tip within 2 ms, mm"""
     limit_mm: float = Field(default=LIMIT_MM, gt=0.0, le=1000.0)
-    """a motion, or an error of the report, of more than this is a hazard, mm"""
+    """unintended motion, or error of the reported tip, above which a run has a hazard, mm"""
 
 
 class Stop(Section):
     """[stop]: stop the campaign early, at one of the looks, when every rate is precise enough.
 
-    Groups without faults are computed as a whole and not judged.
+    Groups without faults are always computed as a whole.
     """
 
     half_width: float = Field(gt=0.0, lt=0.5)
-    """stop once each rate is known within +- this fraction"""
+    """wanted precision: half of the width of each rate's interval, as a fraction"""
     rates: tuple[Annotated[str, OneOf("rate", events.EVENTS)], ...] = Field(
         default=("evades", "unintended_motion"), min_length=1
     )
-    """which rates"""
+    """rates that must be precise"""
     of: Literal["groups", "whole"] = "groups"
-    """groups: the rates of each group; whole: those of the whole table"""
+    """groups: the rates of each group; whole: the rates of the whole table"""
     looks: tuple[float, ...] = Field(
         default=tuple(round(10 ** (number / 10), 3) for number in range(-20, 1)),
         min_length=1,
         max_length=100,
     )
-    """shares of each group after which one looks, increasing; no more than the last is computed"""
+    """shares of each group after which rates are examined, increasing; the last share is the
+    largest that is computed"""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
-    """with which all intervals hold together, at any time"""
+    """probability that all intervals are correct at all times"""
     allocation: Literal["proportional", "neyman"] = "proportional"
-    """proportional: as many of each group; neyman: after the first look where it narrows most"""
+    """proportional: the same share of each group; neyman: after the first look, more runs of groups
+    in which they narrow the intervals most"""
 
     @model_validator(mode="after")
     def _increasing(self) -> Stop:
+        # Checks the shares of the runs after which the stopping rule is evaluated, and the rates.
         if (
             list(self.looks) != sorted(set(self.looks))
             or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0
@@ -348,5 +355,5 @@ class Stop(Section):
                 f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1"
             )
         if len(set(self.rates)) < len(self.rates):
-            raise ValueError(f"rates = {list(self.rates)}, expected each once")
+            raise ValueError(f"rates = {list(self.rates)}, expected each rate once")
         return self

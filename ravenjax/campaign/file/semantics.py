@@ -1,6 +1,6 @@
-"""Checks rules of a campaign that involve two sections or the fault sites of its robot.
+"""Checks rules of a campaign file that involve several sections, or the fault sites of the robot.
 
-`bounds` checks parameters.
+The module `bounds` checks ranges of parameters.
 """
 
 import itertools
@@ -20,11 +20,11 @@ from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_v
 from ravenjax.vocabulary.sites import Channel, Site
 
 LARGEST = 3.4028234663852886e38
-"""Largest value, because values are stored in single precision."""
+"""Largest number of single precision, in which values are stored."""
 
 
 def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
-    """Yield (key, message) of each error in a config of valid shape."""
+    """Yield (key, message) of each mistake in a campaign whose keys have valid types."""
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
         yield (
@@ -36,18 +36,18 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
     if cue >= sets:
         yield (
             ("outcomes", "cue"),
-            f"got {cue}, expected 0..{sets - 1}: [haptics] makes {sets} sets",
+            f"got {cue}, expected 0..{sets - 1}, because [haptics] has {sets} sets",
         )
     if config.stop is not None:
         if "cable_overload" in config.stop.rates and not config.watches_cables:
             yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
         if not any(group.fault for group in config.group):
-            yield ("stop",), "no group has a fault that it could judge; remove it"
+            yield ("stop",), "has no effect, because no group has a fault; remove [stop]"
         if (limit := config.campaign.limit) is not None:
             yield (
                 ("stop",),
-                f"campaign.limit = {limit} would cut the groups that the looks are shares of; to"
-                " compute less write a smaller last look, such as looks = [0.01, 0.05]",
+                f"campaign.limit = {limit} would shorten the groups, but looks are shares of whole"
+                " groups. To compute less, write a smaller last look, such as looks = [0.01, 0.05]",
             )
     for c, check in enumerate(config.check):
         if check.at not in config.robot.check_seams:
@@ -56,13 +56,16 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
                 describe_unknown_name("seam", check.at, config.robot.check_seams),
             )
         if check.name in names:
-            yield ("check", c, "name"), f"got {check.name!r}, which is an arm: take another name"
+            yield (
+                ("check", c, "name"),
+                f"got {check.name!r}, the name of an arm; write another name",
+            )
     for g, group in enumerate(config.group):
         yield from ((("group", g, *key), message) for key, message in _group(config, group))
 
 
 def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
-    # Yields complaints about a group that need the robot: sites, channels, and lengths of lists.
+    # Yields mistakes of a group: sites and channels that the robot lacks, and lengths of lists.
     runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
@@ -71,7 +74,7 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
     axes = {**config.parameters, **group.parameters}
     drawn = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
     if len(drawn) > 1:
-        yield ("parameters",), f"together takes lists of one length, got lengths {sorted(drawn)}"
+        yield ("parameters",), f"together needs lists of one length, got lengths {sorted(drawn)}"
     for f, fault in enumerate(group.fault):
         axes |= {f"fault[{f}].{name}": axis for name, axis in fault.axes()}
         if fault.site in config.robot.sites:
@@ -82,7 +85,7 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
 
 
 def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
-    # Yields complaints about one fault, as (key, message).
+    # Yields mistakes of one fault, as (key, message).
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
@@ -93,10 +96,10 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
     valued = [effect for effect in effects if effect not in WITHOUT_VALUE]
     if fault.value is None and valued:
         wrong.append(
-            ("value", f"missing: effect {valued[0]!r} takes a value ({EFFECTS[valued[0]].meaning})")
+            ("value", f"missing: effect {valued[0]!r} needs a value ({EFFECTS[valued[0]].meaning})")
         )
     if fault.value is not None and not valued:
-        wrong.append(("value", f"effect {effects[0]!r} takes no value: remove the key"))
+        wrong.append(("value", f"effect {effects[0]!r} has no value: remove the key"))
     if "periodic" in effects and 0 in fault.period_ms.values:
         wrong.append(("period_ms", "effect 'periodic' needs a period of at least 1 ms"))
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
@@ -116,14 +119,14 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
 def _place(
     config: CampaignConfig, fault: Fault, site: Site, paired: bool
 ) -> Iterator[tuple[str, str]]:
-    """Check the arm and the channel, and that no effect belongs to another site."""
+    """Yield mistakes in the arm, the channel, and effects that another site needs."""
     arms = config.campaign.arms
     if fault.arm is not None and not site.per_arm:
-        yield "arm", f"site {site.name} belongs to no arm: remove the key"
+        yield "arm", f"site {site.name} is not part of an arm: remove the key"
     elif fault.arm is None and site.per_arm and len(arms) > 1:
         yield (
             "arm",
-            f"missing: site {site.name} is on each arm; write one of {', '.join(arms)} or a list",
+            f"missing: each arm has a site {site.name}; write one of {', '.join(arms)} or a list",
         )
     elif strays := [arm for arm in (fault.arm.listed if fault.arm else ()) if arm not in arms]:
         yield (
@@ -133,7 +136,7 @@ def _place(
         )
     network = [effect for effect in fault.effect.listed if effect in NETWORK_EFFECTS]
     if network and site.name != "network":
-        yield "effect", f"{network[0]!r} belongs to site 'network', got site {site.name!r}"
+        yield "effect", f"{network[0]!r} needs site 'network', got site {site.name!r}"
     names = [channel.name for channel in site.channels]
     channels = fault.channels(site).listed
     if channels == ("",):
@@ -165,17 +168,18 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
         end = f"{ticks} ms" if last == ticks - 1 else f"{last + 1} packets"
         yield (
             "start_ms",
-            f"got {max(listed)}, expected less than the run's {end}: it would never act. Write"
-            " an earlier start_ms, or a longer campaign.duration_s",
+            f"got {max(listed)}, expected less than {end}, the length of the run; the fault would"
+            " never act. Write an earlier start_ms, or a longer campaign.duration_s",
         )
 
 
 def find_unfit_values(
     config: CampaignConfig, group: Group, fault: Fault, beyond: bool
 ) -> Iterator[str]:
-    """Yield why a channel cannot take a value, or an end of a distribution, for each such value.
+    """Yield a message for each value of a fault, or end of its distribution, that the channel
+    cannot have.
 
-    beyond: values may exceed a 16-bit word.
+    beyond: permit values beyond 16 bits.
     """
     if fault.value is None:
         return
@@ -189,9 +193,9 @@ def find_unfit_values(
 
 
 def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, ...]]:
-    """Yield the combinations of values of some axes; a distribution is represented by its ends.
+    """Yield the combinations of values of several keys. A distribution is replaced by its ends.
 
-    paired: lists are combined element by element.
+    paired: combine lists element by element.
     """
     lists = [axis for axis in axes if paired and axis.kind == "list"]
     for row in range(max((len(axis.values) for axis in lists), default=1)):
@@ -208,11 +212,14 @@ def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, .
 def _misfit(
     site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return why a channel cannot take `value`, a value or an end of an axis; None if it can."""
+    """Return a message if a channel cannot have `value`, else None.
+
+    value: a value of `axis`, or an end of its distribution.
+    """
     if not abs(value) <= LARGEST:
         return (
-            f"got {format_value(value)}, expected a number of single precision, at most"
-            f" {LARGEST:.4g}"
+            f"got {format_value(value)}, expected a number of at most {LARGEST:.4g}, the largest of"
+            " single precision"
         )
     rule, drawn = legal_values(channel, effect, beyond), not axis.listed
     if drawn and rule.rounded:
@@ -233,7 +240,7 @@ def _misfit(
 
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
-    """Return the last `start_ms` at which a fault still acts in the run."""
+    """Return the largest `start_ms` at which a fault still acts in the run."""
     ticks = config.campaign.ticks
     if fault.trigger.listed != ("packet",):
         return ticks - 1
@@ -243,9 +250,9 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
-    """Return whether two runs of a group with equal rows and different seeds may differ.
+    """Return whether equal runs of a group with different seeds may have different outcomes.
 
-    Noise, packets or an effect may be random.
+    Noise, durations of packets or an effect may be random.
     """
     draws = (config.campaign.noise and not is_silent(config, group)) or config.random_packets
     return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)

@@ -13,10 +13,10 @@ measured with a filled cache of compiled code, measured with an empty cache, and
 | drawn_robots | 2.4 | 6.5 | 3.7 |
 | dsn16_a | 5.7 | 7.6 | 7.4 |
 
-A short measurement says how fast this machine is now (`measure_speed`). Engine cuda: 3.2 G ticks a
-second on an NVIDIA H200 (`analysis/engines/gpu.md`). Engines xla and mjx: 200 and 400 times
-slower than simd (`analysis/engines`). Expect the estimate to be right within a factor of two while
-the load of the machine stays the same.
+`measure_speed` measures the current speed of this machine. The model assumes that engine cuda
+computes 3.2e9 ticks per second, as on an NVIDIA H200 (`analysis/engines/gpu.md`), and that engines
+xla and mjx are 200 and 400 times slower than simd (`analysis/engines`). The estimate is usually
+right within a factor of two if the load of the machine stays the same.
 """
 
 import math
@@ -30,44 +30,47 @@ from ravenjax import threads
 from ravenjax.campaign.memory_windows import SHARED
 
 NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
-"""ns of a core per tick: for one arm with one fault site, and for the second arm."""
+"""Core time per simulated tick, ns: for one arm with one fault site, and for the second arm."""
 NS_SITE = 2.2
-"""ns per further fault site and arm."""
+"""Added core time per tick, ns, for each further fault site of an arm."""
 NS_CUE, NS_THRESHOLD = 0.8, 0.4
-"""ns per further haptic set, and per threshold of a detector."""
+"""Added core time per tick, ns, for each further haptic set, and for each detector threshold."""
 NS_SUBSTEP = 25.0
-"""ns per further plant step and arm."""
+"""Added core time per tick, ns, for each further integration step of one arm's dynamics."""
 UNSHARED = 2.6
-"""Factor on the work if the robots of a vector share no golden run, or if each operator reacts
-differently.
+"""Factor on the core time if runs computed in one SIMD vector share no golden run, or if the
+operator reacts to each fault.
 """
 NS_RUN = 12_000.0
-"""ns per run, for packing and writing its row."""
+"""Core time per run, ns, for preparing its input and writing its row of the result table."""
 PASSES_PER_S, MEASURED_S = 90_000.0, 0.2
-"""Passes of `measure_speed` per second on a core of the machine above, and length of the
-measurement, s.
+"""Loop passes of `measure_speed` per second on one core of the machine that the model was fitted
+on, and length of the measurement, s.
 """
 
 START_S, SITE_S, BRANCH_S = 3.1, 0.03, 0.3
-"""s: imports, planning, tracing and compiling; more for each fault site; the code that starts runs
-from snapshots. These lie between a filled and an empty cache.
+"""Time before the first run, s: imports, planning and compiling; addition for each fault site;
+compiling the code that starts runs in the middle of a golden run. The values lie between those
+with a filled and with an empty compile cache.
 """
 
 CUDA_TICKS_PER_S = 3.2e9
 SLOWER = {"xla": 200.0, "mjx": 400.0}
-"""Factor on the time of engine simd on the same CPU."""
+"""Time of these engines relative to engine simd on the same CPU."""
 
 MIB_BASE, MIB_SITE = 500.0, 1.5
-"""MiB: the process with its packages; each compiled fault site."""
+"""Memory, MiB: of the process with its imported packages; of each compiled fault site."""
 BYTES_RUN, BYTES_SLOT = 60.0, 35.0
-"""Bytes of the plan per run, and per fault slot of a run (91 with one slot: `analysis/scale`)."""
+"""Bytes of the planned fault table per run, and per fault of a run. The sum was measured as 91
+bytes for runs with one fault (`analysis/scale`).
+"""
 BYTES_SERIES = 24
 """Bytes of a golden run's time series per arm and tick."""
 MOST_SERIES_MIB = 1536.0
-"""MiB of time series that are held at a time: for two windows, and a copy if no two runs share a
-golden run.
+"""Largest memory of golden runs' time series, MiB; twice that with a GPU.
 
-Twice that with a GPU. See `computation`.
+`campaign.computation` keeps the series of two memory windows, and a copy if no two runs share a
+golden run.
 """
 
 BASIS = (
@@ -79,18 +82,18 @@ BASIS = (
 class CostFactors(NamedTuple):
     """The properties of a campaign that decide its cost."""
 
-    runs: int  # to compute
-    ticks: int  # of each run
+    runs: int  # number of runs to compute
+    ticks: int  # length of each run, ms
     # Golden runs that the runs are compared with.
     golden_runs: int
     arms: int = 1
     # Fault sites, summed over arms.
     sites: int = 1
-    slots: int = 1
-    cues: int = 1  # haptic sets
-    thresholds: int = 0  # of all detectors
-    substeps: int = 1
-    reacts: bool = False
+    slots: int = 1  # largest number of faults in a run
+    cues: int = 1  # number of haptic sets
+    thresholds: int = 0  # number of thresholds, summed over detectors
+    substeps: int = 1  # integration steps per tick
+    reacts: bool = False  # whether the operator reacts to faults
 
 
 class CostEstimate(NamedTuple):
@@ -104,9 +107,13 @@ class CostEstimate(NamedTuple):
 
 
 def measure_speed() -> float:
-    """Return how many cores of the measured machine this process gets now, all threads together."""
+    """Return the current speed of this process with all its threads.
 
-    def passes(_: int) -> int:
+    The unit is one core of the machine that the cost model was fitted on.
+    """
+
+    def count_passes(_: int) -> int:
+        # Counts how often this thread repeats an array computation in MEASURED_S.
         numbers, count = np.arange(2**14, dtype=np.float32), 0
         end = time.perf_counter() + MEASURED_S
         while time.perf_counter() < end:
@@ -114,7 +121,7 @@ def measure_speed() -> float:
             count += 1
         return count
 
-    counts = threads.map_in_threads(passes, range(len(os.sched_getaffinity(0))))
+    counts = threads.map_in_threads(count_passes, range(len(os.sched_getaffinity(0))))
     return sum(counts) / MEASURED_S / PASSES_PER_S
 
 
@@ -137,7 +144,7 @@ def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
 
 
 def tick_ns(work: CostFactors) -> float:
-    """Return ns of one core for a tick of one run."""
+    """Return the core time for one tick of one run, ns."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
     ns += (NS_SITE * max(0, work.sites - 1) + NS_SUBSTEP * (work.substeps - 1)) * work.arms

@@ -19,12 +19,12 @@ from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.errors import UserError, suggest_name
 
 ENGINES = ("simd", "xla", "cuda")
-"""Engines whose runs can be compared bit by bit.
+"""Engines whose runs can be compared bit by bit in every intermediate number of a tick.
 
-They compute links by single numbers, like the other parts of the tick.
+Engine mjx is missing, because it computes the motion of the links by MuJoCo's array operations.
 """
 MOST = 200_000
-"""Largest number of runs that are explained together: their ticks take a gigabyte."""
+"""Largest number of runs that are explained together, which need about 1 GB of memory."""
 PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
 HARM = "harm_ms"
 """Names of the columns that the observer adds to a run's outcomes."""
@@ -33,12 +33,12 @@ HARM = "harm_ms"
 class Explained(NamedTuple):
     """Explained runs, one row each in both tables, in the order in which they were given."""
 
-    # Their rows of the result table, computed again.
+    # The runs' rows of the result table, computed again.
     results: pd.DataFrame
-    # Columns run_id, index, harm_ms; for each number differs: and leaves:, ms; for each check near:
-    # and similar ones.
+    # Columns run_id, index and harm_ms, and one column for each combination of a prefix in PREFIXES
+    # and a number or check of the robot; times in ms.
     ticks: pd.DataFrame
-    engine: str  # engine and device, in words
+    engine: str  # names of engine and device
 
 
 class Explainer(PlannedCampaign):
@@ -49,15 +49,15 @@ class Explainer(PlannedCampaign):
         part = config.robot.part("campaign")
         if not hasattr(part, "explained"):
             raise UserError(
-                f"robot {config.campaign.robot!r} declares no seams, so its runs cannot be"
-                " explained: expected a robot whose part `campaign` has `explained`, as raven2;"
-                " look at single runs with `ravenjax trace`"
+                f"robot {config.campaign.robot!r} does not support explanations of its runs. Use"
+                " robot raven2, or implement `explained` in the robot's part `campaign`. The time"
+                " series of single runs are available with `ravenjax trace`"
             )
         if engine != "auto" and engine not in ENGINES:
             raise UserError(
                 f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
-                " which compare every number of the tick bit by bit; for a result of another engine"
-                f" write --engine simd{suggest_name(engine, ENGINES)}"
+                " which compare every number of a tick bit by bit. If another engine computed the"
+                f" result, write --engine simd{suggest_name(engine, ENGINES)}"
             )
         super().__init__(config, engine)
         self._plan = dataclasses.replace(self.plan, program=part.explained(self.plan.program))
@@ -78,7 +78,7 @@ class Explainer(PlannedCampaign):
         if len(rows) > MOST:
             raise UserError(
                 f"{len(rows)} runs are too many to explain together, expected {MOST} at most: "
-                "take a group of them with --group, or the worst with --worst"
+                "select one group with --group, or the worst runs with --worst"
             )
         some = self._plan.take(np.asarray(rows))
         golden_runs = np.unique(some.golden, return_inverse=True)[1]

@@ -1,7 +1,7 @@
 """Computes additional fault-free motion of a campaign's robot, to measure the rate of false alarms.
 
-Each folder holds one new motion. It has a different seed, because with the campaign's seed even a
-longer run would begin with the campaign's motion.
+Each result folder contains one new motion, generated from a different seed. With the campaign's
+seed, even a longer run would begin with the campaign's motion.
 """
 
 import math
@@ -20,20 +20,20 @@ from ravenjax.store.access.fault_free import FOLDER, UNVARIED
 from ravenjax.store.manifest import Manifest
 
 SHORTEST_S, LONGEST_S = 60, 600
-"""Least and greatest length of a run, s.
+"""Least and greatest length of a fault-free run, s.
 
-A longer run needs more memory, and a cue that has occurred once hides what would come after it.
+A longer run needs more memory. A run also records only the first false cue, so false cues after it
+would be missed.
 """
 UNTIL_LIVE_S = 1
-"""Time until the pedal goes down, rounded up, s."""
+"""Time from the start of a run until the pedal goes down, rounded up, s."""
 MOTIONS = 10
-"""Number of different motions to aim for if few hours are wanted."""
+"""Number of different motions to aim for if few hours are requested."""
 DRAWN = 4
-"""Runs of each motion if parameters of the robot are drawn."""
+"""Runs of each motion if parameters of the robot are drawn from distributions."""
 ENOUGH, LITTLE = 10, 0.1
-"""After ENOUGH motions with less than this share of time in pedal-down, `extend` raises UserError.
-
-Something then stops the robot soon in each motion.
+"""After ENOUGH motions with a smaller share of time in pedal-down than LITTLE,
+`extend_fault_free` raises UserError, because something stops the robot early in each motion.
 """
 MS_PER_HOUR = 3.6e6
 
@@ -47,51 +47,52 @@ def extend_fault_free(
     on_progress: OnProgress | None = None,
     command: Sequence[str] = (),
 ) -> float:
-    """Compute fault-free motion beside the result in `folder` until there are `hours` of it in
-    pedal-down; return the hours.
+    """Compute fault-free runs for the result in `folder` until they contain `hours` hours with the
+    pedal down; return these hours.
 
-    Hours of earlier calls count; those of golden runs do not. on_motion: called with the hours so
-    far and the next folder. Raises UserError and StoreError for what the user can correct. Finished
-    motions stay, and the same call continues.
+    Hours of earlier calls count, hours of golden runs do not. on_motion: called with the hours so
+    far and the next folder. Raise UserError and StoreError for what the user can correct. Finished
+    motions are kept, and the same call continues after them.
     """
     record = manifest.read_manifest(folder)
     _require(record, hours)
     seconds, begun = _length_s(record, hours), _hours(folder, record)
-    there, motions = begun, 0
+    available, motions = begun, 0
     for name, raw in fault_free_campaigns(record.config, seconds):
-        if there >= hours:
-            return there
+        if available >= hours:
+            return available
         path = folder / FOLDER / name
         if (path / manifest.FILE).exists():
             earlier = manifest.read_manifest(path)
             if earlier.finished is not None or earlier.code_hash != record.code_hash:
                 continue
             raw = earlier.config
-        on_motion(there, path)
+        on_motion(available, path)
         config = validate_tables(raw)
         if engine == "auto":
-            # One motion is one lane, which a processor core runs faster than a GPU does.
+            # A campaign of a single run is faster on a processor core than on a GPU.
             engine = "simd" if record.engine == "cuda" else record.engine
         runner.run_campaign(config, path, engine, on_progress=on_progress, command=command)
-        before, there = there, _hours(folder, record)
-        if not there > before:
+        before, available = available, _hours(folder, record)
+        if not available > before:
             raise UserError(
-                f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in"
-                " pedal-down, so no false cue can be counted"
+                f"{path}: the robot was never in pedal-down in {seconds} s of fault-free motion,"
+                " so no false cue can be counted"
             )
         motions += 1
-        added_s = (there - begun) * 3600
+        added_s = (available - begun) * 3600
         if motions >= ENOUGH and added_s < LITTLE * motions * seconds:
             raise UserError(
                 f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had"
-                f" {added_s:.3g} s of pedal-down: something stops the robot without a fault, as a"
-                " check or detector of your own may. The report shows how often (ravenjax report"
-                f" {folder}). Raise its threshold, and run the campaign again"
+                f" {added_s:.3g} s of pedal-down: the robot stops without a fault, possibly because"
+                " of a check or detector in your own file. The report shows how often each stopped"
+                f" it (ravenjax report {folder}). Raise the threshold, and run the campaign again"
             )
-    return there
+    return available
 
 
 def _require(record: Manifest, hours: float) -> None:
+    # Checks the number of hours, and that the result has the current code and a motion that varies.
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
@@ -99,35 +100,40 @@ def _require(record: Manifest, hours: float) -> None:
             "the result was computed by another version of the code, whose false cues may"
             " differ; first run the campaign again, into another folder"
         )
-    require_others(record.config)
+    require_new_motions(record.config)
 
 
-def require_others(config: Mapping[str, Any]) -> None:
-    """Raise UserError unless there are motions that the campaign of these tables did not have."""
+def require_new_motions(config: Mapping[str, Any]) -> None:
+    """Raise UserError unless another seed gives a motion that the campaign did not contain.
+
+    config: tables of the campaign file.
+    """
     if (operator := config.get("operator")) is None:
         robot = config["campaign"]["robot"]
-        raise UserError(f"robot {robot!r} has one motion for every seed: no more to compute")
+        raise UserError(
+            f"robot {robot!r} has the same motion for every seed, so further runs would repeat it"
+        )
     if operator.get("file"):
         raise UserError(
-            f"the operator is a recording ({operator['file']}), which has no other motion to"
-            " generate. Put other recordings beside the result: ravenjax run FILE --set"
-            f" operator.file=OTHER --out RESULT/{FOLDER}/NAME, with FILE the campaign without its"
-            " faults"
+            f"the operator is a recording ({operator['file']}), from which no new motion can be"
+            " generated. Run other recordings: ravenjax run FILE --set operator.file=OTHER --out"
+            f" RESULT/{FOLDER}/NAME, where FILE is the campaign file without its faults"
         )
     if operator.get("motion") in UNVARIED:
         raise UserError(
-            f"operator.motion = {operator['motion']!r} is the same motion for every seed: no more"
-            " to compute"
+            f"operator.motion = {operator['motion']!r} is the same motion for every seed, so"
+            " further runs would repeat it"
         )
 
 
 def fault_free_campaigns(
     tables: Mapping[str, Any], seconds: int
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield (name, tables) of fault-free campaigns without end, each with a new motion. tables:
-    tables of the original campaign.
+    """Yield (name, tables) of fault-free campaigns endlessly, each with a new motion.
+
+    tables: tables of the original campaign.
     """
-    # If a parameter has a distribution, the robots are drawn.
+    # A parameter with a distribution needs several runs, each with another drawn robot.
     runs = DRAWN * any(
         isinstance(value, dict)
         for table in ("parameters", "cross")
@@ -151,7 +157,7 @@ def fault_free_campaigns(
 def fault_free_tables(tables: Mapping[str, Any], runs: int, **settings: Any) -> dict[str, Any]:
     """Return the tables of a campaign without its faults, with these settings.
 
-    `runs`: robots that are drawn; 0: each value of a parameter gets a run.
+    runs: number of drawn robots; 0: one run for each listed value of a parameter.
     """
     group = {"name": "fault_free"} | ({"design": "random", "runs": runs} if runs else {})
     return {
@@ -172,6 +178,7 @@ def _length_s(record: Manifest, hours: float) -> int:
 
 
 def _hours(folder: Path, record: Manifest) -> float:
+    # Returns the hours with the pedal down in the fault-free results of a folder.
     total_ms = 0.0
     for motion in fault_free.find_fault_free(folder, record).motions:
         with query.open_folder(motion.path) as table:

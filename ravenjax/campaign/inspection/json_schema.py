@@ -1,8 +1,8 @@
 """Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
-The schema comes from the models that check a file in `loading`. It contains keys, types, ranges of
-single values, and allowed words. Only `ravenjax check` checks rules for several keys, and ranges of
-parameters.
+The schema contains keys, types, ranges of single values, and allowed words. It comes from the
+models with which `loading` checks a file. Only `ravenjax check` checks rules for several keys, and
+ranges of parameters.
 """
 
 import copy
@@ -24,27 +24,29 @@ Schema = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 TABLE = "Parameters"
-"""Name of the definition of a table whose keys are paths of parameters."""
+"""Name of the schema definition for tables whose keys are paths of parameters."""
 
 
 def campaign_schema(robot: Robot) -> Schema:
-    """Return the JSON Schema of a campaign file of that robot."""
+    """Return the JSON Schema of a campaign file for that robot."""
     whole = of_model(robot, config_class_of(robot))
-    _groups(whole)
+    _allow_hazards_in_groups(whole)
     return whole
 
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
-    """Return the JSON Schema of a file that `model` checks, with the robot's words."""
+    """Return the JSON Schema of a file that `model` checks, with the robot's sites, arms, phases
+    and parameters as allowed words.
+    """
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
     if fault := definitions.get("Fault", {}).get("properties"):
         fault["site"]["enum"] = list(robot.sites)
-        _name(fault["arm"], robot.arms)
-        _name(fault["start_ms"], robot.phases)
+        _restrict_words(fault["arm"], robot.arms)
+        _restrict_words(fault["start_ms"], robot.phases)
     if entry := definitions.get("Entry", {}).get("properties"):
-        _name(entry["hazards"], expansion.hazard_words())
+        _restrict_words(entry["hazards"], expansion.hazard_words())
     for table in (whole, *definitions.values()):
         for key in PATHS:
             if key in table.get("properties", ()):
@@ -60,7 +62,7 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
 
 
 def tidy_schema(node: Any) -> None:
-    """Remove pydantic's titles, and what it leaves beside alternatives, in place."""
+    """Remove pydantic's titles, and `minLength` where a value may also be no text, in place."""
     if isinstance(node, dict):
         if isinstance(node.get("title"), str):
             del node["title"]
@@ -76,20 +78,21 @@ def tidy_schema(node: Any) -> None:
             tidy_schema(inner)
 
 
-def _name(node: Any, words: Any) -> None:
-    # Restricts every text of a schema to these words.
+def _restrict_words(node: Any, words: Any) -> None:
+    # Restricts every text value in a schema to these words, in place.
     if isinstance(node, dict):
         if node.get("type") == "string":
             node["enum"] = list(words)
         node = list(node.values())
     for inner in node if isinstance(node, list) else ():
-        _name(inner, words)
+        _restrict_words(inner, words)
 
 
 # --- parameters
 
 
 def _paths(robot: Robot) -> Schema:
+    # The schema of a dotted path whose words all occur in parameters of the robot.
     words = paths.path_words(robot.joints).union(
         *(path.split(".") for path, _ in bounds.parameter_bounds(robot)), robot.arms
     )
@@ -99,9 +102,9 @@ def _paths(robot: Robot) -> Schema:
 
 
 def _parameters(robot: Robot, any_path: Schema) -> Schema:
-    """Return the schema of a table of parameters.
+    """Return the schema of a table of parameters, whose keys are dotted paths or nested tables.
 
-    It holds paths, dotted or as nested tables, whose first words are known.
+    The first word of each path must be one of the robot's.
     """
     tree: Schema = {}
     for path, row in bounds.parameter_bounds(robot):
@@ -113,7 +116,7 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
     table = _node(tree, any_path)
     table["properties"][KEY] = {
-        "description": "in [parameters]: a file whose robots are drawn",
+        "description": "in [parameters]: a file with a population, from which robots are drawn",
         "type": "string",
     }
     first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
@@ -121,17 +124,20 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
-"""Pattern of paths to parameters of users' files. Only those files know their names."""
+"""Pattern of paths to parameters of users' files, whose names the schema cannot list."""
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
-    """Return the schema of one word of a path: a number at its end, else the next words."""
+    """Return the schema of a value in a table of parameters: a number if the path ends here, else
+    a table with the next words of the path.
+    """
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     return _table({word: _node(below, any_path) for word, below in tree.items()}, any_path)
 
 
 def _table(properties: Schema, any_path: Schema) -> Schema:
+    # Returns the schema of a table of parameters with known keys; other keys may be dotted paths.
     return {
         "type": "object",
         "properties": properties,
@@ -146,19 +152,20 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 # --- groups that name hazards
 
 
-def _groups(found: Schema) -> None:
-    """Let a group name hazards of the library in place of faults.
+def _allow_hazards_in_groups(schema_of_file: Schema) -> None:
+    """Let a group name hazards of the library instead of faults, in place.
 
-    Such a group may hold only certain other keys.
+    Such a group may contain only the keys in `expansion.KEYS`.
     """
-    group, fault = found["$defs"]["Group"], found["$defs"]["Fault"]["properties"]
+    definitions = schema_of_file["$defs"]
+    group, fault = definitions["Group"], definitions["Fault"]["properties"]
     words = {"type": "string", "enum": expansion.hazard_words()}
     keys: Schema = {
         expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
     }
     keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
     for key, schema in keys.items():
-        schema["description"] = f"of a group that names hazards: {expansion.KEYS[key]}"
+        schema["description"] = f"only in a group that names hazards: {expansion.KEYS[key]}"
         schema.pop("default", None)
     group["properties"] |= keys
     group["if"] = {"required": [expansion.KEY]}

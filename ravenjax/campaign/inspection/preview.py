@@ -1,4 +1,4 @@
-"""Shows for `ravenjax check` what a campaign would run. It expands and checks the campaign only."""
+"""Shows what a campaign file would run, for `ravenjax check`, without running anything."""
 
 import itertools
 from collections.abc import Iterator
@@ -27,16 +27,16 @@ from ravenjax.numbers import paths
 from ravenjax.store import manifest
 
 SAMPLE = 8
-"""Number of runs in the sample, taken from the whole table."""
+"""Number of sample rows, evenly spaced over the fault table."""
 
 
 def preview_campaign(
     config: CampaignConfig, folder: Path, engine: str = "auto"
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Return what is known of a campaign before it runs into `folder`, as JSON values, and some
-    rows of the fault table.
+    """Return a description of a campaign before it runs, as JSON values, and SAMPLE rows of its
+    fault table. folder: the folder that `ravenjax run` would write.
 
-    Raises UserError for whatever `ravenjax run` would refuse.
+    Raise UserError for everything that `ravenjax run` would refuse.
     """
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
@@ -48,7 +48,7 @@ def preview_campaign(
     if any(config.own_parts()):
         from ravenjax.engines import traced
 
-        # Tracing alone shows that a user's file reads a number that does not exist.
+        # A user's file may read a number that does not exist, which only tracing detects.
         block = Block(*plan.lanes([0], 1), None)
         traced.traced_forms(traced.printable_program(plan.program), block, plan.columns)
     record = make_manifest(plan, backend)
@@ -125,13 +125,13 @@ def preview_campaign(
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
-    # Describes the user's checks with the numbers that they have in this campaign.
+    # Describes the user's checks with the values of their parameters in this campaign.
     if not config.check:
         return
     leaves = paths.path_leaves(plan.program.params, plan.program.setup)
     numbers = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
     for path, values in table.varied_parameters(plan.rows).items():
-        # NaN means the number in the user's file.
+        # NaN means the default in the user's file.
         least, most = f"{np.nanmin(values):g}", f"{np.nanmax(values):g}"
         numbers[path] = least if least == most else f"{least} to {most}, varied"
     for check in config.check:
@@ -148,9 +148,8 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yield how many runs have a fault of each site and effect, in the robot's order of sites.
-
-    A run with two faults of the same site and effect counts once.
+    """Yield the number of runs with each combination of fault site and effect, in the robot's order
+    of sites. A run with two faults of the same site and effect counts once.
     """
     slots = [
         rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
@@ -171,19 +170,20 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
 def _of_folder(
     folder: Path, config: CampaignConfig, engine: str, cost: CostEstimate, runs: int
 ) -> tuple[CostEstimate, str, str]:
-    """Return (cost, basis of the cost, content of the folder in words) of a result folder.
+    """Return (expected cost, basis of this expectation, description of the folder's content).
 
-    If the folder holds a part of the same campaign, the speed of its last start gives the cost.
+    If the folder contains a part of the same campaign, the run time follows from the speed of the
+    last start.
     """
     if not (folder / manifest.FILE).exists():
-        return cost, BASIS, "nothing yet"
+        return cost, BASIS, "no result yet"
     try:
         record = manifest.read_manifest(folder)
     except StoreError:
-        return cost, BASIS, "a result that this version does not read"
+        return cost, BASIS, "a result that this version cannot read"
     content = (
-        f"{record.done} of {record.runs} runs of campaign {record.campaign}; a run goes on where it"
-        " is the same one"
+        f"{record.done} of {record.runs} runs of campaign {record.campaign}; if this campaign is"
+        " the same, `ravenjax run` continues it"
     )
     campaign = config.campaign.name, engine, config.campaign.ticks
     if not record.runs_per_s or campaign != (record.campaign, record.engine, record.duration_ms):

@@ -18,9 +18,10 @@ from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
 LANES = 16
-"""Lanes of a replay's block with an engine whose bits depend on their number.
+"""Number of identical copies that are computed together, for engines whose last digits depend on
+the number of runs in a block.
 
-This is one vector, so that the run takes the same vector code as in its campaign.
+16 numbers fill one SIMD vector, so the replay uses the same vector instructions as the campaign.
 """
 
 
@@ -30,19 +31,19 @@ class Replay:
 
     # The run's row of the result table, computed again.
     row: pd.Series
-    # name -> [ticks] or [ticks, ...]: the series that `ravenjax.store.logs.time_series` lists.
+    # Time series [ticks] or [ticks, ...] by name; `ravenjax.store.logs.time_series` lists them.
     series: dict[str, np.ndarray]
     # Outcomes of the golden run, as the engine returned them.
     golden: dict[str, Any]
-    bases: dict[str, Base]  # of each arm, in the world frame
-    engine: str  # engine and device, in words
+    bases: dict[str, Base]  # base of each arm in the world frame
+    engine: str  # names of engine and device
 
 
 class PlannedCampaign:
-    """A campaign planned for an engine that computes some of its runs again."""
+    """A planned campaign, and the engine that computes some of its runs again."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError for a campaign or an engine that cannot be run."""
+        """Raise UserError if the campaign or the engine cannot be run."""
         self.config, self.plan = config, make_plan(config)
         precision = self.plan.program.setup.precision
         self.backend = compile_cache.cached_engine(engine, precision)
@@ -65,8 +66,8 @@ class PlannedCampaign:
 def original_engine(record: manifest.Manifest, engine: str) -> str:
     """Replace "auto" by the engine that computed a folder.
 
-    Without a GPU, "auto" means the fastest engine of this machine. It gives the same bits as a GPU
-    if the CPU fuses multiply-adds as well.
+    For a folder computed on a GPU, "auto" means the fastest engine of this machine. Its results
+    equal those of the GPU in all bits if the CPU has fused multiply-add instructions.
     """
     return record.engine if engine == "auto" and record.engine != "cuda" else engine
 
@@ -75,7 +76,7 @@ class Replayer(PlannedCampaign):
     """Computes single runs of a campaign again, with their time series."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError for a campaign or an engine that cannot be run."""
+        """Raise UserError if the campaign or the engine cannot be run."""
         super().__init__(config, engine)
         program = self.plan.program
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
@@ -124,11 +125,11 @@ def find_run(ids: np.ndarray, run: Any) -> int:
         )
     if not isinstance(run, str) or (run.isdecimal() and len(run) < run_id.DIGITS):
         if not 0 <= int(run) < len(ids):
-            raise UserError(f"run {run}: the campaign has runs 0..{len(ids) - 1}")
+            raise UserError(f"run {run}: expected an index in 0..{len(ids) - 1}")
         return int(run)
     texts = run_id.format_run_ids(ids).to_pylist()
     matches = [row for row, text in enumerate(texts) if text.startswith(run)]
     if len(matches) != 1:
-        problem = f"{len(matches)} runs begin so" if matches else "no run has this id"
+        problem = f"{len(matches)} run ids begin so" if matches else "no run has this id"
         raise UserError(f"run {run!r}: {problem}; expected a run_id of the result table")
     return matches[0]

@@ -35,7 +35,7 @@ SAMPLE = 64
 
 
 class ColumnAgreement(NamedTuple):
-    """How a column of recomputed runs agrees with the folder."""
+    """Agreement of one column between the recomputed runs and the stored ones."""
 
     name: str
     equal: int  # rows that are equal bit by bit
@@ -46,12 +46,13 @@ class ColumnAgreement(NamedTuple):
 class Rerun(NamedTuple):
     """A sample of runs that were computed again."""
 
-    engine: str  # engine and device, in words
-    # What differs from when the folder was computed; differences in numbers are then no error.
-    other: list[str]
-    rows: np.ndarray  # indices, ascending
-    verdicts: int  # rows with the same verdict
-    columns: list[ColumnAgreement]  # every column of the table
+    engine: str  # engine and device, as text
+    # Changes of engine, device, code or packages since the folder was computed. If there are any,
+    # differences in numbers are no error.
+    changes: list[str]
+    rows: np.ndarray  # indices of the recomputed runs, ascending
+    verdicts: int  # number of rows with the same verdict
+    columns: list[ColumnAgreement]  # every column of the result table
 
     @property
     def differing(self) -> list[ColumnAgreement]:
@@ -79,15 +80,16 @@ def verify_folder(
     """Check a result folder and compute `sample` of its runs again, drawn with `seed`; 0: none.
 
     engine: "auto" means the engine that computed the folder; for a folder from a GPU, the fastest
-    engine of this machine. Raises StoreError if the folder holds no result, and UserError for an
+    engine of this machine. Raise StoreError if the folder contains no result, and UserError for an
     engine that is not available.
     """
     if sample < 0:
-        raise UserError(f"--sample {sample}: expected a number of runs, 0 for none")
+        raise UserError(f"--sample {sample}: expected a number of runs, or 0 to compute none again")
     record = manifest.read_manifest(folder)
     if not record.parts:
         raise StoreError(
-            f"{folder}: holds no finished part yet; start or resume it with `ravenjax run`"
+            f"{folder}: contains no finished part yet; start or resume the campaign with"
+            " `ravenjax run`"
         )
     parts, whole = checking.check_files(folder, record)
     checks = [parts, checking.check_rows(record), *checking.check_values(folder, record, whole)]
@@ -97,20 +99,22 @@ def verify_folder(
         # UserError, and pydantic's error for a config that this version cannot read.
         what = "the manifest's campaign, expanded again"
         return Verification([*checks, FolderCheck("campaign", what, [str(error)])], None)
-    checks.append(_campaign(folder, record, plan, whole))
+    checks.append(_check_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
-    there = np.concatenate([np.asarray(part.rows) for part in whole])
-    drawn = np.random.default_rng(seed).choice(there, min(sample, len(there)), replace=False)
-    rerun = _again(folder, record, plan, np.sort(drawn), engine)
-    return Verification([*checks, _check(rerun, plan)], rerun)
+    stored = np.concatenate([np.asarray(part.rows) for part in whole])
+    drawn = np.random.default_rng(seed).choice(stored, min(sample, len(stored)), replace=False)
+    rerun = _compute_again(folder, record, plan, np.sort(drawn), engine)
+    return Verification([*checks, _check_rerun(rerun, plan)], rerun)
 
 
-def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
-    # Checks that the campaign expands to the runs that the manifest and the parts hold.
+def _check_campaign(
+    folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]
+) -> FolderCheck:
+    # Checks that the campaign file expands to the runs in the manifest and in the stored parts.
     ids = plan.rows["run_id"].to_numpy()
     if plan.runs != record.runs:
-        problems = [f"the campaign expands to {plan.runs} runs, the manifest says {record.runs}"]
+        problems = [f"the campaign expands to {plan.runs} runs, the manifest states {record.runs}"]
     elif record.config_hash != manifest.campaign_hash(
         record.config, record.operator, run_id.hash_run_ids(ids)
     ):
@@ -134,7 +138,9 @@ def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part])
     )
 
 
-def _again(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str) -> Rerun:
+def _compute_again(
+    folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str
+) -> Rerun:
     # Computes some rows again and compares every column with the stored one.
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
@@ -154,17 +160,17 @@ def _again(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine:
     old = pa.concat_tables(tables).unify_dictionaries()
     agreements = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
     verdicts = next(column.equal for column in agreements if column.name == "verdict")
-    return Rerun(words, _other(record, plan, backend), rows, verdicts, agreements)
+    return Rerun(words, _list_changes(record, plan, backend), rows, verdicts, agreements)
 
 
-def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
-    # What differs from the machine that computed the folder, and may change last digits.
+def _list_changes(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
+    # Lists changes since the folder was computed that may change the last digits of numbers.
     device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
     return [
         words
         for words, differs in (
-            (f"engine {record.engine} then", engine.name != record.engine),
-            (f"device {record.device} then", device not in record.device.split("; ")),
+            (f"originally engine {record.engine}", engine.name != record.engine),
+            (f"originally device {record.device}", device not in record.device.split("; ")),
             ("another version of the code", manifest.code_hash(record.robot) != record.code_hash),
             ("other package versions", manifest.package_versions() != record.versions),
         )
@@ -178,29 +184,30 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
         same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
         return ColumnAgreement(name, int(same.sum()), np.nan)
     one, other = kept.to_numpy(), new.to_numpy()
-    alike = (one == other) & (np.signbit(one) == np.signbit(other))
-    same = alike | ((one != one) & (other != other))
-    apart = np.abs(one[~same].astype(float) - other[~same].astype(float))
-    return ColumnAgreement(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
+    equal = (one == other) & (np.signbit(one) == np.signbit(other))
+    same = equal | ((one != one) & (other != other))
+    difference = np.abs(one[~same].astype(float) - other[~same].astype(float))
+    largest = float(difference.max()) if len(difference) else 0.0
+    return ColumnAgreement(name, int(same.sum()), largest)
 
 
-def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
-    """Return the errors of a rerun. A difference of inputs is always an error. A difference of
-    outcomes is one if engine, device, code and packages are the same.
+def _check_rerun(rerun: Rerun, plan: Plan) -> FolderCheck:
+    """Return the errors found by a rerun. A difference in a run's inputs is always an error. A
+    difference in outcomes is an error only if engine, device, code and packages are the same.
     """
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [
         f"{column.name}: differs in {n - column.equal} of {n} rows"
         for column in rerun.differing
-        if not rerun.other or column.name in inputs
+        if not rerun.changes or column.name in inputs
     ]
     if (more := len(problems) - checking.MOST) > 0:
         problems[checking.MOST :] = [f"and {more} more columns"]
     equal = len(rerun.columns) - len(rerun.differing)
     looked_at = (
         f"{n} run{'s' if n > 1 else ''} on {rerun.engine}: {equal} of {len(rerun.columns)} columns"
-        f" equal to the bit, {rerun.verdicts} of {n} verdicts alike"
+        f" equal in all bits, {rerun.verdicts} of {n} verdicts equal"
     )
-    if rerun.other:
-        looked_at += f" ({'; '.join(rerun.other)}, so numbers may differ)"
-    return FolderCheck("runs made again", looked_at, problems)
+    if rerun.changes:
+        looked_at += f" ({'; '.join(rerun.changes)}, so numbers may differ)"
+    return FolderCheck("recomputed runs", looked_at, problems)

@@ -1,1 +1,1 @@
-"""Runs campaigns that stop early, and stores the decision of each look."""
+"""Runs campaigns that stop early when their rates are precise enough, and records each decision."""

@@ -1,7 +1,8 @@
-"""Runs a campaign with a rule [stop]: it ends at the first look with sufficiently precise rates.
+"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough.
 
-The decisions depend only on finished rows. Therefore an interrupted campaign repeats the same
-decisions and gives the same bytes. `decisions.jsonl` in the result folder records each look.
+The rates are examined at looks that were planned in advance. The decisions depend only on finished
+runs. Therefore a resumed campaign makes the same decisions and writes the same bytes.
+`decisions.jsonl` in the result folder records each look.
 """
 
 import functools
@@ -31,19 +32,18 @@ def run_adaptively(
     shard: Shard | None = None,
     **options: Any,
 ) -> Results:
-    """Run `config`, or finish it if `out` holds a part of it.
+    """Run a campaign, or continue it in `out`. A campaign with a stop rule may end early.
 
-    A campaign with a stop rule is computed until the rule is met. Arguments and errors are those of
-    `runner.run_campaign`; options: its other arguments, but `rows`. Raises UserError for a shard of
-    a campaign with a stop rule.
+    Arguments and errors are those of `runner.run_campaign`, without `rows`. Raise UserError for a
+    shard of a campaign with a stop rule.
     """
     compute = functools.partial(runner.run_campaign, config, engine=engine, **options)
     if config.stop is None:
         return compute(out, shard=shard)
     if shard is not None:
         raise UserError(
-            f"--shard {shard}: a campaign with [stop] needs all its rows to decide when to stop,"
-            " and a shard has only some. Take --executor ray, or remove [stop]"
+            f"--shard {shard}: the rule [stop] needs all runs of the campaign, but a shard has only"
+            " some runs. Write --executor ray, or remove [stop]"
         )
     if out is None:
         return runner.in_temporary_folder(
@@ -67,14 +67,14 @@ def run_adaptively(
 
 
 class GroupDraws(NamedTuple):
-    """The draws of one group in the fault table, in its order."""
+    """The draws of one group in the fault table. A draw is one fault with its repeats."""
 
     first: int  # row of the first draw
-    number: int
-    rows: int  # rows of each draw
+    number: int  # number of draws
+    rows: int  # number of rows of each draw
 
     def rows_of(self, taken: int) -> range:
-        """Return the rows of the first `taken` draws."""
+        """Return the rows of the first `taken` draws of the group."""
         return range(self.first, self.first + taken * self.rows)
 
 
@@ -106,11 +106,11 @@ def count_cases(
     rates: Sequence[str],
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each
-    group.
+    """Count events in the first taken[group] draws of each group. Return (cases [rates, groups],
+    valid draws [groups]).
 
-    A draw counts by its first row with a valid outcome in which a fault changed a bit. It is one of
-    its repeats or crossed variants. A draw whose faults never act does not count.
+    For each draw, only the first of its rows counts that has a valid outcome and a fault that
+    changed a bit. A draw without such a row does not count.
     """
     table = results.arrow(["index", "activated", *events.event_columns(rates, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"

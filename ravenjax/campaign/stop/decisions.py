@@ -1,4 +1,5 @@
-"""Reads and writes decisions.jsonl of a result folder: one line for each look of a stop rule."""
+"""Reads and writes decisions.jsonl of a result folder, with one line for each look of a stop
+rule."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ FILE = "decisions.jsonl"
 
 
 def write_looks(folder: Path, looks: Sequence[Look]) -> None:
-    """Write all looks so far, atomically. Raises StoreError if the disk refuses."""
+    """Write all looks so far, atomically. Raise StoreError if the file cannot be written."""
     text = "".join(f"{look.model_dump_json()}\n" for look in looks)
     write_text(folder / FILE, text)
 
@@ -31,7 +32,7 @@ def read_looks(folder: Path) -> list[Look]:
         why = str(error).splitlines()[0]
         raise StoreError(
             f"{path}: cannot be read ({why}). Delete it and start the same `ravenjax run`"
-            " again, which derives it from the parts."
+            " again, which computes this file from the results."
         ) from error
 
 

@@ -1,9 +1,9 @@
 """Section "Coverage of checks": the share of harmful faults that a check detects.
 
 IEC 61508-4 defines diagnostic coverage as the rate of detected dangerous failures divided by the
-rate of all dangerous failures. Here a fault is dangerous if its run has an unintended motion. If a
-check makes a fault harmless, the fault is not dangerous. Run without the check, or let the check
-only watch, to see what the fault would have done.
+rate of all dangerous failures. In this module a fault is dangerous if its run has an unintended
+motion. A fault that a check makes harmless is therefore not dangerous. To learn what such a fault
+would have done, run the campaign without the check, or with a check that only watches.
 """
 
 import contextlib
@@ -28,21 +28,24 @@ from ravenjax.stats.intervals import Rate
 from ravenjax.store.access import explained
 from ravenjax.store.access.query import RESULTS, quote_name
 
-Kind = Literal["built-in check", "check of your own", "detector", "cue"]
+Kind = Literal["built-in check", "user's check", "detector", "cue"]
 EVERYTHING = "all checks and detectors"
 TOGETHER: dict[str, tuple[Kind, ...]] = {
     "built-in checks": ("built-in check",),
-    "checks of your own": ("check of your own",),
+    "checks of your own": ("user's check",),
     "detectors": ("detector",),
-    EVERYTHING: ("built-in check", "check of your own", "detector"),
-    "all of these and the cue": ("built-in check", "check of your own", "detector", "cue"),
+    EVERYTHING: ("built-in check", "user's check", "detector"),
+    "all of these and the cue": ("built-in check", "user's check", "detector", "cue"),
 }
-"""Sets of sources by kind: those that report a fault by themselves, and the cue."""
+"""Sets of kinds of sources whose detections are also counted together."""
 VALID = f"plain AND faulty AND {FACTS}.activated AND NOT {FACTS}.failed"
-"""SQL condition of the runs that count: valid, with a fault that acted, and nobody reacts."""
+"""SQL condition of the runs that count: a fault changed a bit, the outcome is valid, and the
+operator does not react to the cue.
+"""
 ACTION = "stop"
-"""The action whose deadlines count, see `ravenjax deadline`."""
+"""The action whose deadlines are used, see `ravenjax deadline`."""
 _LATEST = np.iinfo(np.int32).max
+"""Replaces the time of an event that never happens."""
 
 
 class Source(NamedTuple):
@@ -50,24 +53,24 @@ class Source(NamedTuple):
 
     name: str
     kind: Kind
-    does: str  # in words
-    sql: str  # time at which it detects the fault of a run, ms; -1: never
-    # True if it reports a fault by itself. A check that limits without an alarm does not, nor one
-    # that also trips because another has stopped the robot. A detector does at its lowest threshold
-    # without a false alarm.
+    does: str  # its effect, as text
+    sql: str  # time at which the source detects the fault of a run, ms; -1: never
+    # True if the source reports a fault by itself. False for a check that limits without an alarm,
+    # and for a check that also trips after another check stopped the robot. A detector reports at
+    # its lowest threshold without a false alarm.
     reports: bool
 
 
 class Coverage(NamedTuple):
-    """What one source, or several together, detect of the harmful faults of one site."""
+    """The harmful faults of one site that one source, or several sources together, detect."""
 
-    site: str  # or EVERY_SITE
+    site: str  # a fault site, or EVERY_SITE
     name: str
     does: str
-    detected: Rate  # of the harmful faults
-    before: Rate  # detected before the harm
-    in_time: Rate | None  # detected by the deadline of a stop; None without deadlines
-    alone: int  # detected, and by no other source that reports by itself
+    detected: Rate  # share of the harmful faults that are detected
+    before: Rate  # share that is detected before the harm
+    in_time: Rate | None  # share that is detected by the deadline of a stop; None: no deadlines
+    alone: int  # number of faults that no other source reports
 
 
 class SmallestSets(NamedTuple):
@@ -79,11 +82,11 @@ class SmallestSets(NamedTuple):
 
 
 class CoverageTable(NamedTuple):
-    """The coverage of every source over all harmful faults and over those of each site.
+    """The coverage of every source, for all harmful faults and for those of each site.
 
-    harmful: one row a run: row, run_id, group, site, distinct, effect_ms, harm_ms, deadline_ms and
-    the time at which each source detects the fault. A time is -1 if the event never happens.
-    deadline_ms is -1 if no stop is early enough, or if the deadline is unknown.
+    harmful: one row per run, with the columns row, run_id, group, site, distinct, effect_ms,
+    harm_ms, deadline_ms and the time at which each source detects the fault. A time is -1 if the
+    event never happens. deadline_ms is also -1 if the deadline is unknown.
     """
 
     harmful: pd.DataFrame
@@ -93,13 +96,16 @@ class CoverageTable(NamedTuple):
     notices: Sequence[str]
 
     def list_runs(self, name: str, runs: Runs) -> list[tuple[str, ...]]:
-        """Return run, site, fault, times of harm and detection, and which came first, of each
-        harmful fault. `name`: of a source, or of several together. Raises UserError.
+        """Return a table row for each harmful fault: run, site, fault, times of harm and detection,
+        and which of them was first.
+
+        `name`: of a source, or of a set of sources. Raise UserError for an unknown name.
         """
         named = {one.name: [one] for one in self.sources} | _together(self.sources)
         if name not in named:
             raise UserError(
-                f"--runs {name!r}: unknown, expected {', '.join(named)}{suggest_name(name, named)}"
+                f"--runs {name!r}: unknown check, expected one of {', '.join(named)}"
+                f"{suggest_name(name, named)}"
             )
         found = _first_ms(self.harmful, named[name])
         faults = runs.numbered(self.harmful["row"].tolist())
@@ -118,11 +124,11 @@ class CoverageTable(NamedTuple):
 
 
 def list_sources(runs: Runs) -> list[Source]:
-    """Return the checks that may act in these runs, the detectors and the verdicts' cue."""
+    """Return the checks that may act in these runs, the detectors, and the cue of the verdicts."""
     sources = []
     for name in runs.manifest.shape.checks:
         check = runs.manifest.robot.check(name)
-        kind: Kind = "check of your own" if check.own else "built-in check"
+        kind: Kind = "user's check" if check.own else "built-in check"
         reports = check.action != "limit" and not check.follows
         sources.append(Source(name, kind, check.does, events.check_ms_sql(name), reports))
     for alarms in runs.once(list_alarms):
@@ -142,8 +148,8 @@ def times_sql(sources: Sequence[Source]) -> str:
 def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> CoverageTable:
     """Measure the coverage of each source in the runs of a campaign.
 
-    `deadlines`: from `ravenjax.analyses.deadline.read_deadlines`. Intervals resample the distinct
-    faults, or are Wilson's if each has one run. Enumerated faults have none.
+    `deadlines`: table of `ravenjax.analyses.deadline.read_deadlines`. Intervals resample the
+    distinct faults, or are Wilson's if each fault has one run. Enumerated faults have no interval.
     """
     sources = list_sources(runs)
     harmful = runs.table.frame(
@@ -188,7 +194,7 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
 
 
 def _together(sources: Sequence[Source]) -> dict[str, list[Source]]:
-    # Sets of sources that are judged together; a set that equals the set of all is left out.
+    # Returns the sets of sources that are counted together, without sets that equal EVERYTHING.
     teams = {
         name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
         for name, kinds in TOGETHER.items()
@@ -210,7 +216,7 @@ def _first_ms(harmful: pd.DataFrame, team: Sequence[Source]) -> np.ndarray:
 def _rows(
     runs: Runs, harmful: pd.DataFrame, sources: Sequence[Source], latest: Mapping[str, np.ndarray]
 ) -> Iterator[Coverage]:
-    # For every site, and for each site alone: what each source, and each set of sources, detects.
+    # Yields the coverage of each source and each set of sources, for all sites and for each site.
     sites = {EVERY_SITE: np.full(len(harmful), True)}
     sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
     reporting = [one for one in sources if one.reports]
@@ -223,7 +229,7 @@ def _rows(
         )
         for name, team in teams.items():
             ms = _first_ms(harmful, team)[here]
-            # Of one site, the sources that detect something there are enough.
+            # For a single site, sources that detect nothing are left out.
             if site != EVERY_SITE and name != EVERYTHING and not (ms >= 0).any():
                 continue
             others = _first_ms(harmful, [one for one in reporting if one not in team])[here]
@@ -239,7 +245,8 @@ def _rows(
 def _smallest(
     harmful: pd.DataFrame, sources: Sequence[Source], criterion: str, limit: np.ndarray
 ) -> SmallestSets:
-    # Finds all sets of fewest sources that together detect every fault that any source detects.
+    # Finds the smallest sets of sources that detect every fault that any source detects. First the
+    # sources that are the only ones to detect some fault, then combinations of the others.
     names = [one.name for one in sources if one.reports]
     ms = harmful[names].to_numpy()
     hits = (ms >= 0) & (ms <= limit[:, None])

@@ -1,3 +1,2 @@
-"""Measures how good an alarm is: ROC, false alarms per hour, trade-offs, and the choice between
-alarms.
-"""
+"""Measures the quality of an alarm: ROC curve, false alarms per hour, and the choice between
+alarms."""

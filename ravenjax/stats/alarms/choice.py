@@ -1,8 +1,8 @@
 """Chooses the best of several alarms, and decides whether the data are sufficient for the choice.
 
-An alarm has two costs: missed hazards and false alarms. Both are known with an interval. An alarm
-is excluded if another one is better even at the ends of the intervals that favour the other least.
-The remaining alarms may be the best.
+An alarm has two costs: missed hazards and false alarms. Both are estimated with an interval. An
+alarm is excluded if another alarm is better even at the ends of the intervals that favour the other
+alarm least. The remaining alarms may be the best.
 """
 
 from collections.abc import Callable
@@ -16,27 +16,26 @@ from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
 MOST_TIMES = 1e9
-"""Largest factor by which hours are extended. If this does not decide, more hours would not
-either.
-"""
+"""Largest factor on the hours that is tried. If it does not decide, more hours do not help."""
 
 
 class AlarmCounts(NamedTuple):
     """Missed hazards and false alarms of several alarms on the same hazards."""
 
-    missed: np.ndarray  # int [alarms], missed hazards
-    # int [alarms, alarms], hazards that the first misses and the second does not.
+    missed: np.ndarray  # int [alarms], number of missed hazards
+    # int [alarms, alarms], number of hazards that the first misses and the second detects.
     only: np.ndarray
-    hazards: int
+    hazards: int  # number of hazards
     count: np.ndarray  # int [alarms], number of false alarms
-    hours: np.ndarray  # [alarms], hours of fault-free motion in which they came
-    # True if the hazards were drawn. Otherwise the missed share is exact and has no interval.
+    hours: np.ndarray  # [alarms], hours of fault-free motion with these false alarms
+    # True if the hazards were drawn at random. Otherwise the missed share has no interval.
     sampled: bool = True
 
 
 def missed_difference(alarms: AlarmCounts) -> Estimate:
-    """Return the share of hazards missed by the first alarm minus that by the second, arrays
-    [alarms, alarms], over the same hazards.
+    """Return the difference of missed shares for each pair of alarms, arrays [alarms, alarms].
+
+    It is the share that the first alarm misses minus the share that the second alarm misses.
     """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
@@ -47,8 +46,7 @@ def missed_difference(alarms: AlarmCounts) -> Estimate:
 def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
 
-    `times`: factor on the hours, at the same rates. Infinite `times` gives rates without an
-    interval.
+    `times`: factor on the hours, with unchanged rates. If it is infinite, there is no interval.
     """
     if np.isinf(times):
         value = alarms.count / alarms.hours
@@ -58,8 +56,9 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
 
 
 def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
-    """Return which alarms may be cheapest, bool [alarms], if a missed hazard costs `weight` false
-    alarms and one hazard comes per hour.
+    """Return which alarms may have the lowest cost, bool [alarms].
+
+    A missed hazard costs as much as `weight` false alarms. There is one hazard per hour.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
     dearer = weight * missed.low + false.low[:, None] - false.high[None, :]
@@ -69,10 +68,10 @@ def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> n
 def rarest_alarms(
     alarms: AlarmCounts, per_hour: float, times: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which alarms may miss fewest hazards within the limit of false alarms per hour, and
-    which certainly keep the limit.
+    """Return which alarms may miss the fewest hazards with at most `per_hour` false alarms, and
+    which alarms certainly keep this limit. Both are bool [alarms].
 
-    Both are bool [alarms]. `false_rates` describes `times`.
+    times: see `false_rates`.
     """
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)
@@ -81,9 +80,10 @@ def rarest_alarms(
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """Return the factor on the hours after which more hours would exclude no further alarm, at
-    unchanged rates. Return NaN if the present hours suffice. `possible`: function from the factor
-    to the alarms that may be best, such as `cheapest_alarms`.
+    """Return the factor on the hours beyond which more hours exclude no further alarm.
+
+    Rates are assumed to be unchanged. The result is NaN if the present hours are enough.
+    `possible`: maps the factor to the alarms that may be best, as `cheapest_alarms` does.
     """
     end = possible(np.inf)
     if np.array_equal(possible(1.0), end):
@@ -100,11 +100,11 @@ def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
 
 
 def unbeaten_choices(first: ArrayLike, second: ArrayLike) -> np.ndarray:
-    """Return which of n choices no other choice beats: bool [n].
+    """Return which of n choices are on the Pareto front: bool [n].
 
-    A choice is beaten if another one is at most as costly in both costs and lower in one. The costs
-    [n] are in any unit, and less is better. Equal choices are both on the front or both beaten. A
-    choice with a NaN cost is never on the front and beats none.
+    A choice is not on the front if another choice has at most the same costs and a lower cost in
+    one of them. first, second: costs [n], in any unit. Equal choices are treated equally. A choice
+    with a NaN cost is not on the front and excludes no other choice.
     """
     costs = np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1)
     low = np.all(costs[None] <= costs[:, None], axis=2)

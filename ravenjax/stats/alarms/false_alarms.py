@@ -1,8 +1,8 @@
-"""Computes false alarms per hour.
+"""Computes false alarms per hour of fault-free operation.
 
 A percentile of samples does not show how often a detector disturbs, because alarms come in bursts.
-So a run counts once, by its highest score. The rate is per hour of fault-free operation, or until
-the alarm if it ends the run.
+A run therefore counts at most once, if its highest score exceeds the threshold. If an alarm ends
+the run, only the time until the alarm counts.
 """
 
 import math
@@ -15,7 +15,7 @@ from ravenjax.stats.intervals import ALPHA, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """Alarms counted over hours. per_hour has its exact Poisson interval; NaN if hours is 0."""
+    """Number and rate of alarms, with the exact Poisson interval; NaN if hours is 0."""
 
     count: int
     hours: float = 0.0
@@ -33,23 +33,22 @@ def alarm_rate(count: int, hours: float) -> AlarmRate:
 
 
 def hours_to_bound(per_hour: float, count: int = 0) -> float:
-    """Return the hours in which `count` alarms show that there are at most `per_hour` alarms per
-    hour.
+    """Return the hours after which `count` alarms show a rate of at most `per_hour`.
 
-    In these hours the upper end of the exact interval (`alarm_rate`) is per_hour.
-    Without an alarm it is 3.69 / per_hour at 95 %.
+    After these hours the upper end of the exact interval (`alarm_rate`) is `per_hour`. Without an
+    alarm, 3.69 / per_hour hours are needed at 95 %.
     """
     return alarm_rate(count, 1.0).high / per_hour
 
 
 def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
-    """Return alarms per hour if an alarm ends its operation: the rate that `FalseAlarmTarget`
-    promises.
+    """Return alarms per hour if an alarm ends its operation, as `FalseAlarmTarget` defines.
 
     `alarm`: bool [operations], independent. `hours`: [operations], length of the whole operation.
     Only hours of operations without an alarm count, so the rate may exceed one per operation. The
-    interval is the exact one of the share with an alarm, converted to odds and divided by the mean
-    hours of an operation without one. The rate is infinite if all operations had an alarm.
+    interval comes from the exact interval of the share of operations with an alarm: its odds,
+    divided by the mean hours of an operation without an alarm. The rate is infinite if all
+    operations had an alarm.
     """
     count, quiet = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:

@@ -1,8 +1,8 @@
-"""Measures how well a score separates harmful runs from harmless ones, by ROC and precision-recall
+"""Measures how well a score separates harmful from harmless runs, by ROC and precision-recall
 curves.
 
-A run alarms at a threshold if its score is at least the threshold. A score of -inf never alarms.
-Labels are bool, True for a run that should alarm.
+A run has an alarm at a threshold if its score is at least the threshold. A score of -inf never
+gives an alarm. Labels are bool: True for a run that should have an alarm.
 """
 
 from collections.abc import Callable
@@ -20,8 +20,8 @@ GRID = np.linspace(0.0, 1.0, 101)
 class CurveBand(NamedTuple):
     """A curve on a common grid with its bootstrap band, and the area under it with its band."""
 
-    grid: np.ndarray  # of fpr or of recall
-    curve: Estimate  # tpr or precision, arrays as the grid
+    grid: np.ndarray  # false-positive rates (fpr), or recalls
+    curve: Estimate  # true-positive rates (tpr), or precisions, arrays of the grid's length
     area: Estimate  # AUC or average precision
 
 
@@ -36,8 +36,8 @@ def roc_band(
 ) -> CurveBand:
     """Return tpr at each fpr of `grid`, and AUC, with 95 % bands that resample clusters.
 
-    `cluster`: label [n]; np.arange(n) if runs are independent. The bands are pointwise. Raises
-    ValueError if a score is NaN or a label is missing.
+    `cluster`: label of each run's cluster [n]; np.arange(n) if runs are independent. The bands are
+    pointwise. Raise ValueError if a score is NaN or a label is missing.
     """
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
@@ -58,7 +58,7 @@ def precision_recall_band(
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.
 
-    `roc_band` defines the bands.
+    The bands are those of `roc_band`.
     """
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
@@ -79,15 +79,16 @@ def _band(
     resamples: int,
     seed: int = 0,
 ) -> CurveBand:
-    """Return the band of curve(hits, misses): positives and negatives [thresholds] at or above each
-    distinct score, in falling order.
+    """Return the band of `curve`, by a bootstrap over clusters.
 
-    scikit-learn takes one weighting at a time and sorts each time, which is about 5 times slower.
+    `curve`: maps hits and misses [thresholds], the numbers of positives and negatives with at least
+    each score, to values. Scores fall. scikit-learn would sort for each resample, which is about 5
+    times slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():
         raise ValueError(
-            f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf"
+            f"{int(np.isnan(values).sum())} scores are NaN; use -inf for a run that has no alarm"
         )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
@@ -95,6 +96,7 @@ def _band(
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
 
     def statistic(weight: np.ndarray) -> np.ndarray:
+        # Returns the curve for each row of resampling weights [draws, operations].
         ordered = weight[:, order]
         hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
         misses = np.cumsum(ordered * ~truth[order], axis=1)[:, last]

@@ -1,3 +1,1 @@
-"""Computes intervals by resampling, for any statistic of independent units and for rows in
-clusters.
-"""
+"""Computes confidence intervals by resampling independent units."""

@@ -1,15 +1,16 @@
-"""Bootstraps statistics of independent units, plainly and by stratum.
+"""Bootstraps statistics of independent units, optionally by stratum.
 
-A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
-recording. Its rows resemble each other. The unit is the highest level that was sampled. A *stratum*
-is a subset of the units that the design fixes. Units are resampled only within their stratum.
+A *unit* was chosen independently of the other units, such as a kind of fault, an operator or a
+recording. The rows of a unit resemble each other. The unit is the highest level that was sampled. A
+*stratum* is a subset of the units that the design fixes. Units are resampled only within their
+stratum.
 
-The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws
-n - 1 of the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a
-mean is then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by
-(n - 1) / n, which matters for few units. A stratum of one unit contains no information on the
-variance between units, so it is joined to others (collapsed strata: Wolter, Introduction to
-Variance Estimation, 2007, 2.5).
+The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws n - 1 of
+the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a mean is
+then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by (n - 1) /
+n, which matters for few units. A stratum of one unit contains no information on the variance
+between units, so it is joined to other strata (collapsed strata: Wolter, Introduction to Variance
+Estimation, 2007, 2.5).
 """
 
 from __future__ import annotations
@@ -24,13 +25,11 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import ALPHA, Estimate, Rate, rate_bounds
 
 FEWEST = 5
-"""Number of units below which there is no interval, because they are too few to resample."""
+"""Smallest number of units for an interval; fewer are too few to resample."""
 FEW = 20
-"""Number of units below which an interval is somewhat too narrow, and a table states their
-number.
-"""
+"""With fewer units an interval is somewhat too narrow, and a table states the number of units."""
 RESAMPLES = 1000
-_ELEMENTS = 2_000_000  # elements of a batch of weights, 16 MB
+_ELEMENTS = 2_000_000  # number of weights in a batch of resamples, 16 MB
 
 
 class Units(NamedTuple):
@@ -63,7 +62,9 @@ class Units(NamedTuple):
     def resampled(
         self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """Return `value` of each resample [resamples, ...]. It takes weights of rows [b, n]."""
+        """Return `value` of each resample [resamples, ...]. value: maps row weights [b, n] to [b,
+        ...].
+        """
         weight = self.weights(resamples, seed)
         batch = max(1, _ELEMENTS // max(1, len(self.unit)))
         parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
@@ -71,7 +72,10 @@ class Units(NamedTuple):
 
 
 def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
-    """Return each row's label as a number [n], and how many there are. Refuses missing labels."""
+    """Return each row's label as a number [n], and the number of different labels.
+
+    Raise ValueError for a missing label.
+    """
     import pandas as pd
 
     labels: Any = label if isinstance(label, pd.Series | pd.Categorical) else np.asarray(label)
@@ -82,11 +86,10 @@ def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
 
 
 def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
-    """Return the units given by the label of each row [n], and their strata given by another label.
-    Labels may have any type.
+    """Return the units of rows [n]: rows with the same label are one unit.
 
-    Without strata there is a single one. Raises ValueError if a label is missing, or a unit lies in
-    two strata.
+    `stratum`: labels [n] of strata; None: one stratum. Labels may have any type. Raise ValueError
+    if a label is missing, or if a unit is in two strata.
     """
     unit, count = label_codes(label)
     if stratum is None:
@@ -95,18 +98,17 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     of_unit = np.zeros(count, int)
     of_unit[unit] = rows
     if (of_unit[unit] != rows).any():
-        raise ValueError("units: each must be in one stratum, and one of these is in several")
+        raise ValueError("units: each unit must be in one stratum, but a unit is in several")
     return Units(unit, of_unit)
 
 
 def ratio_band(
     above: ArrayLike, below: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0
 ) -> Estimate:
-    """Return sum(above) / sum(below) over rows [n] with its percentile band. `below` = 1 gives a
-    mean.
+    """Return sum(above) / sum(below) over rows [n] with its percentile band.
 
-    The band is NaN for fewer than FEWEST units. If all units have the same ratio, the band has zero
-    width; use `rate_band` to get a band then.
+    With `below` = 1 it is a mean. The band is NaN for fewer than FEWEST units. If all units have
+    the same ratio, the band has zero width; `rate_band` avoids this for shares.
     """
     parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
     sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
@@ -122,10 +124,10 @@ def ratio_band(
 
 
 def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
-    """Return the share of rows that `hit` (bool [n]), with the band of `ratio_band`.
+    """Return the share of rows with `hit` (bool [n]), with the band of `ratio_band`.
 
-    If all rows are equal, the band is Wilson's with as many trials as there are units, since a
-    resample cannot show what was not seen. The share is NaN without rows.
+    If all rows are equal, resamples are equal too. The band is then Wilson's interval, with the
+    number of units as the number of trials. The share is NaN without rows.
     """
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
@@ -143,22 +145,21 @@ def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed:
 def statistic_band(
     value: Callable[[np.ndarray], np.ndarray], among: Units, *, seed: int = 0
 ) -> Estimate:
-    """Return any statistic of weighted rows with its 95 % percentile band. `value`: maps weights
-    [b, n] to [b].
+    """Return a statistic of weighted rows with its 95 % percentile band.
 
-    The value itself uses equal weights. A bound is NaN if it falls among resamples without a value,
-    or for fewer than FEWEST units.
+    `value`: maps weights [b, n] to values [b]. Equal weights give the statistic itself. A bound is
+    NaN if it falls among resamples without a value, or for fewer than FEWEST units.
     """
     whole = float(value(np.ones((1, len(among.unit))))[0])
     if among.count < FEWEST:
         return Estimate(whole)
-    # Resamples without a value sort last, like an event that never comes.
+    # Resamples without a value (NaN) sort last, like an event that never happens.
     values = np.sort(among.resampled(value, RESAMPLES, seed))
     return Estimate(whole, *(float(values[round(q * RESAMPLES)]) for q in (0.025, 0.975)))
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum; strata of one unit are merged with another one."""
+    """Return the units of each stratum. Strata of one unit are merged with another stratum."""
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     several = sorted((one for one in strata if len(one) > 1), key=len)
     alone = [one for one in strata if len(one) == 1]
@@ -180,10 +181,10 @@ def bootstrap(
 ) -> Estimate:
     """Return the percentile band of a statistic of `units` exchangeable units.
 
-    `statistic`: maps indices of the chosen units [b, m] to values [b, ...], one per row. At most
-    `batch` rows are passed at a time, which bounds memory and does not change the result. Fewer
-    than about 20 units give too narrow a band. The same seed gives the same band. Resamples without
-    a value (NaN) are left out. Raises ValueError for fewer than 2 units.
+    `statistic`: maps indices of drawn units [b, m] to values [b, ...]. `batch`: largest b, which
+    limits memory and does not change the result. With fewer than about 20 units the band is too
+    narrow. The same seed gives the same band. Resamples without a value (NaN) are left out. Raise
+    ValueError for fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")

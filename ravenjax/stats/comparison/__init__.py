@@ -1,3 +1,1 @@
-"""Compares two groups: independent, run by run, or by clusters; and measures the size of their
-difference.
-"""
+"""Compares two groups, independent or paired, and estimates the size of their difference."""

@@ -1,4 +1,4 @@
-"""Compares two variants run by run, over the same faults and random numbers."""
+"""Compares two settings run by run, over the same faults and random numbers."""
 
 import math
 
@@ -34,10 +34,10 @@ def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
 
 
 def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) -> Estimate:
-    """Return the result of `rate_difference` from counts: of `n` pairs, those that hit only in the
-    first and only in the second variant.
+    """Return the result of `rate_difference` from counts.
 
-    The counts are numbers, or arrays of one shape.
+    `first_only`, `second_only`: of `n` pairs, the number with the event only in the first or only
+    in the second setting; numbers, or arrays of one shape.
     """
     from scipy.stats import norm
 
@@ -52,13 +52,12 @@ def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) 
 
 
 def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
-    """Return the exact two-sided p-value that two conditions of the same rows are alike. Rows [n]
-    are bool; `unit` has their unit numbers.
+    """Return the exact two-sided p-value of the hypothesis that two conditions do not differ.
 
-    If the conditions are alike, their labels can be exchanged in each unit, for all its rows
-    together. So the opposite sign of the unit's difference of counts is equally likely. All
-    exchanges are enumerated. With one row per unit this is McNemar's exact test. The result is NaN
-    if no unit has a difference, because there is nothing to test.
+    first, second: bool [n], the same rows under both conditions. unit: number of each row's unit.
+    If the conditions do not differ, they can be exchanged in any unit, so both signs of the unit's
+    difference of counts are equally likely. All exchanges are enumerated. With one row per unit
+    this is McNemar's exact test. The result is NaN if no unit has a difference.
     """
     difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
     size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
@@ -73,6 +72,7 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
 
 
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    # Converts two outcomes to bool arrays and checks that they have the same runs.
     one, two = np.asarray(first, bool), np.asarray(second, bool)
     if one.shape != two.shape or one.ndim != 1:
         raise ValueError(

@@ -1,3 +1,4 @@
-"""Sets thresholds with a guarantee from fault-free operations, and tests whether fresh operations
-still resemble them.
+"""Computes alarm thresholds with a guaranteed false-alarm rate, by conformal prediction.
+
+The package also tests whether new fault-free operations still resemble those of the calibration.
 """

@@ -1,19 +1,19 @@
-"""Tests whether fresh fault-free operations still resemble those of the calibration.
+"""Tests whether new fault-free operations still resemble those of a calibration.
 
-Null hypothesis: fresh units were drawn like the calibration's, all independent, so that each order
-of their scores is equally likely. A fresh score then has a conformal p-value that is uniform (Vovk,
-Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests hold for any
-distribution:
+A unit is an independent draw, such as an operator. Null hypothesis: new units were drawn like those
+of the calibration, all independent, so that each order of their scores is equally likely. A new
+score then has a conformal p-value that is uniform (Vovk, Gammerman, Shafer, Algorithmic learning in
+a random world, 2005). Two tests are valid for any distribution:
 
-- Kolmogorov-Smirnov between fresh and calibration scores, exact: it detects any change of their
-  distribution.
-- A martingale that bets against uniform p-values as they come: the simple jumper (Vovk et al.,
-  Conformal and probabilistic prediction, PMLR 152, 2021). By Ville's inequality
-  its largest value exceeds 1/level with a probability of at most the level, however long one looks.
+- The exact Kolmogorov-Smirnov test between new scores and calibration scores. It detects any
+  change of their distribution.
+- A martingale that bets against uniform p-values in their order of arrival: the simple jumper
+  (Vovk et al., Conformal and probabilistic prediction, PMLR 152, 2021). By Ville's inequality
+  its largest value exceeds 1/level with a probability of at most the level, at any time.
 
-The tests are combined by Bonferroni. Each unit contributes one operation, because operations that
-share an operator or a robot are not independent. A single robot with many operations is one draw of
-a robot.
+The tests are combined by Bonferroni's inequality. Each unit contributes one operation, because
+operations of the same operator or robot are not independent. A single robot with many operations is
+one draw of a robot.
 """
 
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 JUMP = 0.01
-"""Share of the jumper's capital that changes its bet at each step, as in the authors' work."""
+"""Share of the capital that changes its bet at each step, as in the publication."""
 BETS = (-1.0, 0.0, 1.0)
 
 
@@ -31,14 +31,16 @@ class Shift(NamedTuple):
     p: float  # both tests together; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # largest value of the martingale
-    # Median rank of the fresh scores among the calibration's, 0..1; 0.5 if nothing changed.
+    # Median rank of the new scores among the calibration's, 0..1; about 0.5 if nothing changed.
     place: float
-    fresh: int  # units
-    calibration: int  # units
+    fresh: int  # number of new units
+    calibration: int  # number of units of the calibration
 
 
 def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
-    """Test scores of independent units, [calibration] and [fresh]. `seed` breaks ties at random."""
+    """Test whether scores of new units [fresh] have the distribution of those of the calibration
+    [calibration]. Units are independent. `seed` breaks ties at random.
+    """
     from scipy.stats import ks_2samp  # slow to import
 
     pooled = np.concatenate([calibration, fresh])
@@ -61,11 +63,10 @@ def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shi
 
 
 def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Return the conformal p-value of each fresh score among the calibration's and the earlier
-    fresh scores, [fresh].
+    """Return the conformal p-value of each new score, [fresh].
 
-    The values are independent and uniform on 0..1 under the null hypothesis, and small for high
-    scores.
+    A score is compared with the scores of the calibration and with earlier new scores. Under the
+    null hypothesis p-values are independent and uniform on 0..1. High scores have small p-values.
     """
     theta = np.random.default_rng([seed, 1]).random(len(fresh))
     before = np.sort(np.asarray(calibration, float))

@@ -1,21 +1,23 @@
-"""Finds the least threshold that keeps a false-alarm rate with confidence, from operations of
-sampled units.
+"""Finds the smallest alarm threshold whose false-alarm rate is below a target, with stated
+confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
 exceeds the threshold. The sampled units are operators, each with some robots. A unit's loss is the
-mean over its operations (`target`), in 0..1, and losses of units are independent.
+mean over its operations (`target`), in 0..1, and losses of units are independent. The risk of a
+threshold is the expected loss of a new unit.
 
-A threshold is rejected unless the hypothesis that its risk is above the target is refuted at 1 -
-confidence. Risk falls with the threshold. So the least threshold for which it and all higher ones
-are accepted keeps the target with that confidence. This holds over the draw of the units and for
-any distribution of the scores (Bates et al., J. ACM 68, 2021, theorem 1).
+The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
+accepted if the test rejects this hypothesis. Risk falls with the threshold. So the smallest
+threshold for which it and all higher thresholds are accepted keeps the target with that confidence.
+This is true over the draw of the units and for any distribution of the scores (Bates et al., J. ACM
+68, 2021, theorem 1).
 
-The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
-needs fewer units the less they differ. With one operation per unit, each counted whole, the test is
-exact. It then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among
-n as the binomial tail allows. Units with several operations are clusters and are counted as units.
-Dunn, Wasserman, Ramdas (JASA 118, 2023) call it subsampling to take one operation of each;
-`one_each` does this.
+The test is by betting (`excess_p`). It is valid for losses of any distribution and needs fewer
+units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
+then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
+binomial tail allows. Units with several operations are clusters and are counted as units.
+`one_each` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA
+118, 2023).
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ from ravenjax.stats.intervals import alpha_of
 
 
 class OperationScores(NamedTuple):
-    """Fault-free operations, arrays of one length."""
+    """Scores of fault-free operations, arrays of one length."""
 
     unit: np.ndarray  # int, number of the operator
     score: np.ndarray  # maximum over the operation; infinite or NaN: above every threshold
-    hours: np.ndarray  # that count
+    hours: np.ndarray  # time of the operation in which detectors are active
 
     @property
     def units(self) -> int:
@@ -52,27 +54,26 @@ class OperationScores(NamedTuple):
 
 
 class FalseAlarmTarget(NamedTuple):
-    """A limit of false alarms per hour and its confidence, also expressed as the risk of one
-    operation.
+    """A limit of false alarms per hour with a confidence, and the equivalent loss of an operation.
 
-    An operation lasts T hours, and an alarm ends it, as an E-stop does. Let A = 1 if it has an
-    alarm, and H <= T its hours that count. The rate over many operations is E[A] divided by the
-    mean hours to the alarm or the end. It is at most r if
+    An operation lasts T hours, and an alarm ends it, as an E-stop does. Let A = 1 if the operation
+    has an alarm, else 0, and let H <= T be the hours in which detectors are active. The rate over
+    many operations is E[A] divided by the mean hours to the alarm or the end. It is at most r if
 
         E[A] <= r E[(1 - A) H]
 
-    This leaves out the hours before an alarm. It is linear. It is equivalent to E[L] <= a for a
-    loss L in 0..1 of each single operation.
+    because hours before an alarm are left out. This is equivalent to E[L] <= a for a loss L in 0..1
+    of each operation.
 
         L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
 
-    If all of T counts, L is A. Nothing is approximated. If alarms do not end operations, a applies
-    approximately to operations with an alarm.
+    If H = T, L is A. If alarms do not end operations, a is approximately the largest share of
+    operations with an alarm.
     """
 
-    per_hour: float  # false alarms an hour, at most
-    confidence: float  # that a calibration keeps the limit
-    length_h: float  # of an operation, hours
+    per_hour: float  # largest rate of false alarms (r)
+    confidence: float  # probability that a calibration keeps the limit
+    length_h: float  # duration of an operation, hours (T)
 
     @property
     def risk(self) -> float:
@@ -82,18 +83,17 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def fewest_units(self) -> int:
-        """Return the number of independent units, all without an alarm, from which a promise is
-        possible: (1 - a)^n <= 1 - c.
+        """Return the smallest number n of independent units without an alarm that is enough to show
+        the limit: (1 - a)^n <= 1 - c.
 
-        What counts is hours of operation of independent operators: units times length is about
-        -ln(1 - c) / r, for any length. Raises ValueError unless rate and length are above 0 and the
-        confidence lies between 0 and 1.
+        n times the length of an operation is about -ln(1 - c) / r, for any length. Raise ValueError
+        unless rate and length are above 0 and the confidence is between 0 and 1.
         """
         if not (
             self.per_hour > 0 and self.length_h > 0 and math.isfinite(self.per_hour * self.length_h)
         ):
             raise ValueError(
-                f"a rate and a length must be above 0, got {self.per_hour} an hour and"
+                f"expected a rate and a length above 0, got {self.per_hour} an hour and"
                 f" {self.length_h} h"
             )
         # Tolerance, so that rounding does not add a unit.
@@ -103,11 +103,11 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def fewest_clusters(self) -> int:
-        """Return the number of units without any loss, for units of several operations or with
-        hours that do not count.
+        """Return the smallest number n of units without loss that is enough, if units have several
+        operations or detectors are not always active.
 
-        A bet of 1 against the risk grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 - c). If
-        some hours do not count, more units are needed.
+        The capital of the betting test grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 -
+        c). If detectors are not always active, more units are needed.
         """
         return max(
             self.fewest_units,
@@ -115,10 +115,9 @@ class FalseAlarmTarget(NamedTuple):
         )
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
-        """Return the loss of operations without an alarm, by the hours of each that count;
-        [operations].
+        """Return the loss of operations without an alarm [operations].
 
-        Raises ValueError if hours are outside 0..T.
+        hours: time in which detectors are active [operations]. Raise ValueError outside of 0..T.
         """
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
             raise ValueError(
@@ -133,26 +132,26 @@ class FalseAlarmTarget(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """A threshold and the data behind it."""
+    """A threshold and the data from which it was computed."""
 
-    value: float  # alarms are scores above it
+    value: float  # scores above this value are alarms
     units: int  # number of sampled units
     operations: int
-    hours: float  # that count
-    alarms: int  # number of operations above it
+    hours: float  # total time in which detectors are active
+    alarms: int  # number of operations with an alarm
     p: float  # p-value of the hypothesis that the risk is above the target
 
 
 class TooFewUnits(ValueError):
-    """Raised if no threshold can be promised. States how many units would suffice."""
+    """Raised if the units are too few for any threshold. It states how many would be enough."""
 
     def __init__(self, units: int, fewest: int) -> None:
-        super().__init__(f"{units} units, at least {fewest} are needed")
+        super().__init__(f"got {units} units, expected at least {fewest}")
         self.units, self.fewest = units, fewest
 
 
 def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
-    """Return the least score that keeps the target as threshold. Raises TooFewUnits."""
+    """Return the smallest score that keeps the target as a threshold. Raise TooFewUnits."""
     if not len(operations.unit):
         raise TooFewUnits(0, target.fewest_units)
     score = np.where(np.isnan(operations.score), np.inf, operations.score)
@@ -160,9 +159,8 @@ def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Th
     base = target.without_alarm(operations.hours)
     exact = bool(sizes.max() == 1 and (base <= 1e-15).all())
     order = np.argsort(-score, kind="stable")
-    values, above = np.unique(
-        -score[order], return_index=True
-    )  # scores, descending, and the number of scores above each
+    # Different scores, descending, and the number of scores above each.
+    values, above = np.unique(-score[order], return_index=True)
     owner, more = unit[order], (1.0 - base)[order] / sizes[unit[order]]
     quiet = np.bincount(unit, base) / sizes  # loss of each unit without an alarm
     best: Threshold | None = None
@@ -181,15 +179,14 @@ def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Th
 
 
 def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = False) -> float:
-    """Return the p-value of "the mean loss is above `risk`" from losses of independent units,
-    [units] in 0..1.
+    """Return the p-value of the hypothesis that the mean loss is above `risk`.
 
-    The order of the units must not depend on their losses. `exact`: losses are 0 or 1, so their sum
-    is binomial. Otherwise the test bets against the hypothesis, one unit after the other. It starts
-    with capital 1, and each unit multiplies the capital by 1 - bet * (loss - risk). If the mean
-    were above the risk, the chance that the capital ever reaches 20 would be at most 1 in 20
-    (Waudby-Smith, Ramdas, J. R. Stat. Soc. B 86, 2024, with their predictable plug-in bets of at
-    most 1, aimed at this confidence). If the losses differ little, few units are enough.
+    losses: of independent units, [units] in 0..1. Their order must not depend on the losses.
+    `exact`: losses are 0 or 1, so their sum is binomial. Otherwise the test bets against the
+    hypothesis, one unit after the other. The capital begins with 1, and each unit multiplies it by
+    1 - bet * (loss - risk). If the hypothesis is true, the capital ever reaches 20 with a
+    probability of at most 1 in 20. Bets are the predictable plug-in bets of Waudby-Smith and
+    Ramdas (J. R. Stat. Soc. B 86, 2024) for this confidence, at most 1.
     """
     from scipy.stats import binom  # slow to import
 
@@ -206,17 +203,16 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
 
 
 SHARE = 0.95
-"""Quantile of an operation's maxima that is the scale of a signal in a segment."""
+"""The scale of a signal is this quantile of the maxima of operations."""
 LEAST = 1e-6
-"""Least scale of a signal in a segment, as a fraction of its largest scale in any segment."""
+"""Smallest scale of a signal in a segment, as a fraction of its largest scale in any segment."""
 
 
 def signal_scales(peaks: np.ndarray) -> np.ndarray:
-    """Return the scale of each signal in each segment from maxima [operations, signals, segments];
-    float32 [signals, segments].
+    """Return the scale of each signal in each segment, float32 [signals, segments].
 
-    A signal that is 0 in all segments has scale 1. Raises ValueError without operations, or if a
-    maximum is not finite.
+    peaks: maxima of operations [operations, signals, segments]. A signal that is 0 in all segments
+    has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
         raise ValueError("scales need finite maxima of at least one operation")
@@ -227,12 +223,12 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
 
 
 def joint_scores(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the score of each operation: the largest of its maxima [operations, signals *
-    segments], each divided by its scale [signals, segments]. An operation that failed has a maximum
-    NaN; its score is infinite.
+    """Return the score of each operation: the largest of its maxima divided by their scales.
 
-    The computation is in float32, as in a monitor. Division by a positive number keeps the order,
-    so this equals, to the bit, the largest value over time of the monitor's scores per millisecond.
+    peaks: maxima [operations, signals * segments]. scale: [signals, segments]. A failed operation
+    has a maximum NaN, and its score is infinite. The computation is in float32, as in a monitor.
+    Division by a positive number keeps the order. So the score equals, to the bit, the largest of
+    the monitor's scores over time.
     """
     shares = peaks.reshape(len(peaks), -1).astype(np.float32) / scale.astype(np.float32).ravel()
     scores = shares.max(axis=1)

@@ -1,3 +1,1 @@
-"""Measures how an outcome depends on its inputs: rates against inputs, and Sobol's and Morris's
-sensitivity.
-"""
+"""Measures how an outcome depends on its inputs, by rates and by sensitivity indices."""

@@ -1,9 +1,9 @@
 """Measures which inputs cause an output's variance: Sobol indices, and Morris' cheaper screening.
 
-Designs are points of the unit cube [runs, d]. The caller runs the model on them as a batch. Each
-input is the quantile of its own distribution at that coordinate, and inputs are assumed to be
-independent. Output rows must keep the design's order. For a binary outcome use a margin or a
-probability, because a 0/1 output needs many more runs.
+Designs are points of the unit cube [runs, d]. The caller runs the model on all points. A coordinate
+is the quantile of an input's distribution, and inputs are assumed to be independent. Rows of the
+output must have the order of the design. For a binary outcome use a margin or a probability,
+because a 0/1 output needs many more runs.
 """
 
 from typing import NamedTuple
@@ -17,8 +17,8 @@ from ravenjax.stats.intervals import Estimate
 class SobolIndices(NamedTuple):
     """First-order and total index of each input, arrays [d] with bands.
 
-    They are the share of the output's variance that the input explains alone, and with all its
-    interactions. They are NaN if the output never varies.
+    They are the shares of the output's variance that an input explains alone, and together with
+    its interactions. They are NaN if the output is constant.
     """
 
     first: Estimate
@@ -29,8 +29,9 @@ class MorrisEffects(NamedTuple):
     """Elementary effects of each input, arrays [d], in the output's unit per whole range of the
     input.
 
-    mu_star: mean absolute effect, with its band. mu: mean with sign (near 0 while mu_star is large:
-    not monotone). sigma: standard deviation (large: not linear, or with interactions).
+    mu_star: mean absolute effect, with its band. mu: mean effect with sign; if it is near 0 and
+    mu_star is large, the output is not monotone. sigma: standard deviation; it is large if the
+    output is not linear or has interactions.
     """
 
     mu_star: Estimate
@@ -42,8 +43,9 @@ def sobol_sample(d: int, n: int, seed: int) -> np.ndarray:
     """Return Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a
     power of two.
 
-    Block i holds A_i, A_i with one input from B_i for each input, and B_i (the order of
-    SALib.sample.sobol), from one scrambled Sobol sequence in 2 d dimensions.
+    A_i and B_i are the halves of the points of a scrambled Sobol sequence in 2 d dimensions. Block
+    i contains A_i, then for each input A_i with this input of B_i, then B_i, as in
+    SALib.sample.sobol.
     """
     from scipy.stats import qmc
 
@@ -58,9 +60,9 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
     scipy.stats.sobol_indices.
 
     The estimators are those of Saltelli et al. 2010. Bands are by percentile bootstrap over the n
-    base points. A resample in which the output does not vary has no index and is left out (SALib
-    divides by nearly 0 there, its issue 619). A Sobol sequence fills the cube more evenly than a
-    bootstrap assumes, so for a smooth model the bands are several times too wide.
+    base points. A resample with a constant output has no index and is left out (SALib would divide
+    by nearly 0, its issue 619). A Sobol sequence fills the cube more evenly than a bootstrap
+    assumes, so for a smooth model the bands are several times too wide.
     """
     from scipy.stats import sobol_indices
 
@@ -69,7 +71,7 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
     n = block.shape[1]
 
     def indices(index: np.ndarray) -> np.ndarray:
-        # Axes [d + 2, b, n]. scipy takes the resamples as separate outputs of one model.
+        # Axes [d + 2, b, n]. scipy treats the resamples as separate outputs of one model.
         resample = block[:, index]
         functions = {"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}
         result = sobol_indices(func=functions, n=n)
@@ -108,8 +110,8 @@ def morris_analyse(
     """Return effects from a design of `morris_sample` and its finite outputs [runs], by SALib
     (Campolongo et al. 2007).
 
-    The band of mu_star is normal, with the bootstrap's error over trajectories, and cut at 0. With
-    fewer than about 20 trajectories it is too narrow.
+    The band of mu_star is normal, with the standard error of a bootstrap over trajectories, and at
+    least 0. With fewer than about 20 trajectories it is too narrow.
     """
     from SALib.analyze.morris import analyze
 

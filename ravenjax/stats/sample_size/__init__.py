@@ -1,1 +1,1 @@
-"""Plans how many runs a precision needs, and decides when to stop early."""
+"""Plans the number of runs for a wanted precision, and decides when to stop early."""

@@ -4,12 +4,12 @@ A user who looks at m sample sizes and stops at a convenient one has m chances t
 rate of a stratum therefore has a confidence sequence: intervals that hold at all sizes together
 (`anytime_bounds`), so that a look costs nothing. Every sequence has confidence 1 - (1 - confidence)
 / (strata x rates). By Bonferroni's inequality, all of them hold together with the wanted
-confidence. This includes sizes that the data themselves chose, by stopping or by giving one stratum
-more draws than another.
+confidence. This includes sizes that depend on the data, because the study stopped or gave one
+stratum more draws than another.
 
 The rate of the whole table is that of strata weighted by their sizes. Its sequence is that of a
 plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - confidence) / rates.
-It is approximate, as that number is.
+This interval is approximate.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
 drawn without replacement. Its intervals are therefore wider than necessary. `analysis/stopping`
@@ -41,11 +41,11 @@ Allocation = Literal["proportional", "neyman"]
 
 
 class Stratum(NamedTuple):
-    """A part of the table that is sampled separately, in the order of its draws."""
+    """A subset of the table that is sampled separately, in the order of its draws."""
 
     name: str
-    size: int  # number of draws that it holds
-    # Whether its rates count. If not, the whole stratum is taken at the first look.
+    size: int  # number of draws
+    # True if its rates must be precise. Otherwise the whole stratum is computed at the first look.
     judged: bool = True
 
 
@@ -83,23 +83,23 @@ class Look(BaseModel):
 
     number: int  # from 1
     looks: int  # largest number of looks
-    taken: dict[str, int]  # draws taken from each stratum
-    # Draws that the table has of each stratum: the weights of a rate over several.
+    taken: dict[str, int]  # number of computed draws of each stratum
+    # Number of all draws of each stratum, the weights of a rate over several strata.
     held: dict[str, int]
     intervals: tuple[Interval, ...]
-    # Largest half-width of the strata still waited for, else of all; fraction.
+    # Largest half-width of the strata in `waiting`, or of all strata; fraction.
     widest: _Number
-    # Strata that are neither narrow enough nor completely computed; "" is the whole table.
+    # Strata whose intervals are too wide and that are not completely computed; "": whole table.
     waiting: tuple[str, ...]
-    stop: bool
+    stop: bool  # True if the campaign ends after this look
     half_width: float  # wanted half-width, fraction
     each: _Number  # confidence of each interval
-    even: bool  # the same share of every stratum was taken
+    even: bool  # True if the same share of every stratum was computed
 
 
 @dataclasses.dataclass(frozen=True)
 class Sequential:
-    """The stopping rule: what is judged, how narrow it must get, and at which sizes."""
+    """The stop rule: which rates must be how precise, and at which sizes they are examined."""
 
     strata: tuple[Stratum, ...]
     rates: tuple[str, ...]
@@ -111,12 +111,12 @@ class Sequential:
 
     @property
     def size(self) -> np.ndarray:
-        """Return the number of draws that each stratum holds, int64 [strata]."""
+        """Return the number of draws of each stratum, int64 [strata]."""
         return np.array([stratum.size for stratum in self.strata], np.int64)
 
     @property
     def judged(self) -> np.ndarray:
-        """Return which strata are judged, bool [strata]."""
+        """Return which strata must have precise rates, bool [strata]."""
         return np.array([stratum.judged and stratum.size > 0 for stratum in self.strata])
 
     @property
@@ -126,21 +126,19 @@ class Sequential:
         return 1 - alpha_of(self.confidence) / (apart * len(self.rates))
 
     def sizes(self) -> np.ndarray:
-        """Return the draws of each stratum that may ever be taken, int64 [looks, strata]; at least
-        one.
-        """
+        """Return the planned numbers of draws, int64 [looks, strata]; at least one per stratum."""
         part = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
         return np.where(self.judged, np.clip(part, np.minimum(1, self.size), self.size), self.size)
 
     def first(self) -> np.ndarray:
-        """Return the draws of each stratum before the first look, int64 [strata]."""
+        """Return the number of draws of each stratum before the first look, int64 [strata]."""
         return self.sizes()[0]
 
     def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
-        """Return the decision after look `number` (from 1), with k[rate, stratum] events in
-        n[stratum] valid draws.
+        """Return the decision of look `number` (from 1), with k[rate, stratum] events in n[stratum]
+        valid draws.
 
-        `taken`: draws of each stratum; must be registered sizes.
+        `taken`: number of computed draws of each stratum, which must be planned sizes.
         """
         names = [stratum.name for stratum in self.strata]
         intervals = list(self._intervals(k, n, taken))
@@ -167,15 +165,15 @@ class Sequential:
         )
 
     def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return the draws of each stratum before the next look, int64 [strata]. No number falls
-        below what was taken.
+        """Return the number of draws of each stratum before the next look, int64 [strata]. Numbers
+        never decrease.
 
-        With allocation `neyman`, the total of the next share is distributed to narrow the judged
-        rates most. Draws are in proportion to size times spread (Neyman 1934). For strata that are
-        judged separately they are in proportion to the square of the spread, which makes the widest
-        interval narrowest. Of several rates the largest spread counts. A stratum that is not waited
-        for gets no draws. A stratum that is judged separately gets at most what it probably needs.
-        Then each number is rounded up to a registered size.
+        With allocation `neyman`, the planned total is distributed so that intervals become as
+        narrow as possible. For the rate of the whole table, draws are in proportion to size times
+        standard deviation (Neyman 1934). For separate rates of strata they are in proportion to the
+        variance, which makes the widest interval narrowest, and at most as many as a stratum
+        probably needs. Of several rates the largest deviation is used. Strata that are precise
+        enough get no draws. Then each number is rounded up to a planned size.
         """
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
@@ -194,7 +192,7 @@ class Sequential:
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return how many further draws of each stratum probably suffice, at least 1."""
+        """Return how many more draws each stratum probably needs, at least 1."""
         if self.of == "whole":
             return self.size
         alpha = alpha_of(self.each)
@@ -212,17 +210,20 @@ class Sequential:
         return bool((taken >= self.size)[of_it].all())
 
     def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
+        # Yields the interval of each rate, from hits k [rates, strata] in n valid of `taken` drawn
+        # runs [strata].
         there = np.flatnonzero(self.judged)
         names, runs = [self.strata[s].name for s in there], n[there]
         for rate, hits in zip(self.rates, k[:, there], strict=True):
             if self.of == "groups":
                 rates = rates_with_intervals(hits, runs, self.each, half_width=self.half_width)
                 found = dict(zip(names, rates, strict=True))
-            # A stratum without any valid draw leaves the rate of the whole table unknown.
+            # If a stratum has no valid draw, the rate of the whole table is unknown.
             elif not (runs > 0).all():
                 found = {"": Rate()}
             else:
-                # Draws that do not count, such as faults that never act, are no part of the table.
+                # Draws without a valid run, such as faults that never act, are not counted in the
+                # size of a stratum.
                 weight = self.size[there] * runs / taken[there]
                 estimate = stratified_rate(hits, runs, weight, self.each, self.half_width)
                 found = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
@@ -231,7 +232,7 @@ class Sequential:
 
 
 def describe_stop(looks: Sequence[Look]) -> str:
-    """Return a sentence on why a campaign stopped, or that it has not. `looks`: in order."""
+    """Return a sentence about why a campaign stopped or did not stop. `looks`: in order."""
     return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
 
 
@@ -249,10 +250,10 @@ def stratified_rate(
     the sum of all weights. The arguments are arrays [strata]; each weight and each n is above 0.
 
     Estimate and variance are from Powell, Martins, Arlat, Crouzet (IEEE Trans. Computers 44, 1995).
-    The interval is Wilson's at the effective number of runs (Korn, Graubard, Survey Methodology 24,
-    1998; Dean, Pagano, J. Surv. Stat. Methodol. 3, 2015). A plain sample with that number of runs
-    has the same variance. The variance is computed at each stratum's Wilson centre, so that the
-    interval does not collapse if a stratum had no hit. For one stratum the interval is Wilson's.
+    The interval is Wilson's with the effective number of runs (Korn, Graubard, Survey Methodology
+    24, 1998; Dean, Pagano, J. Surv. Stat. Methodol. 3, 2015), with which a plain sample has the
+    same variance. The variance uses the centre of each stratum's Wilson interval, so that it is not
+    0 if a stratum had no hit. For one stratum the interval is Wilson's.
     """
     from scipy.stats import norm
 
@@ -274,8 +275,8 @@ def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLi
     """Return runs per stratum, int64 [strata], in proportion to spread[s], between least[s] and
     most[s].
 
-    They sum to `total`, or to the nearest sum that the bounds allow. If strata without spread must
-    take what the others cannot hold, they share it evenly.
+    Their sum is `total`, or the nearest sum that the bounds allow. Runs that strata with spread
+    cannot have are divided evenly among the other strata.
     """
     want, low, high = np.asarray(spread, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))

@@ -1,1 +1,1 @@
-"""Reads result folders by SQL, and checks, merges and locks them."""
+"""Queries, checks, merges and locks the folders with the results of campaigns."""

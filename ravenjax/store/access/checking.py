@@ -1,7 +1,6 @@
-"""Checks a result folder: parts are complete, each row occurs once, and values are possible for a
-run.
+"""Checks a result folder: its files are complete, each run occurs once, and values are plausible.
 
-Each check is one line of a table: what was checked, and each error in words.
+Each check is one row of the printed table: what was checked, and the errors that were found.
 """
 
 import re
@@ -22,22 +21,22 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary import failures
 
 MOST = 5
-"""Number of problems of one check that are printed, and of columns named in one of them."""
+"""Largest number of printed problems of a check, and of columns that a problem names."""
 WORDS = {
     "response": verdict.RESPONSES,
     "hazard": verdict.HAZARDS,
     "failed": failures.CAUSES,
     "verdict": (*verdict.VERDICTS, ""),
 }
-"""Columns of words, and all words that each may hold."""
+"""Columns of words, and the possible words of each."""
 
 
 class FolderCheck(NamedTuple):
-    """Result of one check."""
+    """Result of one check of a result folder."""
 
     name: str
-    looked_at: str  # what was checked, and how much, in words
-    problems: list[str]  # empty if there is none
+    looked_at: str  # what was checked, as text
+    problems: list[str]  # the errors that were found
 
     @property
     def fine(self) -> bool:
@@ -46,15 +45,15 @@ class FolderCheck(NamedTuple):
 
 
 def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
-    """Check that every recorded part is byte for byte what was recorded, and that there are no
-    others.
+    """Check that the files of results have their recorded content, and that there are no others.
 
-    Return also the parts that are complete.
+    Also return the records of complete files.
     """
     there = {path.name for path in parts.part_files(folder / PARTS)}
     stray = sorted(there - {part.file for part in record.parts})
 
     def problem(part: parts.Part) -> str:
+        # Returns what is wrong with a part, "" if nothing is.
         path = folder / PARTS / part.file
         try:
             parts.verify_part(path, record.config_hash, part)
@@ -65,7 +64,7 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
     problems = threads.map_in_threads(problem, record.parts, READERS)
     complaints = [
         *filter(None, problems),
-        *(f"{folder / PARTS / name}: no record names this part" for name in stray),
+        *(f"{folder / PARTS / name}: the manifest does not list this file" for name in stray),
     ]
     size = sum(part.size for part in record.parts)
     number = "1 part" if len(record.parts) == 1 else f"{len(record.parts):,} parts"
@@ -75,18 +74,20 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
 
 
 def check_rows(record: Manifest) -> FolderCheck:
-    """Check that the recorded parts hold each row that they should, and none twice."""
+    """Check that the files contain each row that they should contain, and no row twice."""
     complaints = [
-        f"{part.file}: holds rows that another part holds, too"
+        f"{part.file}: contains runs that another file contains, too"
         for part in parts.without_overlaps(record.parts)[1]
     ]
     missing = list(parts.missing_rows(record.parts, record.wanted))
     if missing:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
-        complaints.append("every row is there, but no start of the command ended: start it again")
+        complaints.append(
+            "all runs are stored, but the command did not end normally: start it again"
+        )
     complaints += [
-        f"{part.file}: holds rows that are not asked of this folder"
+        f"{part.file}: contains runs that do not belong in this folder"
         for part in record.parts
         if not any(part.first in rows and part.last in rows for rows in record.wanted)
     ]
@@ -94,7 +95,7 @@ def check_rows(record: Manifest) -> FolderCheck:
 
 
 def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """Check the rows of complete parts by rules.toml, which lists the values that runs can have."""
+    """Check the values in complete files with rules.toml, which lists possible values."""
     if not whole:
         return []
     with query.open_parts(
@@ -137,16 +138,16 @@ def _check(
     for must, complaint, n in zip(musts, complaints, counts, strict=True):
         if n:
             (first,) = table.row(f'SELECT min("index") FROM {query.RESULTS} WHERE NOT {must}')
-            problems.append(f"{complaint} in {n:,} row{'s' if n > 1 else ''}, the first is {first}")
+            problems.append(f"{complaint} in {n:,} run{'s' if n > 1 else ''}, first in run {first}")
     looked_at = f"{len(musts)} columns in {record.done:,} rows"
     return FolderCheck(check, looked_at, _short(problems))
 
 
 def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
-    """Return how a part's columns and number of rows differ from the expected ones, or ""."""
+    """Return how the columns or the rows of a file differ from the expected ones, or ""."""
     footer = pq.read_metadata(path)
     if footer.num_rows != len(part.rows):
-        return f"{path}: holds {footer.num_rows} rows, its name says {part.first} to {part.last}"
+        return f"{path}: contains {footer.num_rows} rows, expected rows {part.first} to {part.last}"
     wanted, actual = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
     if actual.equals(wanted):
         return ""

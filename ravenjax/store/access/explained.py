@@ -1,4 +1,5 @@
-"""Stores later analyses of a result folder's runs, such as `ravenjax explain`, in Parquet files."""
+"""Stores additional analyses of a campaign's runs, such as those of `ravenjax explain`, as Parquet
+files."""
 
 from pathlib import Path
 
@@ -12,21 +13,20 @@ from ravenjax.store.files import write_aside
 from ravenjax.store.manifest import Manifest
 
 FOLDER, FILE = "explained", "explained.parquet"
-"""The usual folder inside a result folder, and the name of the table."""
+"""Default folder inside a result folder, and file name, of the table of `ravenjax explain`."""
 DEADLINES = Path("deadline", "deadlines.parquet")
-"""Place of the table of `ravenjax deadline` inside a result folder."""
+"""Path of the table of `ravenjax deadline` inside a result folder."""
 _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
-def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add runs from `campaign.inspection.explain` to a folder's file. They replace earlier rows of
-    the same runs.
+def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
+    """Add explained runs to the file in a folder. They replace earlier rows of the same runs.
 
-    Explanations by other code or of another campaign are dropped. Raises StoreError if the file
-    cannot be written.
+    Rows of other code or of another campaign are removed. Raise StoreError if the file cannot be
+    written.
     """
-    path, own = place / FILE, manifest.code_hash(record.robot).encode()
-    before = read_explained(place, record)
+    path, own = folder / FILE, manifest.code_hash(record.robot).encode()
+    before = read_explained(folder, record)
     if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
         others = before.loc[~before["run_id"].isin(ticks["run_id"])]
         ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
@@ -34,12 +34,12 @@ def add_explained(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     return path
 
 
-def read_explained(place: Path, record: Manifest) -> pd.DataFrame | None:
+def read_explained(folder: Path, record: Manifest) -> pd.DataFrame | None:
     """Return the explained runs of a campaign in a folder; None if the folder has none.
 
     Raises StoreError for a damaged file.
     """
-    return read_rows(place / FILE, record, "explain")
+    return read_rows(folder / FILE, record, "explain")
 
 
 def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
@@ -53,7 +53,7 @@ def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
 def read_rows(path: Path, record: Manifest, command: str) -> pd.DataFrame | None:
     """Return a table that `write_rows` wrote for the same campaign; None if there is none.
 
-    command: of ravenjax, which writes the table. Raises StoreError for a damaged file.
+    command: command of ravenjax that writes the table. Raise StoreError for a damaged file.
     """
     if not path.is_file():
         return None
@@ -63,5 +63,5 @@ def read_rows(path: Path, record: Manifest, command: str) -> pd.DataFrame | None
         return pq.read_table(path).to_pandas()
     except (pa.ArrowException, OSError) as error:
         raise StoreError(
-            f"{path}: damaged ({error}); delete it and write `ravenjax {command}` again"
+            f"{path}: is damaged ({error}); delete it and run `ravenjax {command}` again"
         ) from error

@@ -1,10 +1,10 @@
-"""Finds the fault-free runs that are stored in a campaign's result folder. Rates of false cues are
-computed from them.
+"""Finds the fault-free runs in a campaign's result folder, from which rates of false cues are
+computed.
 
-A result folder may contain a folder FOLDER with one result folder per additional motion. `ravenjax
-fault-free` computes them. Results of any fault-free campaign with the same robot, cues and
-detectors may also be put there. The golden runs of a campaign are often a few seconds of one
-motion, which do not determine a rate of false cues per hour.
+The golden runs of a campaign are often a few seconds of one motion. They are too short for a rate
+of false cues per hour. `ravenjax fault-free` therefore computes additional motions, each with its
+own result folder inside the campaign's folder `fault_free`. Results of any fault-free campaign with
+the same robot, cues and detectors may also be put there.
 """
 
 import json
@@ -22,37 +22,37 @@ UNVARIED = ("still", "tip")
 _NOT_OF_ROBOT = ("name", "description", "seed", "duration_s", "limit", "chunk")
 """Keys of [campaign] that do not describe the robot."""
 SCALE = "scale"
-"""The one key of [operator] that describes the robot; the others describe the motion."""
+"""The only key of [operator] that describes the robot; the other keys describe the motion."""
 _WITHOUT_PART = ("group", "outcomes", "reaction", "stop", "cross")
-"""Sections that do not affect the robot in fault-free motion up to the first cue."""
+"""Tables of a campaign file that do not affect fault-free motion up to the first cue."""
 REACTION = "reaction."
-"""Beginning of the paths of parameters that describe the operator's reaction to a cue."""
+"""Prefix of the paths of parameters that describe the operator's reaction to a cue."""
 
 
 class MotionFolder(NamedTuple):
-    """A result folder of fault-free motion."""
+    """A result folder with fault-free runs."""
 
     path: Path
     manifest: Manifest
 
 
 class Companions(NamedTuple):
-    """The result folders in the folder of fault-free motion."""
+    """The result folders with fault-free runs that belong to a campaign's result."""
 
-    motions: tuple[MotionFolder, ...]  # of the campaign's robot, each a different motion
-    excluded: tuple[str, ...]  # the others, as 'NAME: reason'
+    motions: tuple[MotionFolder, ...]  # same robot as the campaign, each with a different motion
+    excluded: tuple[str, ...]  # result folders that cannot be used, as 'NAME: reason'
 
 
 NO_COMPANIONS = Companions((), ())
 
 
 def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
-    """Return the fault-free motion beside the result in `folder`, in the order of names.
+    """Return the fault-free results in the subfolder FOLDER of a result folder, sorted by name.
 
-    campaign: manifest of that result.
+    campaign: manifest of the result folder.
     """
-    place = Path(folder) / FOLDER
-    paths = sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    parent = Path(folder) / FOLDER
+    paths = sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
     motions_so_far = {motion_of(campaign)}
     motions, excluded = [], []
     for path in paths:
@@ -72,11 +72,11 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
 
 
 def motion_of(manifest: Manifest) -> str:
-    """Return what decides how the hands move.
+    """Return text that identifies the operator's motion in a campaign.
 
-    It is equal for two campaigns with the same motion, or if one motion is a continuation of the
-    other. With noise, or with packets of random durations, it also includes what the run draws: the
-    same hands then cause another motion of the robot.
+    Two campaigns have equal texts if their motions are the same, or if one motion continues the
+    other. With noise or with packets of random durations, the text also includes the seed, because
+    the same motion of the hands then causes another motion of the robot.
     """
     operator = _without(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
@@ -88,6 +88,7 @@ def motion_of(manifest: Manifest) -> str:
 
 
 def _difference(campaign: Manifest, other: Manifest) -> str:
+    # Returns why fault-free runs do not belong to the campaign, "" if they do.
     if campaign.code_hash != other.code_hash:
         return f"computed by another version of the code, {other.code_hash[:16]}"
     for name in ("cues", "detectors"):
@@ -96,11 +97,11 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
     differences = manifests.find_differences(
         robot_tables(other.config), robot_tables(campaign.config)
     )
-    return "; ".join(differences).replace(" asked for", " in the campaign")
+    return "; ".join(differences).replace(" requested", " in the campaign")
 
 
 def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the parts of a campaign that decide how the robot follows fault-free motion."""
+    """Return the tables of a campaign that decide how the robot follows fault-free motion."""
     parts = _without(config, _WITHOUT_PART)
     parts["campaign"] = _without(config.get("campaign", {}), _NOT_OF_ROBOT)
     parts["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}

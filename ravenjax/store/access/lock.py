@@ -1,8 +1,9 @@
-"""Allows one writer per result folder; a second one is refused with the name of the first.
+"""Prevents two processes from writing to a result folder at the same time.
 
-The lock is the operating system's (`flock` on `DIR/.lock`), so it ends with the process that held
-it. The file only names the holder. On NFS, Linux passes `flock` to the server. On a file system
-without locks, the name decides: a folder is refused if its holder is on another host or still runs.
+The second process is refused, with the name of the first. The lock is that of the operating system
+(`flock` on `DIR/.lock`), so it ends with the process that locked the folder. The file only stores
+the name of this process. On NFS, Linux passes `flock` to the server. On a file system without
+locks, the file decides: a folder is refused if the named process is on another host or still runs.
 """
 
 import contextlib
@@ -34,9 +35,9 @@ class Holder(BaseModel):
 
 @contextlib.contextmanager
 def hold_lock(folder: Path) -> Iterator[None]:
-    """Hold the lock of `folder`, which must exist.
+    """Lock `folder`, which must exist, until the end of the block.
 
-    Raises StoreError that names the holder if another process has the lock.
+    Raise StoreError with the name of the process if another process has locked it.
     """
     path = folder / FILE
     with disk_errors(f"{path}: cannot be written", EXPECTED_FOLDER):
@@ -56,7 +57,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
                 hint = f" This file system has no locks: if that process has ended, delete {path}."
                 raise _refusal(folder, holder, hint) from None
         holder = Holder(pid=os.getpid(), host=socket.gethostname(), since=utc_now())
-        # A full disk is no reason to refuse, because the lock works without the file's content.
+        # The lock works without the content of the file, so a full disk is no error.
         with contextlib.suppress(OSError):
             _put(file, holder.model_dump_json())
         try:
@@ -74,6 +75,7 @@ def _put(file, text: str) -> None:
 
 
 def _may_run(holder: Holder) -> bool:
+    # Returns whether the process may still be running. This is unknown on another computer.
     try:
         if holder.host == socket.gethostname():
             os.kill(holder.pid, 0)
@@ -86,10 +88,11 @@ def _may_run(holder: Holder) -> bool:
 
 
 def _refusal(folder: Path, holder: Holder | None, hint: str = "") -> StoreError:
+    # Returns the error for a folder that another process has locked.
     who = "another process"
     if holder is not None:
-        who = f"process {holder.pid} on {holder.host}, since {holder.since}"
+        who = f"process {holder.pid} on {holder.host}, started {holder.since},"
     return StoreError(
-        f"{folder}: is being written by {who}. Two runs into one folder would do the same work"
-        f" twice: wait for it, stop it, or choose another --out.{hint} Nothing was changed."
+        f"{folder}: {who} is writing into this folder. Wait for this process, stop it, or name"
+        f" another folder with --out.{hint} Nothing was changed."
     )

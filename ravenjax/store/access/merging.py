@@ -1,8 +1,8 @@
-"""Merges the shards of a campaign into one result folder, as if it had been computed in one place.
+"""Merges the shards of a campaign into one result folder, as if one machine had computed all runs.
 
-Parts are hard-linked if the file system allows it, else copied. Each is checked before and after.
-The manifest is written last. The target folder counts as one more shard, so the same command can be
-repeated after an interruption, or with further shards.
+Files are hard-linked if the file system allows this, else copied. Each file is checked before and
+after. The manifest is written last. The target folder counts as one more shard, so the same command
+can be repeated after an interruption, or with further shards.
 """
 
 import os
@@ -23,19 +23,17 @@ from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
 
 MAY_DIFFER = ("device", "shard")
-"""Fields of a folder's identity that may differ, because shards may come from different
-machines.
-"""
+"""Properties in which shards may differ, because different machines may compute them."""
 
 
 class Merged(NamedTuple):
     """Result of a merge."""
 
-    manifest: Manifest  # of the merged folder
-    linked: int  # parts that are hard links
+    manifest: Manifest  # manifest of the merged folder
+    linked: int  # number of files that are hard links
     copied: int
-    present: int  # parts that were in the target folder before
-    missing: list[range]  # rows that no shard holds
+    present: int  # number of files that were in the target folder before
+    missing: list[range]  # rows that no shard contains
 
 
 class PartSource(NamedTuple):
@@ -51,11 +49,11 @@ class PartSource(NamedTuple):
 
 
 def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
-    """Join the result folders `shards` into the folder `out`; partial: also if rows are missing.
+    """Join the result folders `shards` into the folder `out`. partial: permit missing rows.
 
     All shards must have the same campaign, engine, code and package versions. They are not changed.
-    Raises StoreError, before anything is written, if they differ, a part is damaged, two parts hold
-    the same row, or rows are missing.
+    Raise StoreError, before anything is written, if they differ, a file is damaged, two files
+    contain the same row, or rows are missing.
     """
     folders = _folders(out, shards)
     records = {folder: manifests.read_manifest(folder) for folder in folders}
@@ -72,17 +70,19 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     require_writable(path_inside(out, PARTS))
     with lock.hold_lock(out):
         _require_own(out, sources)
-        done = [_taken(source, out, records[first].config_hash) for source in sources]
+        done = [_link_or_copy(source, out, records[first].config_hash) for source in sources]
         record = _joined(list(records.values()), sources, bool(missing))
         manifests.write_manifest(out, record)
     return Merged(record, done.count("linked"), done.count("copied"), done.count("kept"), missing)
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
+    # Returns the folders to merge, each once: the output folder, if it has a result, and the
+    # shards.
     if not shards:
         raise StoreError(
-            f"{out}: there is nothing to merge; name the shards' result folders after the output"
-            " folder on the command line"
+            f"{out}: got no shards to merge; on the command line, write the result folders of the"
+            " shards after the output folder"
         )
     own = [out] if (out / manifests.FILE).exists() else []
     places = {folder.resolve(): folder for folder in [*shards, *own]}
@@ -91,24 +91,24 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
 
 
 def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
-    # Shards of one campaign differ only in what MAY_DIFFER lists.
+    # Refuses a folder that differs in more than MAY_DIFFER.
     alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
     differences = one.differences(alike)
     if one.runs != two.runs:
-        differences.append(f"runs: {one.runs} here, {two.runs} asked for")
+        differences.append(f"runs: {one.runs} here, {two.runs} requested")
     if differences:
-        lines = list_lines([f"{line.removesuffix(' asked for')} there" for line in differences])
+        lines = list_lines([f"{line.removesuffix(' requested')} there" for line in differences])
         raise StoreError(
-            f"{other}: is no shard of the campaign in {first}. Here {first}, there"
-            f" {other}:\n{lines}\nNothing was merged: shards are made by the same command and code,"
-            " except for --shard and --out."
+            f"{other}: is no shard of the campaign in {first}. 'Here' is {first}, 'there' is"
+            f" {other}:\n{lines}\nNothing was merged. Compute all shards with the same code and the"
+            " same command, except for --shard and --out."
         )
 
 
 def _parts(folder: Path, record: Manifest) -> list[PartSource]:
-    """Return the complete parts of a shard.
+    """Return the complete files of a shard.
 
-    They include a part that was renamed but not yet recorded when the power failed.
+    A complete file may lack a record if the power failed before it was recorded.
     """
     recorded = {part.file: part for part in record.parts}
     there = {path.name: path for path in parts.part_files(folder / PARTS)}
@@ -121,9 +121,9 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:
-    """Return the parts by row, with identical parts of several shards once.
+    """Return the files in the order of rows, with equal files of several shards once.
 
-    Raises StoreError if two parts hold different versions of a row.
+    Raise StoreError if two different files contain the same row.
     """
     alike: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:
@@ -133,31 +133,34 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
         if other.part.first <= one.part.last:
             both = range(other.part.first, min(one.part.last, other.part.last) + 1)
             raise StoreError(
-                f"{one.file} and {other.file} both hold row {query.in_words([both])}. Nothing was"
-                " merged: leave out one of the shards, or delete one of the files if they hold the"
-                " same runs."
+                f"{one.file} and {other.file} contain row {query.in_words([both])}. Nothing was"
+                " merged: leave out one of the shards, or delete one of the files if they contain"
+                " the same runs."
             )
     return ordered
 
 
 def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
+    # Returns the message about rows that no shard contains.
     rows = sum(map(len, missing))
     sentences = [
-        f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of"
-        f" them: rows {query.in_words(missing)}."
+        f"the campaign has {next(iter(records.values())).runs:,} runs, but {rows:,} of these are in"
+        f" no shard: rows {query.in_words(missing)}."
     ]
     for folder, record in records.items():
         own = list(parts.missing_rows(record.parts, record.wanted))
         if record.rows is not None and own:
             sentences.append(
-                f"{folder} lacks rows {query.in_words(own)} of its own: start its command again."
+                f"{folder} lacks its rows {query.in_words(own)}: start its command again."
             )
-    sentences.append("Nothing was merged: name every shard, or merge what is there with --partial.")
+    sentences.append(
+        "Nothing was merged: name all shards, or merge an incomplete result with --partial."
+    )
     return " ".join(sentences)
 
 
-def _taken(source: PartSource, out: Path, config_hash: str) -> str:
-    # Links the part into the merged folder, which needs no disk space; copies it if it cannot.
+def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
+    # Links a file into the merged folder, which needs no disk space, or else copies the file.
     target = out / PARTS / source.part.file
     if target.exists() and (
         target.samefile(source.file) or hash_file(target) == source.part.sha256
@@ -165,9 +168,10 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
         return "kept"
 
     def fill(aside: Path) -> None:
+        # Creates a part in the output folder as a link if possible, otherwise as a copy.
         try:
             os.link(source.file, aside)
-        # Another file system, or one without links.
+        # The folders are on different file systems, or the file system has no links.
         except OSError:
             shutil.copyfile(source.file, aside)
 
@@ -179,17 +183,18 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
+    # Raises StoreError if the output folder contains parts that do not belong to the merged result.
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
     if foreign:
         raise StoreError(
-            f"{foreign[0]}: is in the folder to merge into, and none of the shards has it. Nothing"
-            " was merged: choose another folder, or delete this one."
+            f"{foreign[0]}: this file of the output folder is in none of the shards. Nothing was"
+            " merged: name another output folder, or delete this file."
         )
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    # The manifest of the merged folder.
+    # Returns the manifest of the merged folder.
     finished = [record.finished for record in records]
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(

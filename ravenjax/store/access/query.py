@@ -1,9 +1,9 @@
-"""Queries a folder's result table, which need not fit in memory, as a read-only DuckDB relation.
+"""Queries the result table of a folder by SQL, with DuckDB. The table need not fit in memory.
 
-Every query reads from the view `results`, one row per run. Its columns are those of `schema`, and
-`row`, the number of the run. Data that exceeds the given memory is spilled to a temporary folder,
-which is deleted at the end. Only the parts that the manifest names are read, and each is first
-checked against its checksum.
+Every query reads from the view `results`, one row per run. Its columns are those of
+`ravenjax.store.schema`, and `row`, the number of the run. Data that exceeds the given memory is
+written to a temporary folder, which is deleted at the end. Only the files that the manifest names
+are read, after their checksums are compared.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MEMORY_MB = 1000
-"""Memory that DuckDB may use, MB. It spills what does not fit."""
+"""Memory that DuckDB may use, MB. Data beyond this is written to a temporary folder."""
 RESULTS = "results"
-"""Name of the view of the whole table."""
+"""Name of the view of the whole result table."""
 
 
 class ResultTable(contextlib.ExitStack):
-    """SQL over one result table. Use it as a context manager, or `close` it.
+    """SQL queries of one result table. Use it as a context manager, or call `close`.
 
-    Its end closes the connection and deletes temporary files.
+    This closes the connection and deletes temporary files.
     """
 
     connection: duckdb.DuckDBPyConnection
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a query; `given` replaces its question marks."""
+        """Return the rows of a query. given: values for the question marks in `sql`."""
         return self.run(sql, given).fetchall()
 
     def row(self, sql: str, given: Sequence[Any] = ()) -> tuple[Any, ...]:
@@ -64,25 +64,25 @@ class ResultTable(contextlib.ExitStack):
         )
 
     def register(self, name: str, table: pa.Table) -> None:
-        """Make an Arrow table readable under a name."""
+        """Make an Arrow table available to queries as `name`."""
         self.connection.register(name, table)
 
     def run(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
-        """Run one statement, as a view's definition. DuckDB's errors become StoreError."""
+        """Run one SQL statement. Raise StoreError for lack of memory and for errors of the disk."""
         import duckdb
 
-        # A name in somebody else's file must not add a statement that writes.
+        # A name in somebody else's file must not add a second statement.
         if self.connection.extract_statements(sql)[1:]:
             raise StoreError(
-                "a name in the result contains SQL, so it is forged; nothing was computed"
+                "a name in the result contains SQL, so the result is forged; nothing was computed"
             )
         try:
             return self.connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
-                "a query of the result table needs more memory than DuckDB may take:"
-                f" {parts.first_line(error)}. Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or"
-                " free space on the disk it spills to."
+                "a query of the result table needs more memory than DuckDB may use:"
+                f" {parts.first_line(error)}. Permit more with RAVENJAX_QUERY_MB=4000 (in MB), or"
+                " free space on the disk of the result folder."
             ) from error
         except duckdb.IOException as error:
             raise StoreError(
@@ -91,19 +91,19 @@ class ResultTable(contextlib.ExitStack):
 
 
 def open_folder(path: str | Path) -> ResultTable:
-    """Open the finished rows of a result folder.
+    """Open the finished rows of a result folder for queries.
 
-    Raises StoreError if the folder holds no result, a part is missing or damaged, or a part has
-    another schema version.
+    Raise StoreError if the folder has no results, or if a file is missing, damaged, or has another
+    schema version.
     """
     path = Path(path)
     return open_parts(whole_parts(path), path)
 
 
 def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False) -> ResultTable:
-    """Open the rows of these Parquet files without checks.
+    """Open the rows of these Parquet files for queries, without checks.
 
-    aside: folder with space to spill, if it is writable. numbered: add columns `filename` and
+    aside: folder for temporary files, if it is writable. numbered: add columns `filename` and
     `file_row_number`, which counts from 0.
     """
     table = open_empty(aside)
@@ -117,16 +117,13 @@ def of_files(files: Sequence[Path], options: str = "") -> str:
 
     options: further arguments of DuckDB's read_parquet, beginning with a comma.
     """
-    # Brackets keep letters of a path from being wildcards.
+    # In brackets, letters of a path such as * are not wildcards.
     names = ", ".join(quote_text(re.sub(r"([*?\[])", r"[\1]", str(file))) for file in files)
     return f"read_parquet([{names}]{options})"
 
 
 def whole_parts(path: Path) -> list[Path]:
-    """Return the files of the finished parts of a result folder, each checked.
-
-    Raises StoreError as `open_folder`.
-    """
+    """Return the checked Parquet files of a result folder. Raise StoreError as `open_folder`."""
     record = read_complete_manifest(path)
     threads.map_in_threads(
         lambda part: parts.verify_part(path / PARTS / part.file, record.config_hash, part),
@@ -146,14 +143,14 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
 
     limit_mb = memory_mb or _memory_mb()
     with ResultTable() as closing:
-        place = aside if aside is not None and os.access(aside, os.W_OK) else None
-        folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=place))
+        parent = aside if aside is not None and os.access(aside, os.W_OK) else None
+        folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=parent))
         connection = duckdb.connect(
             config={
                 "memory_limit": f"{limit_mb}MB",
                 "temp_directory": folder,
                 "threads": len(os.sched_getaffinity(0)),
-                # Queries state their order. Preserving the insertion order would take memory.
+                # Queries state their order, and preserving the order of insertion needs memory.
                 "preserve_insertion_order": False,
                 "autoinstall_known_extensions": False,
             }
@@ -162,7 +159,7 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
         # A notebook without ipywidgets has no progress bar.
         with contextlib.suppress(duckdb.InvalidInputException):
             connection.execute("SET enable_progress_bar = false")
-        # Intermediate tables take a third of the space.
+        # With compression, intermediate tables need a third of the space.
         connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")
         connection.execute("USE aside")
         table = closing.pop_all()
@@ -187,7 +184,7 @@ def quote_name(name: str) -> str:
 
 
 def enum_type(words: Sequence[str]) -> str:
-    """Return an SQL enum type of these words, which takes one byte per value."""
+    """Return an SQL enum type of these words, which needs one byte per value."""
     return "ENUM (" + ", ".join(quote_text(word) for word in words) + ")"
 
 

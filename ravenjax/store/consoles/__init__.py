@@ -1,1 +1,1 @@
-"""Loads console profiles: bundled ones by name, or the user's files."""
+"""Reads console profiles: TOML files that describe a console's packets."""

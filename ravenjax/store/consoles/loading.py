@@ -1,4 +1,4 @@
-"""Reads a console profile: a TOML file, or a bundled one by name."""
+"""Reads a console profile: a TOML file, or the name of a bundled profile."""
 
 import functools
 import tomllib
@@ -16,14 +16,14 @@ _SUFFIX = ".toml"
 
 @functools.cache
 def bundled_profiles() -> tuple[ConsoleProfile, ...]:
-    """Return every bundled profile, the robot's native protocol first."""
+    """Return all bundled console profiles. The first is `raven`, the protocol of the Raven-II."""
     files = sorted(Path(__file__).parent.glob(f"*{_SUFFIX}"))
     profiles = [_checked(file.name, file.read_text(encoding="utf-8")) for file in files]
     return tuple(sorted(profiles, key=lambda profile: profile.name != "raven"))
 
 
 def load_profile(name: str) -> ConsoleProfile:
-    """Return the profile of a bundled name or of a .toml file. Raises UserError."""
+    """Return the console profile with a bundled name, or of a .toml file. Raise UserError."""
     by_name = {profile.name: profile for profile in bundled_profiles()}
     if name in by_name:
         return by_name[name]
@@ -31,43 +31,41 @@ def load_profile(name: str) -> ConsoleProfile:
     if path.suffix != _SUFFIX:
         words = ", ".join([*by_name, AUTO])
         raise UserError(
-            f"console {format_value(name)} is not known, expected one of {words}, or a .toml file"
+            f"console {format_value(name)} is unknown, expected one of {words}, or a .toml file"
             f"{suggest_name(name, [*by_name, AUTO])}"
         )
     try:
-        # Some editors write a byte order mark first.
+        # Some editors write a byte order mark at the beginning.
         text = path.read_text(encoding="utf-8-sig")
     # ValueError: the text is not UTF-8, or the path contains a zero byte.
     except (OSError, ValueError) as error:
         raise UserError(
-            f"{path}: the console's profile cannot be read: {error}; expected a TOML file"
+            f"{path}: the console profile cannot be read: {error}; expected a TOML file"
         ) from None
     return _checked(str(path), text)
 
 
 def profile_choices(name: str) -> tuple[ConsoleProfile, ...]:
-    """Return the profiles that a console may have: one, or every bundled one for "auto".
-
-    Raises UserError.
-    """
+    """Return the profile `name`, or all bundled profiles for "auto". Raise UserError."""
     return bundled_profiles() if name == AUTO else (load_profile(name),)
 
 
 def _checked(where: str, text: str) -> ConsoleProfile:
+    # Reads a profile from TOML text. where: name of the file for error messages.
     try:
         return ConsoleProfile.model_validate(tomllib.loads(text))
     except ValidationError as error:
         raise UserError(
-            f"{where}: not a console's profile:\n"
+            f"{where}: is not a valid console profile:\n"
             + list_lines([_line(fault) for fault in error.errors()])
         ) from None
-    # tomllib also raises ValueError where a number has thousands of digits.
+    # tomllib also raises ValueError for a number with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not a TOML file: {error}") from None
 
 
 def _line(fault: ErrorDetails) -> str:
-    # Returns one error of a profile as a line: key, what was got, what was expected.
+    # Returns one mistake of a profile as a line: key, value, expected values.
     key = ".".join(map(str, fault["loc"])) or "the file"
     words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] == "extra_forbidden":
@@ -76,10 +74,11 @@ def _line(fault: ErrorDetails) -> str:
             model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
         keys = list(model.model_fields)  # type: ignore[attr-defined]
         return (
-            f"{key}: no such key, expected {', '.join(keys)}{suggest_name(fault['loc'][-1], keys)}"
+            f"{key}: no such key, expected one of {', '.join(keys)}"
+            f"{suggest_name(fault['loc'][-1], keys)}"
         )
     if fault["type"] == "missing":
-        return f"{key}: missing, expected it in the file"
+        return f"{key}: the key is missing; add it to the file"
     if fault["type"] == "value_error":
         return f"{key}: {words}"
     return f"{key}: got {format_value(fault['input'])}, expected {words}"

@@ -1,1 +1,1 @@
-"""Stores time series and recordings of traces and sessions as MCAP, CSV or xarray."""
+"""Stores the time series of single runs and of training sessions as MCAP, CSV or xarray."""

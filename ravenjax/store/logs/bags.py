@@ -1,11 +1,13 @@
 """Reads bags of ROS 1 and ROS 2 and MCAP files with the rosbags library, and writes recordings as
 bags.
 
-A recording is session.mcap or the trace of a run. It is written as a bag of ROS 1 (.bag) or of ROS
-2 (a folder), with the same topics, types and times. In ROS 1 a header has a sequence number, which
-is 0, and there is no rcl_interfaces/Log; `/ravenjax/events` has the same events. A trace begins at
-time 0, which ROS 1 takes for "no time": its players omit such messages. Therefore all times of a
-trace are one second later in a bag of ROS 1.
+A recording is session.mcap of a training session, or the trace of a run. It is written as a bag of
+ROS 1 (.bag) or of ROS 2 (a folder), with the same topics, types and times.
+
+In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
+`/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 interprets as "no
+time": its players omit such messages. Therefore all times of a trace are one second later in a bag
+of ROS 1.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 DAY_NS = 86_400_000_000_000
 _NAME = re.compile(r"^(gold|green|arm[12])_|_joint|_[lr]$")
 RAVEN2_NAMES = resources.read_tables(__file__, "bags.toml")["raven2_names"]
-"""Names of joints in raven2's messages, without the arm, that differ from those of ravenjax."""
+"""Names of joints in raven2's messages that differ from ravenjax's names, without the arm."""
 RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
 ONLY_ROS2 = "rcl_interfaces/msg/Log"
@@ -48,19 +50,19 @@ class TopicMessages(NamedTuple):
     """The messages of one topic, by time."""
 
     topic: str
-    clock: str  # source of their times, in words
-    time_ns: np.ndarray  # int64 [n] since the epoch
-    number: np.ndarray  # [n] of each message on its topic, from 0
+    clock: str  # source of the times, as text
+    time_ns: np.ndarray  # int64 [n], time since 1970
+    number: np.ndarray  # [n], number of the message in its topic, from 0
     messages: list[Any]
     notes: tuple[str, ...]
 
 
 def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> TopicMessages:
-    """Read the messages of one topic. Raises UserError if it has none.
+    """Read the messages of one topic. Raise UserError if there are none.
 
-    Times are those of the headers if headers carry times, else of arrival; `stamped` false: of
-    arrival. If nobody fills the headers, all are equal. A message with stamp 0 among others was
-    sent before the clock was known. It is left out, with a note.
+    Times are those of the message headers. They are times of arrival if `stamped` is False, or if
+    all headers have the same time. A single message with time 0 was sent before the sender knew
+    the time. It is left out, with a note.
     """
     connections = [one for one in reader.connections if one.topic == topic]
     arrived, stamps, messages = [], [], []
@@ -78,12 +80,12 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
         return TopicMessages(topic, f"log times of {topic}", times, number, messages, ())
     notes: tuple[str, ...] = ()
     known = at != 0
-    # A trace begins at time 0, and its next stamp is near.
+    # The trace of a run also begins at time 0, but its second message is soon after.
     if not known.all() and at[known].min() > DAY_NS:
         first = int(np.argmin(known))
         notes = (
-            f"message {first} of {topic} has stamp 0, the next {at[known][0] * 1e-9:.4g} s:"
-            f" {(~known).sum()} without a stamp left out",
+            f"message {first} of {topic} has time 0, and the next message {at[known][0] * 1e-9:.4g}"
+            f" s: {(~known).sum()} messages without a time are left out",
         )
         at, number = at[known], number[known]
         messages = [messages[i] for i in number]
@@ -91,11 +93,11 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
 
 
 def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
-    """Return joints [n, 7] of sensor_msgs/JointState, rad and m; NaN for a joint of no message.
+    """Return joint positions [n, 7] of sensor_msgs/JointState, rad and m.
 
-    Each message is read by its own names, those of ravenjax or of raven2; without names it holds
-    seven joints in their order. Raises UserError for other names and for a message that lacks a
-    joint which others have.
+    A joint that no message has is NaN. Names are those of ravenjax or of raven2. A message without
+    names has the seven joints in order. Raise UserError for other names, and for a message that
+    lacks a joint that other messages have.
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):
@@ -105,8 +107,8 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
         if not known or len(set(known)) < len(known) or len(one.position) > len(words):
             raise UserError(
                 f"{path}: message {number} of {states.topic} has {len(one.position)} positions of"
-                f" {', '.join(one.name) or 'joints without names'}; expected some of"
-                f" {', '.join(JOINTS)}, each once, or seven in this order"
+                f" {', '.join(one.name) or 'joints without names'}; expected some of the joints"
+                f" {', '.join(JOINTS)}, each once, or seven positions in this order"
             )
         for word, position in zip(words, one.position, strict=False):
             if word in JOINTS:
@@ -117,20 +119,20 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
         raise UserError(
             f"{path}: message {states.number[row]} of {states.topic} lacks"
             f" {', '.join(JOINTS[joint] for joint in np.flatnonzero(lacks[row]))}, which other"
-            f" messages have ({lacks.any(axis=1).sum()} such messages). Cut them out"
+            f" messages have. Remove such messages ({lacks.any(axis=1).sum()} in all) from the file"
         )
     return joints
 
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[AnyReader]:
-    """Open a bag or MCAP file and read its definitions. Raises UserError for any damage."""
+    """Open a bag or MCAP file and read its definitions. Raise UserError for a damaged file."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     for file in path.iterdir() if path.is_dir() else [path]:
         files.require_content(file)
-    # Files of ROS 2 may contain no definitions. The usual ones suffice for CRTK.
+    # Files of ROS 2 may contain no definitions of types. CRTK needs only standard types.
     usual = get_typestore(Stores.LATEST)
     try:
         with AnyReader([path], default_typestore=usual) as reader:
@@ -140,7 +142,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     # The library raises many kinds of errors on damaged files.
     except Exception as error:
         raise UserError(
-            f"{path}: no bag or MCAP file that can be read, perhaps truncated:"
+            f"{path}: cannot be read as a bag or MCAP file, perhaps because it is truncated:"
             f" {error or type(error).__name__}. Copy or record it again"
         ) from None
 
@@ -161,9 +163,9 @@ class WrittenBag(NamedTuple):
 def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
 
-    out: path of the bag; None: beside the recording, with its name and `.bag`, or `_ros2` for the
-    folder. Raises UserError if the recording cannot be read or `out` exists, and StoreError if the
-    disk refuses.
+    out: path of the bag. The default is beside the recording, with its name and the ending `.bag`
+    or `_ros2`. Raise UserError if the recording cannot be read or `out` exists, and StoreError if
+    the bag cannot be written.
     """
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":
@@ -188,7 +190,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     try:
         with open_bag(recording) as reader:
             if not reader.is2 or not reader.message_count:
-                raise UserError(f"{recording}: holds no messages of ROS 2")
+                raise UserError(f"{recording}: contains no messages of ROS 2")
             with files.disk_errors(f"{target}: cannot be written"):
                 target.parent.mkdir(parents=True, exist_ok=True)
                 return _write(reader, ros, target)
@@ -200,7 +202,8 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
             target.unlink(missing_ok=True)
         if isinstance(error, UserError):
             raise UserError(
-                f"{error}. If it was cut short, first run: ravenjax log recover {recording}"
+                f"{error}. If the recording is truncated, first run: ravenjax log recover"
+                f" {recording}"
             ) from None
         raise
 
@@ -213,7 +216,7 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
     store, later = reader.typestore, 0
     writer: Any
     if ros == 1:
-        # The recording's types with the header of ROS 1.
+        # Uses the message types of the recording, with the header of ROS 1.
         header = get_typestore(Stores.ROS1_NOETIC).fielddefs[HEADER]
         store = get_typestore(Stores.EMPTY)
         store.register({**reader.typestore.fielddefs, HEADER: header})
@@ -240,6 +243,7 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
 
 
 def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
+    # Returns a serialized message with all time stamps `later` ns later.
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

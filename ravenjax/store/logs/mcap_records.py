@@ -1,12 +1,10 @@
-"""Reads all complete records of an MCAP file that may be truncated or damaged, and counts the lost
-bytes.
+"""Reads an MCAP file that may be truncated or damaged, and counts the lost bytes.
 
-The library's seeking reader needs the index at the end of a file, and its other reader stops at the
-first damaged byte. This module reads record by record with the library. A record whose content does
-not match its length or checksum is skipped and counted, and reading continues at the next complete
-chunk.
+The seeking reader of the mcap library needs the index at the end of a file. Its other reader stops
+at the first damaged byte. This module reads record by record. A record whose content does not match
+its length or checksum is skipped and counted, and reading continues at the next complete chunk.
 
-`recover_records` rewrites a truncated file with the index that other tools need.
+`recover_records` rewrites a truncated file with the index that other programs need.
 """
 
 import io
@@ -29,16 +27,17 @@ from ravenjax.errors import StoreError
 from ravenjax.store.files import disk_errors, write_aside
 
 _HEAD, _FOOTER = 9, 29
-"""Bytes of a record's opcode and length, and of a whole footer."""
+"""Number of bytes of a record's opcode and length, and of a whole footer."""
 _RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""A record's opcode and length; a message's channel, number, and times of log and publication."""
+"""Layout of a record (opcode, length) and of a message (channel, number, log time, publish time).
+"""
 _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
-"""A chunk's opcode, length, times, size, checksum and compression."""
+"""Pattern of the beginning of a chunk: opcode, length, times, size, checksum and compression."""
 
 
 @dataclass
 class Scan:
-    """A file's records. The file is memory-mapped, so that a long one does not fill the memory."""
+    """The records of a file. It is memory-mapped, so that a large file does not fill the memory."""
 
     data: mmap.mmap = field(repr=False)
     profile: str = ""
@@ -47,49 +46,53 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     # Positions of chunks, and of messages outside chunks.
     places: list[int] = field(default_factory=list)
-    complete: bool = False  # the footer and the closing magic are present
-    # Bytes that belong to no complete record: damaged ones, and those after the last.
+    complete: bool = False  # the file has a footer and the magic bytes at its end
+    # Number of bytes in damaged records, and after the last complete record.
     lost_bytes: int = 0
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
-        """Yield every message, or those on these topics, in the order of the file."""
+        """Yield the messages of these topics, or all messages, in the order of the file."""
         wanted = {number for number, one in self.channels.items() if one.topic in topics}
-        for place in self.places:
-            record = _read_record(self.data, place)[0]
+        for offset in self.places:
+            record = _read_record(self.data, offset)[0]
             if isinstance(record, Chunk):
                 yield from _messages_of(record, wanted)
             elif isinstance(record, Message) and (not wanted or record.channel_id in wanted):
                 yield record
             if sys.platform == "linux":
-                self.data.madvise(mmap.MADV_DONTNEED)  # what was read leaves the memory
+                # This frees the memory of the pages that were read.
+                self.data.madvise(mmap.MADV_DONTNEED)
 
 
 def scan_records(path: Path) -> Scan:
-    """Scan a file, even a truncated one. Raises StoreError if it is unreadable or no MCAP file."""
+    """Scan the records of a file, which may be truncated.
+
+    Raise StoreError if the file cannot be read or is no MCAP file.
+    """
     with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise StoreError(
-                f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one,"
-                " whole or cut"
+                f"{path}: is no MCAP file, because it does not begin with the magic bytes; expected"
+                " an MCAP file, which may be truncated"
             )
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
+    scanned, offset, end = Scan(data), len(MCAP0_MAGIC), len(data)
     foot = end - len(MCAP0_MAGIC) - _FOOTER
     scanned.complete = (
         foot > 0 and data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
     )
     summary = int.from_bytes(data[foot + _HEAD : foot + _HEAD + 8], "little")
-    while place < end:
+    while offset < end:
         length, entries = (
-            int.from_bytes(data[place + first : place + last], "little")
+            int.from_bytes(data[offset + first : offset + last], "little")
             for first, last in ((1, _HEAD), (_HEAD + 2, _HEAD + 6))
         )
-        beyond = place + _HEAD + length
-        if data[place] == Opcode.MESSAGE_INDEX and length == 6 + entries and beyond <= end:
-            place = beyond
+        beyond = offset + _HEAD + length
+        if data[offset] == Opcode.MESSAGE_INDEX and length == 6 + entries and beyond <= end:
+            offset = beyond
             continue
         try:
-            record, after = _read_record(data, place)
+            record, after = _read_record(data, offset)
             records = [record]
             if isinstance(record, Chunk):
                 records = [
@@ -99,15 +102,15 @@ def scan_records(path: Path) -> Scan:
                 ]
         # The library and its decompressors raise many kinds of errors on damaged bytes.
         except Exception:
-            chunk = _CHUNK.search(data, place + 1)
+            chunk = _CHUNK.search(data, offset + 1)
             resumed = chunk.start() if chunk else end
-            if chunk is None and scanned.complete and place < summary < end:
+            if chunk is None and scanned.complete and offset < summary < end:
                 resumed = summary
-            scanned.lost_bytes += resumed - place
-            place = resumed
+            scanned.lost_bytes += resumed - offset
+            offset = resumed
             continue
-        if data[place] in (Opcode.CHUNK, Opcode.MESSAGE):
-            scanned.places.append(place)
+        if data[offset] in (Opcode.CHUNK, Opcode.MESSAGE):
+            scanned.places.append(offset)
         for record in records:
             match record:
                 case Header():
@@ -118,22 +121,22 @@ def scan_records(path: Path) -> Scan:
                     scanned.channels[record.id] = record
                 case Metadata():
                     scanned.metadata.append(record)
-        place = end if isinstance(record, Footer) else after
+        offset = end if isinstance(record, Footer) else after
     return scanned
 
 
-def _read_record(data: mmap.mmap, place: int) -> tuple[McapRecord, int]:
-    """Return the record that begins at `place`, and where it ends.
+def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
+    """Return the record that begins at byte `offset`, and the byte after its end.
 
-    Raises any exception if its bytes are inconsistent: a record that is written again must have the
-    same length.
+    Raise any exception if its bytes are inconsistent. As a check, the record is encoded again and
+    must have the same length.
     """
-    end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
-    record = _parse(data[place:end])
+    end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
+    record = _parse(data[offset:end])
     again = RecordBuilder()
     record.write(again)
-    if len(again.end()) != end - place:
-        raise ValueError("the record does not have the length that it states")
+    if len(again.end()) != end - offset:
+        raise ValueError("the content of the record does not match its length")
     return record, end
 
 
@@ -142,20 +145,23 @@ def _parse(content: bytes) -> McapRecord:
 
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
-    """Yield opcode, the chunk's bytes, and where the record's content begins and ends.
+    """Yield (opcode, bytes of the chunk, begin and end of the content) of each record in a chunk.
 
-    Raises any exception if the chunk is damaged.
+    Raise any exception if the chunk is damaged.
     """
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    content, place = stream.read(size), 0
-    while place < size:
-        opcode, length = _RECORD.unpack_from(content, place)
-        begin, place = place + _HEAD, place + _HEAD + length
-        yield opcode, content, begin, place
+    content, offset = stream.read(size), 0
+    while offset < size:
+        opcode, length = _RECORD.unpack_from(content, offset)
+        begin, offset = offset + _HEAD, offset + _HEAD + length
+        yield opcode, content, begin, offset
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
-    """Yield a chunk's messages on the wanted channels, or all; ten times as fast as the library."""
+    """Yield the messages of a chunk on these channels, or all messages.
+
+    This is ten times as fast as the mcap library.
+    """
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
             channel, number, log_ns, publish_ns = _MESSAGE.unpack_from(content, begin)
@@ -165,54 +171,53 @@ def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
 
 
 class Recovered(NamedTuple):
-    """Result of a recovery."""
+    """Result of the recovery of a damaged file."""
 
-    path: Path  # of the new file
+    path: Path  # path of the new file
     messages: int
-    seconds: float  # from the first message to the last
-    # Bytes of the old file after its last complete record or in damaged chunks.
+    seconds: float  # time from the first message to the last
+    # Number of bytes of the old file after its last complete record, or in damaged chunks.
     lost_bytes: int
-    complete: bool  # whether the old file was complete
+    complete: bool  # True if the old file was complete
 
     def __str__(self) -> str:
         """Return a sentence for the command line."""
         if self.complete and not self.lost_bytes:
-            return (
-                f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; the file was whole"
-            )
+            return f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; nothing was lost"
         return (
             f"{self.path}: {self.seconds:.3f} s recovered, {self.messages} messages; "
-            f"{self.lost_bytes} bytes of an unfinished or damaged chunk are lost"
+            f"{self.lost_bytes} bytes of incomplete or damaged chunks are lost"
         )
 
 
 def recovered_path(path: Path) -> Path:
-    """Return the default output of `recover_records`: session.mcap -> session.recovered.mcap."""
+    """Return the default path of a recovered file: session.mcap -> session.recovered.mcap."""
     return path.with_name(f"{path.stem}.recovered{path.suffix}")
 
 
 def recover_records(path: Path, out: Path | None = None) -> Recovered:
     """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
-    Messages keep their order, times and numbers. `out` may equal `path`, which is then replaced
-    atomically. Raises StoreError if the file cannot be read, holds no complete message, or the disk
-    refuses.
+    Messages keep their order, times and numbers. If `out` is `path`, the file is replaced
+    atomically. Raise StoreError if the file cannot be read, contains no complete message, or the
+    new file cannot be written.
     """
     out = recovered_path(path) if out is None else out
     scanned = scan_records(path)
     if next(scanned.messages(), None) is None:
         raise StoreError(
-            f"{path}: holds no whole message, {scanned.lost_bytes} bytes of an unfinished chunk;"
-            " nothing can be recovered"
+            f"{path}: contains no complete message, but {scanned.lost_bytes} bytes of an"
+            " incomplete chunk; nothing can be recovered"
         )
     if not scanned.channels:
         raise StoreError(
-            f"{path}: the chunk that names its channels is damaged, and so is the index that"
-            " repeats them; nothing can be recovered"
+            f"{path}: the list of channels is damaged, at the beginning of the file and in its"
+            " index; nothing can be recovered"
         )
     times: list[int] = []
 
     def fill(target: Path) -> None:
+        # Writes all readable messages to a new file with the same topics.
         with open(target, "wb") as file:
             writer = Writer(file)
             writer.start(profile=scanned.profile, library="ravenjax")

@@ -1,4 +1,4 @@
-"""Makes, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
+"""Creates, encodes and decodes messages of ROS 1 and ROS 2 with the rosbags library."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -19,7 +19,7 @@ class MessageTypes:
     """The message types of one ROS version."""
 
     def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
-        """definitions: text by type, of types that are not part of the distribution."""
+        """definitions: texts that define further types, by name of the type."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.ros: Ros = ros
@@ -33,16 +33,16 @@ class MessageTypes:
             self.store.register({k: v for k, v in types.items() if k not in known})
 
     def encode(self, message: Any) -> bytes:
-        """Return the bytes of a message: CDR with its header, or the format of ROS 1."""
+        """Encode a message: as CDR with its header, or in the format of ROS 1."""
         return bytes(self._write(message, message.__msgtype__))
 
     def decode(self, content: bytes, kind: str) -> Any:
-        """Return the message. Raises ValueError if the bytes are not a message of this type."""
+        """Decode a message. Raise ValueError if the bytes are not a message of this type."""
         try:
             return self._read(content, kind)
         # The library may raise any exception here.
         except Exception as error:
-            raise ValueError(f"no {kind}: {error}") from None
+            raise ValueError(f"not a message of type {kind}: {error}") from None
 
     def header(self, stamp_ns: int, frame: str = "") -> tuple[Any, ...]:
         """Return the fields of a header; stamp_ns: since 1970."""
@@ -50,7 +50,9 @@ class MessageTypes:
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """Return a message with these fields, in order; subfields are given as a sequence."""
+        """Return a message with these values of its fields, in order. A field that is a message
+        itself is a sequence of values.
+        """
         from rosbags.interfaces import Nodetype
 
         fields = []

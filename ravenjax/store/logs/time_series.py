@@ -1,10 +1,9 @@
-"""Lists every time series of one run with name, axes, unit and meaning, and writes them as CSV or
-xarray.
+"""Lists every time series of a run with name, axes, unit and meaning, and writes CSV files and
+datasets.
 
-The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond: for example
-`runlevel`, and `gold/jpos` for a series of an arm. They are listed in the order in which they are
-stored. Traces, CSV files and datasets take units and meanings from here. The list is in
-time_series.csv.
+The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond. For example,
+`runlevel` is a series of the robot and `gold/jpos` a series of an arm. They have the order in which
+they are stored. The list is in time_series.csv.
 """
 
 from __future__ import annotations
@@ -26,29 +25,30 @@ if TYPE_CHECKING:
     import xarray
 
 Series: TypeAlias = Mapping[str, np.ndarray]
-"""Arrays [T, ...] by name, and by arm and name."""
+"""Arrays [T, ...] by name, such as runlevel, or by arm and name, such as gold/jpos."""
 _PLACES = ("x", "y", "z")
 _WINDOW = re.compile(r"fault(\d+)_active")
 
 
 def series_axes(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Return the names along each axis. Elements of other axes are numbered from 0."""
+    """Return the names of the elements along each axis. Other axes have numbers from 0."""
     return {"joint": robot.joints, "axis": _PLACES, "jaw_axis": _PLACES}
 
 
 class TimeSeries(NamedTuple):
-    """One quantity."""
+    """Description of one time series."""
 
     name: str  # without the arm
-    # Unit; for a joint, that of a revolute one.
+    # Unit; if it differs between joints, the unit of a revolute joint.
     unit: str
     meaning: str
-    axes: tuple[str, ...] = ()  # besides time
+    axes: tuple[str, ...] = ()  # axes in addition to time
     # Unit of a prismatic joint, if it differs.
     linear_unit: str = ""
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
+    # Reads the time series of one owner, a robot or the common series, from this module's CSV file.
     with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row.pop("of") == owner]
     return {
@@ -58,7 +58,7 @@ def _series_of(owner: str) -> dict[str, TimeSeries]:
 
 
 OF_RUN = _series_of("run")
-"""Series that belong to no arm.
+"""Series of the whole robot.
 
 `fault_active` is stored as one series per fault: fault0_active, fault1_active, ...
 """
@@ -69,21 +69,21 @@ OF_ARM = _series_of("arm")
 def check_series(series: Series, where: str) -> int:
     """Return the number of ticks of all series.
 
-    Raises StoreError, with a message that begins with `where`, if they differ or have none.
+    Raise StoreError if the numbers differ or are 0. where: beginning of the message.
     """
     lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
     counts = set(lengths.values())
     if len(counts) != 1 or 0 in counts:
         listing = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:6])
         raise StoreError(
-            f"{where}: a trace needs series of one length, at least 1 tick each, got"
-            f" {listing or 'none'}"
+            f"{where}: expected series with the same number of ticks, at least 1, got"
+            f" {listing or 'no series'}"
         )
     return counts.pop()
 
 
 def describe_series(name: str) -> TimeSeries:
-    """Return the description of a stored series by name; without unit and meaning if unlisted."""
+    """Return the description of a stored series. An unknown series has no unit and no meaning."""
     arm, _, own = name.rpartition("/")
     if arm:
         return OF_ARM.get(own) or TimeSeries(own, "", "")
@@ -93,9 +93,9 @@ def describe_series(name: str) -> TimeSeries:
 
 
 def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
-    """Yield (name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad.
+    """Yield (name, unit) of each number of a series, such as (gold/jpos/elbow, rad).
 
-    shape: without time.
+    The last axis varies fastest. shape: shape of the series without time.
     """
     one = describe_series(name)
     along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
@@ -110,11 +110,10 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
 
 
 def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:
-    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; NaN is
-    empty.
+    """Write the series of one run as CSV, with columns time_s, `gold/jpos/elbow [rad]` and so on.
 
-    Numbers are in single precision, seven digits, as a campaign computes them. Raises StoreError if
-    the series differ in their number of ticks or the disk refuses.
+    Numbers are in single precision, with seven digits. NaN is an empty cell. Raise StoreError if
+    the numbers of ticks differ or the file cannot be written.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -150,9 +149,9 @@ def series_dataset(
     """Return the series of a run as a Dataset with one variable per quantity.
 
     Dimensions: time (s), arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0).
-    Each has a coordinate, and cue_threshold_mm is along cue. attrs of a variable: units, long_name,
-    and insertion_units if the insertion has another unit. attributes: attrs of the dataset. Raises
-    StoreError if the series differ in their number of ticks.
+    Each dimension has a coordinate. The coordinate cue_threshold_mm also belongs to cue. attrs of a
+    variable: units, long_name, and insertion_units if the insertion has another unit. attributes:
+    attrs of the dataset. Raise StoreError if the numbers of ticks differ.
     """
     import xarray
 

@@ -1,12 +1,12 @@
-"""Topics of MCAP logs that traces and sessions share: names, types and messages.
+"""Defines the topics of MCAP files that traces of runs and training sessions share.
 
 Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in frame 0 of their arm,
 `armN_frame0`. CRTK's `armN_base` is a different frame. If the orientation of a tip is unknown, the
 message is a point instead of a pose.
 
-Names and sizes of a log's messages do not change from tick to tick. Therefore rosbags encodes one
-message of each topic, with marks in place of times and numbers. NumPy then replaces the marks by
-the times and numbers of every tick.
+The names in a message and its size are the same in every tick. Therefore rosbags encodes one
+message of each topic, with placeholders for times and numbers. NumPy then replaces the placeholders
+by the values of every tick.
 """
 
 import functools
@@ -25,14 +25,14 @@ from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WREN
 from ravenjax.vocabulary.robot import Robot
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
-"""CRTK's names of the arms of a Raven-II. An arm of another robot keeps its name."""
+"""CRTK's names of the arms of a Raven-II. Arms of other robots keep their names."""
 METADATA = "ravenjax"
 SIGNALS = "/ravenjax/signals"
-"""Topic of the flat message, with a field for every scalar."""
+"""Topic of the message with a field for every number."""
 EVENTS = "/ravenjax/events"
 """Topic of events for programs, one JSON object per message."""
 LOG = "/ravenjax/log"
-"""Topic of events in words, for people; viewers show it as a log."""
+"""Topic with events as readable text, which viewers show as a log."""
 FRAMES = "/tf"
 WORLD = "world"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -40,9 +40,8 @@ SIGNALS_TYPE = "ravenjax_msgs/msg/Signals"
 TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
-"""Marks in a template: seconds and nanoseconds of a time, and the first number.
-
-Each further number is one more.
+"""Placeholders in an encoded message: for seconds and nanoseconds of a time, and for the first
+number. The placeholder of each further number is larger by 1.
 """
 
 
@@ -64,21 +63,20 @@ class Base(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """One topic, and a template of its messages in which times and numbers are filled in."""
+    """One topic, with an encoded message into which times and numbers are written."""
 
     name: str
-    schema: str
-    definition: str  # schema in ros2msg text
-    template: bytes = b""
+    schema: str  # type of its messages
+    definition: str  # definition of the type, as ros2msg text
+    template: bytes = b""  # encoded message
     stamps: tuple[int, ...] = ()  # first byte of each time
-    spans: tuple[tuple[int, int], ...] = ()  # of consecutive numbers: first byte, count
+    spans: tuple[tuple[int, int], ...] = ()  # first byte and count of consecutive numbers
     size: int = 8  # bytes of a number
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
-        """Return messages by tick: `time_ns` int64 [T], `values` [T, k].
+        """Return encoded messages by tick. time_ns: int64 [T]. values: [T, k].
 
-        If a pose, point or frame is unknown in a tick (one of its numbers is NaN), it is omitted
-        there.
+        A pose, point or frame that is unknown in a tick (a number is NaN) has no message.
         """
         assert sum(count for _, count in self.spans) == values.shape[1]
         ticks = np.arange(len(values))
@@ -110,7 +108,7 @@ def tip_frame(arm: str, which: str) -> str:
 
 @functools.cache
 def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) -> Topic:
-    """JointState with those of position, velocity and effort that are present, in this order."""
+    """Return a topic of JointState. present: whether it has position, velocity and effort."""
     marks = iter(np.split(_marks(3 * len(joints)), 3))
     filled = [next(marks) if there else () for there in present]
     return _topic(arm, name, JOINT_STATE, list(joints), *filled)
@@ -118,8 +116,8 @@ def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) ->
 
 @functools.cache
 def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
-    """PoseStamped: x, y, z in m and a quaternion x, y, z, w; WrenchStamped: three numbers of force,
-    three of torque; or PointStamped: x, y, z of a tip with unknown orientation.
+    """Return a topic of an arm. Its numbers are, for PoseStamped, x, y, z in m and a quaternion
+    x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
     """
     fields = {POSE: (_marks(3), _marks(4, 3)), WRENCH: (_marks(3), _marks(3, 3)), POINT: _marks(3)}
     return _topic(arm, name, schema, fields[schema])
@@ -127,7 +125,9 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
 
 @functools.cache
 def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
-    """TFMessage: for each (parent, child) x, y, z in m and a quaternion x, y, z, w."""
+    """Return the topic of frames, a TFMessage. For each pair (parent, child), its numbers are x, y,
+    z in m and a quaternion x, y, z, w.
+    """
     transforms = [
         (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
@@ -138,10 +138,10 @@ def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
 def standard_topics(
     robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
 ) -> Iterator[tuple[Topic, np.ndarray]]:
-    """Yield each topic of a standard type that the series can fill, with its numbers [T, k].
+    """Yield (topic, numbers [T, k]) of each topic of a standard type for which there are series.
 
-    series: arrays [T, ...] by arm and name, such as gold/jpos. bases: the base of each arm. An arm
-    without a base has no frame above its frame 0.
+    series: arrays [T, ...] by arm and name, such as gold/jpos. bases: the base of each arm. Without
+    a base, the frame 0 of an arm has no parent frame.
     """
     frame_pairs: list[tuple[str, str]] = []
     transforms: list[np.ndarray] = []
@@ -185,8 +185,7 @@ def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
-    # A header followed by numbers is encoded here: rosbags would compile an encoder of some hundred
-    # fields.
+    # The message is encoded here, because rosbags would compile an encoder for hundreds of fields.
     head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
@@ -204,7 +203,9 @@ class LogWriter:
         metadata: Mapping[str, str],
         chunk_bytes: int = 1 << 20,
     ) -> None:
-        """metadata: content of record `METADATA`. chunk_bytes: a kill loses at most one chunk."""
+        """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. If the process
+        is killed, at most one chunk is lost.
+        """
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, dict(metadata))
@@ -223,7 +224,7 @@ class LogWriter:
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
     ) -> None:
-        """Write an event as JSON on EVENTS and in words on LOG. level: one of LEVELS."""
+        """Write an event as JSON on EVENTS and as text on LOG. level: one of LEVELS."""
         stamp, kind = divmod(stamp_ns, _SECOND_NS), str(event["kind"])
         for topic, schema, fields in (
             (EVENTS, TEXT, (json.dumps(event),)),
@@ -240,7 +241,7 @@ class LogWriter:
         self._writer.flush()
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> None:
-        """Write the index; metadata: written once more at the end of the file."""
+        """Write the index at the end of the file. metadata: is written a second time before it."""
         if metadata:
             self._writer.add_metadata(METADATA, dict(metadata))
         self._writer.finish()
@@ -250,6 +251,7 @@ class LogWriter:
         self._writer.add_message(channel, stamp_ns, data, stamp_ns, number)
 
     def _register(self, topic: Topic) -> None:
+        # Adds a topic, and the definition of its message type, to the file.
         if topic.schema not in self._schemas:
             self._schemas[topic.schema] = self._writer.register_schema(
                 topic.schema, "ros2msg", topic.definition.encode()
@@ -269,13 +271,12 @@ def arm_name(arm: str) -> str:
 
 
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
-    """Return unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a
-    matrix is no rotation.
+    """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
 
-    A matrix that is a rotation up to rounding, as in control software of single precision, gives
-    the nearest rotation. The sign is continuous from tick to tick, so that its curve has no jumps.
+    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs are chosen so that
+    quaternions have no jumps from tick to tick.
     """
-    # The import takes half a second. A caller that must not wait calls this function once before.
+    # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation
 
     matrices = np.asarray(rotation, float)
@@ -314,7 +315,7 @@ def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
 
 
 def _template(name: str, message: Any) -> Topic:
-    # Encodes a message with marks in place of its numbers, to find where each number is stored.
+    # Encodes a message with placeholders, to find the bytes of each number.
     template, spans = ros2_types().encode(message), []
     count = 0
     while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:

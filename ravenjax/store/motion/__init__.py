@@ -1,5 +1,5 @@
-"""Drives a campaign with recorded hand motion.
+"""Reads recordings of operators' hands and converts them into motions for a campaign.
 
-A recording holds the desired poses of the instrument's tip, as a table, a bag or a stream of
-packets. `docs/how-to/recordings.md` defines the files, and what is done with the motion.
+A recording contains the desired poses of the instrument's tip, as a table, a bag or a stream of
+packets. `docs/how-to/recordings.md` defines the files and each step of the conversion.
 """

@@ -1,5 +1,7 @@
-"""Reads a recorded stream of a console's packets as a motion: its increments, summed from the pose
-after homing.
+"""Reads a recorded stream of a console's packets as a motion of the operator's hands.
+
+A packet contains an increment of the pose of the tip. The motion is the sum of the increments, from
+the pose after homing.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
@@ -46,31 +48,33 @@ CAPTURES = (".pcap", ".pcapng")
 INSTALL = "pip install 'ravenjax[pcap]'"
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
-"""Share of misfits in a recording above which the profile belongs to another console."""
+"""Largest share of packets that may not fit the profile. With more, the packets come from another
+console.
+"""
 RATE_AGREES = 3.0
-"""Factor by which the rate of arrivals may differ from the profile's rate."""
+"""Largest factor between the rate at which packets arrived and the profile's rate."""
 
 
 class PacketStream(NamedTuple):
-    """A recorded stream, read."""
+    """A recorded packet stream after decoding: T packets that command A arms."""
 
     profile: ConsoleProfile
-    # [T, A, 3] along the ITP axes; 0 where a packet moves nothing.
+    # [T, A, 3] commanded tip increments along the ITP axes; 0 for packets that the robot ignores.
     delta_um: np.ndarray
-    quat: np.ndarray  # [T, A, 4] rotation about the ITP axes
-    grasp_mrad: np.ndarray  # [T, A] positive closes
-    # [T] 0 or 1, held where a packet does not count.
+    quat: np.ndarray  # [T, A, 4] commanded rotation about the ITP axes
+    grasp_mrad: np.ndarray  # [T, A] change of the grasp, positive closes
+    # [T] 0 up or 1 down; a packet that the robot ignores keeps the value before it.
     pedal: np.ndarray
-    counted: np.ndarray  # bool [T], whether the packet counts
-    packets: RawPackets  # with arrival times in seconds
+    counted: np.ndarray  # bool [T], whether the robot executes the packet
+    packets: RawPackets  # undecoded packets with arrival times, s
 
 
 class RawPackets(NamedTuple):
     """The packets of a recording, not yet decoded."""
 
     datagrams: list[bytes]  # 124 bytes or more each
-    time: np.ndarray  # [T], since the first, in the unit of the column
-    clock: str  # the column of times, or "" for a capture
+    time: np.ndarray  # [T] time since the first packet, in the unit of the time column
+    clock: str  # name of the time column; "" for a capture
     notes: tuple[str, ...] = ()
 
     @property
@@ -80,23 +84,27 @@ class RawPackets(NamedTuple):
 
 
 def read_packets(path: Path) -> RawPackets:
-    """Return datagrams and arrival times of a Parquet file or a capture. Raises UserError."""
+    """Return datagrams and arrival times of a Parquet file or a network capture.
+
+    Raise UserError if the file is damaged or contains no packet stream.
+    """
     capture = path.suffix.lower() in CAPTURES
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
         raise UserError(
-            f"{path}: holds {len(packets.datagrams)} packets; expected a stream of at least 2"
+            f"{path}: contains {len(packets.datagrams)} packets; expected a stream of at least 2"
         )
     since = stamps.seconds_since_first(packets.time)
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
         raise UserError(
             f"{path}: {f'column {packets.clock}' if packets.clock else 'times of the capture'} must"
-            " be finite and never go back, and end later than it begins"
+            " be finite and must not decrease, and the last must be later than the first"
         )
     return packets._replace(time=since)
 
 
 def _read_table(path: Path, table: pd.DataFrame) -> RawPackets:
+    # Reads packets from a table with a column of datagrams and a column of arrival times.
     names = [
         name
         for name in stamps.time_columns(table, (ARRIVAL, *stamps.NAMES))
@@ -105,7 +113,7 @@ def _read_table(path: Path, table: pd.DataFrame) -> RawPackets:
     if PACKET not in table or len(names) != 1:
         raise UserError(
             f"{path}: expected a column {PACKET}, and one column {ARRIVAL}_s (or _ms, _us, _ns)"
-            f" that says when packets arrived; got {', '.join(map(str, table)) or 'none'}"
+            f" with the arrival times of the packets; got {', '.join(map(str, table)) or 'none'}"
         )
     datagrams = table[PACKET].tolist()
     for row, datagram in enumerate(datagrams):
@@ -127,6 +135,7 @@ class Datagram(NamedTuple):
 
 
 def _read_capture(path: Path) -> RawPackets:
+    # Reads the packets of one console, the most frequent sender, from a network capture.
     datagrams = [datagram for datagram in _datagrams(path) if len(datagram.content) >= FIELDS.size]
     ports = Counter(datagram.port for datagram in datagrams)
     if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
@@ -136,9 +145,9 @@ def _read_capture(path: Path) -> RawPackets:
             f" port {UDP_PORT} or to one other port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
-    there = [datagram for datagram in datagrams if datagram.port == port]
-    (console, _), *others = Counter(datagram.sender for datagram in there).most_common()
-    stream = [datagram for datagram in there if datagram.sender == console]
+    to_port = [datagram for datagram in datagrams if datagram.port == port]
+    (console, _), *others = Counter(datagram.sender for datagram in to_port).most_common()
+    stream = [datagram for datagram in to_port if datagram.sender == console]
     more = sum(count for _, count in others)
     note = f"{more} packets of {len(others)} other senders to port {port} are left out"
     return RawPackets(
@@ -151,9 +160,7 @@ def _read_capture(path: Path) -> RawPackets:
 
 def _datagrams(path: Path) -> Iterator[Datagram]:
     if importlib.util.find_spec("dpkt") is None:
-        raise UserError(
-            f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}"
-        )
+        raise UserError(f"{path}: reading a network capture needs the package dpkt: {INSTALL}")
     import dpkt
     from dpkt import ip, ip6, loopback, pcap, sll, sll2
 
@@ -165,7 +172,7 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
         pcap.DLT_LINUX_SLL: sll.SLL,
         pcap.DLT_LINUX_SLL2: sll2.SLL2,
         **dict.fromkeys((pcap.DLT_NULL, pcap.DLT_LOOP), loopback.Loopback),
-        # Files have 101 in place of DLT_RAW.
+        # Capture files use number 101 for what the library calls DLT_RAW.
         **dict.fromkeys((pcap.DLT_RAW, 101, pcap.DLT_IPV4, pcap.DLT_IPV6), plain),
     }
     not_of_udp = dpkt.UnpackError, struct.error, IndexError, ValueError
@@ -174,8 +181,8 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
             reader = pcap.UniversalReader(file)
             if reader.datalink() not in links:
                 raise UserError(
-                    f"{path}: captured on a link of type {reader.datalink()}, which is not known"
-                    " here; expected Ethernet, Linux 'any', loopback or plain IP. Capture with"
+                    f"{path}: link type {reader.datalink()} of this capture is not supported;"
+                    " expected Ethernet, Linux 'any', loopback or plain IP. Capture with"
                     " tcpdump -i eth0"
                 )
             # A capture may be cut short.
@@ -193,16 +200,16 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
                         yield Datagram(float(time_s), sender, udp.dport, bytes(udp.data))
     except (OSError, *not_of_udp) as error:
         raise UserError(
-            f"{path}: no capture that can be read: {str(error) or type(error).__name__}"
+            f"{path}: not a readable network capture: {str(error) or type(error).__name__}"
         ) from None
 
 
 def time_packets(
     path: Path, console: str, arms: tuple[ArmName, ...] = ARMS
 ) -> tuple[RawPackets, ConsoleProfile]:
-    """Return packets with their arrival times in seconds, and the profile that fits them.
+    """Return packets with their arrival times in seconds, and the console profile that fits them.
 
-    Raises UserError if none does.
+    Raise UserError if no profile fits.
     """
     packets = read_packets(path)
     profile = _profile(path, packets.fields, arms, console)
@@ -212,16 +219,16 @@ def time_packets(
 def read_track(
     path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmName, Home]
 ) -> Track:
-    """Return the tip poses that a stream commands. home: pose in which each arm begins."""
+    """Return the tip poses that a packet stream commands. home: start pose of each arm."""
     read = read_stream(path, arms, console)
     rows, dropped = len(read.counted), int((~read.counted).sum())
     if dropped > MOST_MISFITS * rows:
         back = int((np.diff([fields[0] for fields in read.packets.fields]) <= 0).sum())
         what = (
-            f"Numbers repeat or go back {back} times: they come from two streams, or each packet is"
-            " there twice. Record one console, once"
+            f"Packet numbers repeat or decrease {back} times, because two streams are mixed, or"
+            " because each packet was recorded twice. Record one console, once"
             if back > MOST_MISFITS * rows
-            else "Packets before them are missing. Record closer to the robot"
+            else "Packets before them are missing. Record on the robot's computer or network"
         )
         raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {what}")
     tracks: dict[str, ArmTrack] = {}
@@ -257,7 +264,7 @@ def read_track(
 def _profile(
     path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str
 ) -> ConsoleProfile:
-    # The given profile, or the only bundled one that fits every packet.
+    # Returns the profile named by `console`, or for "auto" the one bundled profile that fits.
     profiles = loading.profile_choices(console)
     choice = ProfileChoice(profiles, arms)
     for packet in fields:
@@ -271,16 +278,17 @@ def _profile(
     fits = matching_profile(fields, profiles, arms)
     if not fits:
         raise UserError(
-            f"{path}: the packets fit no bundled profile of a console; write operator.console ="
-            " 'FILE.toml'"
+            f"{path}: the packets fit no bundled console profile; write operator.console ="
+            " 'FILE.toml' with a profile of that console"
         )
     return loading.load_profile(fits)
 
 
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
-    """Return packets with their arrival times in seconds, and their source in words.
+    """Return packets with their arrival times in seconds, and a description of their clock.
 
-    Without a unit, take the only one that agrees with the profile's rate, and add a note.
+    If the column's unit contradicts the profile's rate, but another unit agrees with it, use that
+    unit and add a note.
     """
     since, name = packets.time, packets.clock
     if not name:
@@ -299,22 +307,23 @@ def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Raw
     if unit not in near:
         if len(near) != 1:
             raise UserError(
-                f"{path}: by column {name} {rates[unit]} packets arrive in a second; console"
-                f" {profile.name} sends {expected:g}. Name the column's unit, or write the rate"
-                " into a profile of your own"
+                f"{path}: by column {name}, {rates[unit]} packets arrive per second, but console"
+                f" {profile.name} sends {expected:g}. Write the right unit into the column's name,"
+                " or the rate into a console profile of your own"
             )
         notes = (
-            f"column {name} is read as {near[0]}: {rates[near[0]]} packets a second;"
-            f" {rates[unit]} as {unit}",
+            f"column {name} is read in {near[0]}, which gives {rates[near[0]]} packets per second;"
+            f" in {unit} it would be {rates[unit]}",
         )
         unit = near[0]
     return packets._replace(time=since * stamps.UNITS[unit], clock=f"column {name}", notes=notes)
 
 
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """Return the packets of a Parquet file or a capture.
+    """Return the decoded packets of a Parquet file or a network capture.
 
-    console: a profile of `store.consoles`, or "auto". Raises UserError.
+    console: name or file of a console profile, or "auto". Raise UserError if the packets do not fit
+    the profile.
     """
     packets, profile = time_packets(path, console, arms)
     fields, count = packets.fields, len(arms)
@@ -351,17 +360,16 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
         )
         raise UserError(
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
-            f" for {why}; {advice}"
+            f" because of {why}; {advice}"
         )
     return PacketStream(profile, delta, quat, grasp, pedal, counted, packets)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:
-    """Return whether a number below the last one restarts the stream; that packet itself moves
-    nothing.
+    """Return whether a packet whose number is below the last one restarts the stream.
 
-    It does if it is far behind, which is the robot's rule, or if it meets the rules by which a
-    session accepts a console that was restarted.
+    The robot accepts a restart if the number is far below the last one. A recorded session accepts
+    number 1 after QUIET_MS without packets, and any number after RELEASE_MS.
     """
     far = last > RESET_GAP and number < last - RESET_GAP
     return number > 0 and (
@@ -370,9 +378,10 @@ def _restarts(number: int, last: int, silence_s: float) -> bool:
 
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the orientation after each of `turns` [T, 4], as unit quaternions [T, 4].
+    """Return the orientations after each rotation in `turns` [T, 4], as unit quaternions [T, 4].
 
-    Each turn is multiplied from the left, as the robot does.
+    quat: orientation before the first. Each rotation is multiplied from the left, as the robot
+    does.
     """
     from scipy.spatial.transform import Rotation
 

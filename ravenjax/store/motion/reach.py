@@ -19,8 +19,8 @@ MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
 """Distance to keep from the soft limits, because the robot lags behind the operator."""
 
 LARGEST_STEP = 0.1
-"""Largest step of a joint per millisecond, rad or m. A larger one is a change of branch, not a
-motion.
+"""Largest step of a joint per millisecond, rad or m. A larger step is no motion of the arm, but a
+change to another solution of the inverse kinematics.
 """
 
 BLOCK_ROWS = 4096
@@ -29,17 +29,17 @@ _INSERTION = JOINTS.index("insertion")
 
 
 class Bounds(NamedTuple):
-    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without the
-    margin; and what the control software does to the opening of the jaws.
+    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without
+    margin; and how the control software limits the opening of the jaws.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
-    # Gain, and least and greatest opening, mrad, beyond which a command is cut.
+    # Gain on the commanded change, and least and greatest opening, mrad, at which it is limited.
     jaws: tuple[float, float, float] = (1.0, -math.inf, math.inf)
 
     def within(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lowest and highest joints [5] that a motion may have."""
+        """Return the lowest and highest joint positions [5] of a motion, which include margins."""
         margin = np.full(5, MARGIN_RAD)
         margin[_INSERTION] = MARGIN_M
         return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
@@ -62,24 +62,22 @@ class Poses:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmReach:
-    """Joints that put the tips of some arms at the desired poses."""
+    """Joint positions at which the tips of some arms have the desired poses."""
 
     jpos: np.ndarray  # [T, A, 7] rad and m
-    inside: np.ndarray  # [T, A] whether within the limits
-    # [T] whether some joint jumps from the row before.
+    inside: np.ndarray  # [T, A] whether the pose is reachable within the joint limits
+    # [T] whether some joint jumps between this row and the row before.
     leaps: np.ndarray
 
     def first_bad(self, begin: int, end: int) -> int | None:
-        """Return the first row from `begin` to before `end` that cannot be replayed from `begin`
-        on.
-        """
+        """Return the first row that prevents a replay of the rows `begin` to `end` - 1."""
         bad = ~np.all(self.inside[begin:end], axis=1) | self.leaps[begin:end]
         bad[0] = not np.all(self.inside[begin])
         return begin + int(np.argmax(bad)) if bad.any() else None
 
 
 def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
-    """Compute the joints of every row."""
+    """Return the joint positions that reach each desired pose."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
     jpos = np.stack([one for one, _ in parts], axis=1)
     steps = np.abs(np.diff(jpos[..., :6], axis=0, prepend=jpos[:1, :, :6])).max(axis=(1, 2))
@@ -87,7 +85,8 @@ def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
 
 
 def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    # Joints of the first solution within the limits, and whether any solution is within.
+    # Returns joint positions [T, 7], and whether they are within the limits [T]. Of several
+    # solutions it takes the first within the limits.
     lower, upper = bounds.within()
     rows, best, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
@@ -102,12 +101,12 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
 
 
 def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
-    """Return why a row is not reached, in words."""
+    """Return why the poses of a row cannot be reached, as text."""
     lower, upper = bounds.within()
     for i, arm in enumerate(poses.arms):
         candidates, valid = _candidates(poses, i, np.array([row]))
         if not valid.any():
-            return f"no position of the joints of {arm} has the tip there"
+            return f"no joint positions of {arm} bring its tip to this pose"
         reachable = candidates[0][valid[0], :5]
         excess = np.maximum(lower - reachable, reachable - upper)
         nearest = int(np.argmin(excess.max(axis=1)))
@@ -116,16 +115,19 @@ def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
             scale, unit = (1e3, "mm") if joint == _INSERTION else (math.degrees(1.0), "deg")
             value, low, high = scale * np.array([reachable[nearest], lower, upper])[:, joint]
             return (
-                f"{JOINTS[joint]} of {arm} would be at {value:.2f} {unit}, limits less a margin"
+                f"{JOINTS[joint]} of {arm} would be at {value:.2f} {unit}, but must be within"
                 f" {low:.2f} to {high:.2f} {unit}"
             )
     return f"a joint would step by more than {LARGEST_STEP:g} rad or m within a millisecond"
 
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return one arm's solutions [n, 8, 7] in at most BLOCK_ROWS rows, and validity [n, 8]."""
+    """Return the solutions of inverse kinematics for n <= BLOCK_ROWS rows of one arm: joint
+    positions [n, 8, 7], and whether each is valid [n, 8].
+    """
     from ravenjax.numbers.lazy import jax
 
+    # Always BLOCK_ROWS rows, the last repeated, so that JAX compiles the solver only once.
     index = rows[np.minimum(np.arange(BLOCK_ROWS), len(rows) - 1)]
     pose = poses.position[index, i], poses.quat[index, i], poses.opening_mrad[index, i] * 1e-3
     with jax.enable_x64(True):
@@ -137,6 +139,7 @@ def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.
 
 @functools.cache
 def _solver(arm: ArmName) -> Callable[..., Any]:
+    # Compiles the inverse kinematics of an arm for many poses at once.
     from ravenjax.numbers.lazy import jax, jnp
     from ravenjax.robots.raven2.geometry import kinematics
     from ravenjax.robots.raven2.geometry.joints import joint_from_theta

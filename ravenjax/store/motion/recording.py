@@ -1,5 +1,6 @@
-"""Resamples a recording to one row per millisecond, using the file's stamps or the stated rate,
-with an optional filter.
+"""Resamples a recording of an operator's hands to one row per millisecond.
+
+The times are those of the file, or follow from a stated rate. A low-pass filter is optional.
 """
 
 import contextlib
@@ -28,29 +29,29 @@ from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 TABLE, BAG, STREAM = "table", "bag", "stream of packets"
 OPTIONS_OF = resources.read_tables(__file__, "recording.toml")["kinds"]
-"""Options that apply to some kinds of recordings only."""
+"""Options that apply only to some kinds of recordings, with these kinds."""
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandRecording:
-    """Every sample of a file, and its motion at 1 kHz.
+    """A recorded motion: the samples of the file, and the motion interpolated at 1 kHz.
 
-    Row k is k ms after the first moment at which all arms have a sample.
+    Row k of the interpolated motion is k ms after the first time at which all A arms have a sample.
     """
 
     track: Track
-    time_s: dict[str, np.ndarray]  # [T] of each arm's samples
+    time_s: dict[str, np.ndarray]  # arm -> times [T] of its samples
     options: ReplayOptions
-    poses: Poses  # poses for the replay
-    unfiltered: np.ndarray  # [rows, A, 3] m, positions without the low-pass
-    pedal: np.ndarray | None  # [rows]
-    # [rows] False in gaps and jumps that the options refuse.
+    poses: Poses  # tip poses at 1 kHz, filtered if the options say so
+    unfiltered: np.ndarray  # [rows, A, 3] m, positions before the low-pass filter
+    pedal: np.ndarray | None  # [rows] 1 down, 0 up
+    # [rows] False in gaps and jumps that the options do not permit.
     covered: np.ndarray
-    # Rows after these gaps and jumps, at which a new stretch begins.
+    # Rows after such gaps and jumps, at which a new continuous stretch begins.
     cuts: tuple[int, ...]
     spikes: tuple[Spike, ...]
-    # Gaps in order: the row before each, its begin and its end.
+    # Gaps in order: row before the gap, begin in s, end in s.
     gaps: tuple[tuple[int, float, float], ...]
 
     @property
@@ -63,9 +64,9 @@ class HandRecording:
 
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """Return the arms that a file holds, gold first. Unknown names count as gold.
+    """Return the arms that a file contains, gold first; gold if it has no names of arms.
 
-    Raises UserError if the file cannot be read.
+    Raise UserError if the file cannot be read.
     """
     require_readable(path)
     found: tuple[ArmName, ...] = ARMS
@@ -76,7 +77,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
             found = tuple(arm for arm in ARMS if f"{ARM_TOPICS[arm]}/" in poses)
     elif kind == TABLE:
         names: list[str] = []
-        # A table without a header line may be read under the names that the options give.
+        # A table without a header line is an error here, but options may name its columns later.
         with contextlib.suppress(UserError):
             names = [*map(str, files.read_table(path))]
         found = tuple(arm for arm in ARMS if any(name.startswith(f"{arm}_x_") for name in names))
@@ -84,6 +85,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
 
 
 def _kind_of(path: Path) -> str:
+    # Returns the kind of a recording: BAG, STREAM or TABLE.
     suffix = path.suffix.lower()
     if suffix in bags.SUFFIXES:
         return BAG
@@ -92,7 +94,7 @@ def _kind_of(path: Path) -> str:
 
 
 def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    # Reads a file by its kind. An option that belongs to another kind is refused.
+    # Reads a file by its kind. Options that apply only to other kinds of files are errors.
     kind = _kind_of(path)
     for name, kinds in OPTIONS_OF.items():
         value = getattr(options, name)
@@ -105,8 +107,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
         given = getattr(options, name) or arms
         if lacking := [arm for arm in arms if isinstance(given, dict) and arm not in given]:
             raise UserError(
-                f"{path}: operator.{name} has {', '.join(given)}, expected also {lacking[0]}; give"
-                " a value without names of arms if it is the same for all"
+                f"{path}: operator.{name} has values for {', '.join(given)}, expected also one for"
+                f" {lacking[0]}; write a value without names of arms if all have the same"
             )
     if kind == STREAM:
         return packet_file.read_track(
@@ -118,7 +120,7 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
 def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
     """Return the recording of `arms`.
 
-    Raises UserError for a file that cannot be used, whichever part of it is replayed.
+    Raise UserError for problems that prevent the replay of every part of the file.
     """
     require_readable(path)
     track = _read_track(path, arms, options)
@@ -230,6 +232,7 @@ def _evenly(
 
 
 def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
+    # Returns the gaps of all arms' samples, each once, as (row before the gap, begin, end), s.
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
         for row, begin, end in stamps.find_gaps(times):
@@ -249,6 +252,7 @@ def _row_at(time_s: float) -> int:
 
 
 def _home(arm: ArmName) -> Home:
+    # Returns the tip pose of an arm after homing.
     from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping
 

@@ -1,5 +1,6 @@
-"""Converts a recording into a motion of the hands that has the campaign's length and that the arms
-can reach.
+"""Converts a recording of an operator's hands into a motion that the simulated arms can follow.
+
+The motion has the length of the campaign and only poses that the arms can reach.
 """
 
 import dataclasses
@@ -27,27 +28,27 @@ from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, 
 from ravenjax.store.motion.timeline import Timeline
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
-"""A tip that moves and turns less than this is at rest."""
+"""Largest movement and rotation of a tip that counts as at rest."""
 OUTSIDE_LISTED = 8
-"""Number of stretches in the summary that cannot be replayed."""
+"""Largest number of stretches that the summary lists as not replayable."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OperatorReplay:
-    """A motion made from a recording."""
+    """An operator's motion for a campaign, made from a recording."""
 
     recording: HandRecording
     motion: Motion
     timeline: Timeline
-    begin: int  # first row of the recording that is replayed
-    end: int  # row after the last that is replayed
+    begin: int  # first replayed row of the recording
+    end: int  # row after the last replayed row
     bounds: Bounds
-    reach: ArmReach  # of every row of the recording
-    scale: float  # teleoperation scale at which the tip moves as recorded
+    reach: ArmReach  # joint positions for every row of the recording
+    scale: float  # teleoperation scale at which the tip moves exactly as recorded
 
     @property
     def rows(self) -> np.ndarray:
-        """The row of the recording, fractional, at each tick, [ticks]."""
+        """Fractional row of the recording that is replayed in each tick, [ticks]."""
         return self.begin + self.timeline.row
 
     @functools.cached_property
@@ -89,6 +90,7 @@ class OperatorReplay:
         )
 
     def _arm_summary(self, i: int, arm: ArmName) -> ArmSummary:
+        # Summarizes the replayed motion of the arm with index i.
         recording, begin = self.recording, self.begin
         samples, inside = recording.track.arms[arm], self.reach.inside[recording.covered, i]
         path = resampling.at_rows(recording.poses.position[:, i], self.rows)
@@ -113,7 +115,7 @@ class OperatorReplay:
         )
 
     def _cut_jaws(self) -> Iterator[str]:
-        # Yields a notice for jaws that the control software cuts at its limits.
+        # Yields a notice if the control software limits the opening of an arm's jaws.
         motion, (gain, low, high) = self.motion, self.bounds.jaws
         for i, arm in enumerate(motion.arms):
             start = 1e3 * sum(motion.start_jpos[i][5:])
@@ -123,8 +125,8 @@ class OperatorReplay:
                 yield (
                     f"{count:,} of {len(opening):,} samples open the jaws of {arm} beyond the"
                     f" limits of the control software, {low / 1e3:.3f} to {high / 1e3:.3f} rad, by"
-                    f" up to {beyond.max() / 1e3:.3f} rad. It cuts them there, and the jaws are off"
-                    " by as much from then on"
+                    f" up to {beyond.max() / 1e3:.3f} rad. The software stops them at the limit,"
+                    " and the opening differs from the recording by this amount from then on"
                 )
 
 
@@ -137,11 +139,11 @@ def replay_motion(
     *,
     bounds: Bounds,
 ) -> OperatorReplay:
-    """Return the motion of `ticks` ms that a recording gives; None: as long as its window.
+    """Return a recorded motion, replayed for `ticks` ms; None: until its window ends.
 
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raises
-    UserError for a file that cannot be used. Also raises it if the replayed part has a gap or a
-    jump, is too short or leaves the limits.
+    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raise
+    UserError if the file cannot be used, or if the replayed part has a gap or a jump, is too short
+    or leaves the joint limits.
     """
     path = Path(path)
     require_readable(path)
@@ -150,7 +152,8 @@ def replay_motion(
     return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
-# Cached, because a campaign is planned for each look of its stop rule, and printed before.
+# Cached, because a campaign is planned several times: before it starts, and whenever its stopping
+# rule is evaluated.
 @functools.lru_cache(maxsize=2)
 def _replay(
     path: Path,
@@ -198,11 +201,12 @@ def _replay(
 
 
 def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
-    """Raise UserError if a varied teleoperation scale moves a tip out of its joint limits."""
+    """Raise UserError if the least or greatest of `scales` moves an arm out of its joint limits."""
     begin, end, base = replay.begin, replay.end, replay.scale
     poses = replay.recording.poses.part(begin, end)
 
     def first_outside(scale: float) -> int | None:
+        # Returns the first row outside the joint limits if the tip moves by another scale.
         start = poses.position[:1]
         magnified = dataclasses.replace(
             poses, position=start + scale / base * (poses.position - start)
@@ -215,15 +219,19 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
             f" {scale / base:.3g} times as far as recorded. At {(begin + row) * TICK_S:.3f} s of"
-            f" the recording the arm leaves its joint limits. The scale of [operator], {base:g},"
-            f" moves it as recorded. Vary the scale less, or write scale = {scale:g} in [operator]"
+            f" the recording the arm leaves its joint limits. With the scale of [operator],"
+            f" {base:g}, the tip moves as recorded. Vary the scale less, or write scale ="
+            f" {scale:g} in [operator]"
         )
 
 
 def motion_courses(
     recording: HandRecording, inside: np.ndarray, rows: np.ndarray
 ) -> tuple[TipCourse, ...]:
-    """Return courses for a picture: each arm's samples, and the motion along the rows."""
+    """Return the curves of a plot for each arm: recorded samples, and the replayed motion.
+
+    inside: [rows, A] whether each pose is reachable. rows: see `OperatorReplay.rows`.
+    """
     limit = recording.options.max_gap_s
     return tuple(
         TipCourse(
@@ -245,6 +253,7 @@ def motion_courses(
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
+    # Returns the first row of the part to replay, and the row after its last.
     if recording.options.window_s is None:
         return 0, len(recording)
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
@@ -257,7 +266,7 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 
 
 def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
-    # A gap or jump in the replayed part would be motion that nobody made.
+    # Interpolation over a gap or jump would replay a motion that no operator made.
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
@@ -280,48 +289,44 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
     raise UserError(
         f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
-        f" row {worst[0]}. Replay a part without: operator.window_s within"
-        f" {format_spans(_longest_first(recording, recording.covered))}; or bridge them:"
-        f" operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
+        f" row {worst[0]}. Replay a part without gaps: operator.window_s within"
+        f" {format_spans(_longest_first(recording, recording.covered))}; or interpolate over the"
+        f" gaps: operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
 
 
 def _require_inside(
     recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
 ) -> None:
-    # Refuses a part with poses that the arm cannot reach, and names the parts that it can.
+    # Raises UserError if the arm cannot reach all poses of the part; it lists reachable parts.
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
     usable = _longest_first(
         recording, inside & recording.covered, np.flatnonzero(reachable.leaps).tolist()
     )
-    where = (
-        f"of the recording from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s, which is to be"
-        " replayed"
-    )
+    where = f"of the part to replay, {begin * TICK_S:.3f} to {end * TICK_S:.3f} s of the recording"
     advice = (
-        f"Reachable stretches, longest first: {format_spans(usable)}; write one, or a part of"
-        " one, as operator.window_s"
+        f"Reachable stretches, longest first: {format_spans(usable)}. Write a stretch, or a part"
+        " of it, as operator.window_s"
         if usable
-        else "No row lies inside the joint limits of every arm. If positions are of another frame,"
+        else "No row lies inside the joint limits of every arm. If positions use another frame,"
         " write operator.frame, operator.rotation and operator.offset_mm, or operator.place ="
         ' "home"'
     )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
-        f" joint limits: {unreached_reason(recording.poses, bad, bounds)}. That is so for"
-        f" {100 * share:.3g} % {where}. {advice}"
+        f" joint limits: {unreached_reason(recording.poses, bad, bounds)}. Poses are unreachable"
+        f" in {100 * share:.3g} % {where}. {advice}"
     )
 
 
 def _longest_first(
     recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()
 ) -> list[tuple[float, float]]:
-    """Return uninterrupted stretches of at least two rows, s, the longest first.
-
-    A new stretch begins at each of `cuts`.
+    """Return (begin, end) in s of the stretches of at least two rows in which `mask` is true, the
+    longest first. A new stretch begins at each row in `cuts`, and after each gap.
     """
     spans = resampling.true_stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
@@ -329,11 +334,11 @@ def _longest_first(
 
 
 def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
-    # A motion in which nothing moves hides the effect of most faults.
+    # Most faults have no effect while nothing moves, so a campaign would show too little harm.
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):
         raise UserError(
-            f"{recording.path}: the pedal is never down {span}, so nothing would move. Choose"
+            f"{recording.path}: the pedal is never down {span}, so the robot would not move. Choose"
             " another part (operator.window_s), or remove the column surgeon_mode"
         )
     used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
@@ -343,7 +348,7 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
     opening_rad = float(np.ptp(poses.opening_mrad[used], axis=0).max()) * 1e-3
     if extent_m <= STILL_M and max(turn_rad, opening_rad) <= STILL_RAD:
         raise UserError(
-            f"{recording.path}: nothing moves {span}: the tip stays within {extent_m * 1e6:.3g} um,"
+            f"{recording.path}: no motion {span}: the tip stays within {extent_m * 1e6:.3g} um,"
             f" expected more than {STILL_M * 1e6:g} um. Choose another part (operator.window_s)."
             ' For hands at rest write operator.motion = "still" instead of the file'
         )
@@ -352,7 +357,9 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
 def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions [T, 3] um and quaternions [T, 4] in the ITP frame, from the first row."""
+    """Return the console's positions [T, 3], um, and quaternions [T, 4] in the ITP frame, relative
+    to the first row. position, quat: tip poses in frame 0.
+    """
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

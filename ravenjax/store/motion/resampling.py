@@ -1,8 +1,9 @@
-"""Resamples samples at arbitrary times to one per millisecond, with an optional low-pass filter.
+"""Resamples samples at arbitrary times to one sample per millisecond, with an optional low-pass
+filter.
 
-Interpolation goes through every sample. Between two samples a piecewise cubic (PCHIP) is monotonic:
-it has no corners and stays within the recorded values. For a curve with a second derivative of at
-most M, the error is at most M h**2 / 2, where h is the distance of samples.
+The interpolating curve contains every sample. Between two samples the piecewise cubic (PCHIP) is
+monotonic: it has no corners and stays within the recorded values. For a curve with a second
+derivative of at most M, the error is at most M h**2 / 2, where h is the distance of samples.
 """
 
 import itertools
@@ -26,29 +27,32 @@ def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndar
 
 
 def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate unit quaternions [T, 4] at times `at_s`."""
+    """Interpolate orientations, unit quaternions [T, 4], at times `at_s`."""
     turns = by_time(time_s, continuous_turns(quat), at_s)
     return turns / np.linalg.norm(turns, axis=1, keepdims=True)
 
 
 def continuous_turns(quat: np.ndarray) -> np.ndarray:
-    """Return quaternions [T, 4], each with the sign that is nearer to the one before.
+    """Return quaternions [T, 4] with signs chosen so that each is close to the one before.
 
-    Both signs are the same rotation.
+    Both signs mean the same rotation.
     """
     flips = np.where(np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
     return np.concatenate([quat[:1], quat[1:] * np.cumprod(flips, axis=0)])
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Interpolate `values` [T] or [T, k] linearly at fractional rows, a millisecond apart."""
+    """Interpolate `values` [T] or [T, k] linearly at the fractional row numbers `rows`."""
     low = np.clip(np.floor(rows).astype(int), 0, len(values) - 2)
     part = (rows - low).reshape(-1, *[1] * (values.ndim - 1))
     return values[low] * (1.0 - part) + values[low + 1] * part
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
-    """Filter each stretch (begin, end) of `values` [T, k] with a low-pass, without phase shift."""
+    """Apply a low-pass filter without phase shift to each stretch (begin, end) of `values` [T, k].
+
+    Rows are 1 ms apart. Different stretches do not influence each other.
+    """
     # Slow to import.
     from scipy.signal import butter, sosfiltfilt
 
@@ -61,9 +65,9 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
 
 
 def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int]]:
-    """Return (first, after the last) of each run of true values.
+    """Return (first row, row after the last) of each stretch of true values in `mask`.
 
-    A new run begins at each of `cuts`, ascending.
+    A new stretch begins at each row in `cuts`, which must be ascending.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     pieces = []
@@ -74,5 +78,5 @@ def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int
 
 
 def spans_in_seconds(spans: list[tuple[int, int]]) -> list[tuple[float, float]]:
-    """Convert spans of rows to seconds."""
+    """Convert (begin, end) from rows, which are 1 ms apart, to seconds."""
     return [(begin * TICK_S, end * TICK_S) for begin, end in spans]

@@ -1,7 +1,8 @@
-"""Reads tables and bags of robots and hands as columns with the names of this package.
+"""Reads tables and bags of robots and of operators' hands, with uniform names of columns.
 
-The package's docstring lists columns and topics. Replays of operators and the calibration of robots
-read their files here, with the same checks of numbers, units and times.
+The manual page `docs/how-to/recordings.md` lists columns and topics. Replays of operators and the
+calibration of robots read their files with this module, so the same checks of numbers, units and
+times apply.
 """
 
 from __future__ import annotations
@@ -32,38 +33,38 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 ANGLES = {"rad": 1e3, "mrad": 1.0, "deg": 1e3 * math.pi / 180.0}
-"""Factors to mrad."""
+"""Factors from a unit of angle to mrad."""
 PEDAL = "surgeon_mode"
 SOURCES = ("setpoint", "measured")
-"""Kinds of topics that a motion may come from, in order of preference."""
+"""Prefixes of the bag topics from which a motion is read, in order of preference."""
 MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 QUAT = tuple(f"q{axis}" for axis in "xyzw")
 JIGSAWS = resources.read_tables(__file__, "source.toml")["jigsaws"]
-"""Columns of JIGSAWS' kinematics. The slave on the left is gold."""
+"""Column names for kinematics files of the data set JIGSAWS. The left instrument is gold."""
 
 
 @dataclasses.dataclass(eq=False)
 class Samples:
-    """Columns of numbers, and when they were sampled."""
+    """Columns of recorded numbers, and the times of their samples."""
 
     path: Path
-    # Its index numbers the rows of the file, or the messages of the topic.
+    # The index gives the number of the row in the file, or of the message in the topic.
     table: pd.DataFrame
-    clock: str = ""  # source of the times
+    clock: str = ""  # name of the column or clock that the times come from
     time_s: np.ndarray | None = None  # [T]
-    topic: str = ""  # of a bag
+    topic: str = ""  # topic in a bag; "" for a table
     notes: tuple[str, ...] = ()
     read: list[str] = dataclasses.field(default_factory=list)  # columns that were used
 
     def place(self, row: int) -> str:
-        """Return the name of a row in messages."""
+        """Return text that identifies a row in error messages."""
         number = self.table.index[row]
         return f"message {number} of {self.topic}" if self.topic else f"row {number}"
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return a column's numbers; integers stay integers.
+        """Return the numbers of a column, integers as integers.
 
-        Raises UserError that names the first row without a number.
+        Raise UserError if a row has no finite number; the message names the first such row.
         """
         import pandas as pd
 
@@ -77,26 +78,26 @@ class Samples:
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
             raise UserError(
                 f"{self.path}: {self.place(bad[0])}, column {name}: got {values[bad[0]]}, expected"
-                f" a finite number ({bad.size} such rows). Fill or cut them: a missing sample is"
-                " not a position"
+                f" a finite number ({bad.size} such rows). Remove these rows, or fill in their"
+                " positions"
             )
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
-        """Return the column `name`_<unit> in the base unit, or None without such a column.
+        """Return the column `name`_<unit> in the base unit; None if no such column exists.
 
-        Unit "": the name alone.
+        units: factor from each unit to the base unit. Unit "": the name alone.
         """
         factors = {f"{name}_{unit}".rstrip("_"): factor for unit, factor in units.items()}
         names = [column for column in factors if column in self.table]
         if len(names) > 1:
             raise UserError(
-                f"{self.path}: columns {' and '.join(names)} say the same; keep one of them"
+                f"{self.path}: columns {' and '.join(names)} mean the same; keep one of them"
             )
         return self.numbers(names[0]) * factors[names[0]] if names else None
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
-        """Return columns that belong together [T, k]; None if none of them is there."""
+        """Return k columns that belong together as [T, k]; None if the table has none of them."""
         missing = [name for name in names if name not in self.table]
         if len(missing) == len(names):
             return None
@@ -108,36 +109,37 @@ class Samples:
 
 
 def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
-    """Return the columns of a table under the names of this package.
+    """Return the columns of a table under ravenjax's names for them.
 
-    header: a header line that an error proposes.
+    header: a header line that error messages propose.
     """
+    # `ours`: ravenjax's name -> the file's name.
     given, ours = options.columns, {}
     if given == "jigsaws":
         given = JIGSAWS
     if isinstance(given, dict):
         ours, given = given, []
     names = [name.strip(" -") or f"column {i}" for i, name in enumerate(given)]
-    way = f"{header}, or give all: {options.written('columns', header.split(','))}"
+    way = f"{header}, or name all columns: {options.written('columns', header.split(','))}"
     if "gold" in header:
         way += f'. The {len(JIGSAWS)} columns of JIGSAWS are operator.columns = "jigsaws"'
     table = files.read_table(path, names or None, way)
     for name, theirs in ours.items():
         if theirs not in table:
             raise UserError(
-                f"{path}: no column {theirs!r}, which {options.written('columns', '...')} takes for"
+                f"{path}: no column {theirs!r}, which {options.written('columns', '...')} names as"
                 f" {name}; the file has {list_names(table)}"
                 f"{suggest_name(theirs, map(str, table))}"
             )
     replaced = [name for name in ours if name in table and name not in ours.values()]
     table = table.drop(columns=replaced).rename(columns={v: k for k, v in ours.items()})
     if len(table) < 2:
-        held = f"holds {len(table)} rows" if len(table) else "the table has no rows"
-        raise UserError(f"{path}: {held}; expected a motion of at least 2")
+        content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
+        raise UserError(f"{path}: {content}; expected a motion of at least 2")
     samples = Samples(path, table)
     times = stamps.time_columns(table)
     if len(times) > 1:
-        raise UserError(f"{path}: columns {' and '.join(times)} say the same; keep one of them")
+        raise UserError(f"{path}: columns {' and '.join(times)} mean the same; keep one of them")
     for name in times:
         samples.clock = f"column {name}"
         values = stamps.seconds_since_first(samples.numbers(name))
@@ -146,7 +148,10 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
 
 
 def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    """Return the recording of `arms`. Raises UserError that names row or message, and problem."""
+    """Return the recorded motion of `arms`.
+
+    Raise UserError if it cannot be used; the message names the row or bag message with the problem.
+    """
     if path.suffix.lower() in bags.SUFFIXES:
         return _bag_track(path, arms, options)
     whole = read_table(path, options, "time_s,gold_x_um,gold_y_um,gold_z_um")
@@ -176,7 +181,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of an arm's sensor, or all rows if the file has no column of sensors."""
+    """Return the rows of one arm's sensor; all rows if the options name no column of sensors."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)
@@ -190,8 +195,8 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
     rows = np.asarray(there == str(sensor))
     if rows.sum() < 2:
         raise UserError(
-            f"{whole.path}: column {column} names {sensor!r} in {rows.sum()} rows, it has"
-            f" {list_names(sorted(set(there)))}; expected a motion of at least 2"
+            f"{whole.path}: column {column} has {sensor!r} in {rows.sum()} rows; expected at least"
+            f" 2 rows. Its values are {list_names(sorted(set(there)))}"
         )
     measures = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
     measures |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
@@ -210,8 +215,8 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
         if values is None:
             columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
-                f"{path}: no column {columns}; the file has {list_names(table)}. Name those of the"
-                f" file: operator.columns = {{ {name}_mm = '...' }}; where a column names the"
+                f"{path}: no column {columns}; the file has {list_names(table)}. Write the file's"
+                f" column names: operator.columns = {{ {name}_mm = '...' }}; if a column names the"
                 " sensor of each row, write operator.sensors"
             )
         places.append(values)
@@ -232,19 +237,21 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
 def _unit_quaternions(
     samples: Samples, arm: str, quat: np.ndarray | None, matrix: np.ndarray | None
 ) -> np.ndarray | None:
-    """Return quaternions [T, 4] of length 1 from such or from rotation matrices [T, 9].
+    """Return unit quaternions [T, 4] from recorded quaternions or from rotation matrices [T, 9].
 
-    Returns None without either, or if all quaternions are zero, as a trace without rotations writes
-    them.
+    Return None if neither was recorded, or if all quaternions are zero, which means that a file of
+    `ravenjax trace` has no rotations.
     """
     from scipy.spatial.transform import Rotation
 
     if quat is not None and matrix is not None:
-        raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. say the same; keep one")
+        raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. mean the same; keep one")
     if matrix is not None:
         turns = matrix.reshape(-1, 3, 3)
-        apart = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        bad = np.flatnonzero((apart > 0.02) | (np.linalg.det(turns) < 0.0))
+        # The product of a rotation matrix and its transpose is the identity. Files contain rounded
+        # numbers, so the difference may be up to 0.02.
+        error = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        bad = np.flatnonzero((error > 0.02) | (np.linalg.det(turns) < 0.0))
         if bad.size:
             raise UserError(
                 f"{samples.path}: {samples.place(bad[0])}: {arm}_r11.. is no rotation matrix; its"
@@ -263,7 +270,7 @@ def _unit_quaternions(
 
 
 class Bag:
-    """An open bag: its topics, and which of them are those of an arm of a Raven-II."""
+    """An open bag; it finds the topics of each Raven-II arm."""
 
     def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions) -> None:
         self.path, self._reader, self._options = path, reader, options
@@ -271,14 +278,14 @@ class Bag:
         self.kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}
 
     def read(self, topic: str, stamped: bool = True) -> TopicMessages:
-        """Return the messages of a topic, see `bags.read_topic`."""
+        """Return the messages of a topic. stamped: with times of header stamps, not log times."""
         return bags.read_topic(self.path, self._reader, topic, stamped)
 
     def topic(self, arm: str, *ends: str) -> str | None:
-        """Return the first of an arm's topics that is there, by its end, such as setpoint_cp.
+        """Return the first topic of an arm whose name ends in one of `ends`, such as setpoint_cp.
 
-        Topics are those of the namespace in the options, else of arm1 (gold) and arm2 (green) in
-        any namespace. Raises UserError if several namespaces have them.
+        The namespace is that of the options, otherwise any that ends in arm1 (gold) or arm2
+        (green). Raise UserError if several namespaces have such topics.
         """
         if (own := self._options.topics.get(arm)) is not None:
             if own in self.kinds and own.endswith(ends):
@@ -289,17 +296,19 @@ class Bag:
         found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
         if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
             raise UserError(
-                f"{self.path}: {' and '.join(found)} are of several robots; choose a namespace:"
+                f"{self.path}: {' and '.join(found)} belong to several robots; choose a namespace:"
                 f" {self._choice(arm, found)}"
             )
         return found[0] if found else None
 
     def missing(self, arm: str, *ends: str) -> UserError:
-        """Return the error for a bag without an arm's topics, with the option that takes others."""
+        """Return the error for a bag without topics of an arm. It names the option that selects
+        other topics.
+        """
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
         others = [topic for topic in self.kinds if topic.endswith(ends)]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
-        advice = f". To take other topics write {self._choice(arm, others)}" if others else ""
+        advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
         return UserError(
             f"{self.path}: no topic {' or '.join(f'{space}/{end}' for end in ends)}; the file has"
             f" {list_names(kinds) or 'none'}{advice}"
@@ -312,13 +321,14 @@ class Bag:
 
 @contextlib.contextmanager
 def open_bag(path: Path, options: ReplayOptions) -> Iterator[Bag]:
-    """Open a bag or MCAP file. Raises UserError for any damage."""
+    """Open a bag or MCAP file. Raise UserError if the file is damaged."""
     with bags.open_bag(path) as reader:
         yield Bag(path, reader, options)
 
 
 def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    # Reads one topic of poses per arm. All arms use the same clock: header stamps if all have them.
+    # Reads one topic of poses per arm. Times are header stamps if all arms have them, otherwise log
+    # times, so that all arms use the same clock.
     ends = [f"{source}_cp" for source in SOURCES]
     tips, jaws, notes = {}, {}, []
     with open_bag(path, options) as bag:
@@ -333,7 +343,7 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
         for arm in arms:
             if not stamped:
                 tips[arm] = bag.read(tips[arm].topic, False)
-            # A motion without jaws is a motion.
+            # Poses without jaws are useful too, so errors of the jaws become notes.
             try:
                 jaws[arm] = _jaws(bag, arm, stamped, tips[arm], options.max_gap_s)
             except UserError as error:
@@ -357,6 +367,7 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
+    # Converts an arm's pose messages to columns in m and unit quaternions.
     import pandas as pd
 
     names = [f"{arm}_{axis}_m" for axis in "xyz"] + [f"{arm}_{name}" for name in QUAT]
@@ -372,8 +383,9 @@ def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
 def _jaws(
     bag: Bag, arm: ArmName, stamped: bool, tip: TopicMessages, max_gap_s: float
 ) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """Return times (ns), opening (rad) and topic of an arm's jaws: from CRTK's topic of the jaw
-    alone, or from raven2's two jaws. None if they were not recorded.
+    """Return times (ns), opening (rad) and topic of an arm's jaws; None if they were not recorded.
+
+    The opening comes from CRTK's topic of the jaw, otherwise from the angles of raven2's two jaws.
     """
     alone = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
     topic = alone or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
@@ -404,16 +416,16 @@ def _jaws(
 def _frame(
     path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions, own: bool
 ) -> tuple[Frame, list[str]]:
-    """Return the frame that the headers of an arm's tip name, and notes.
+    """Return the frame that the headers of an arm's pose messages name, and notes.
 
-    own: the file was written by ravenjax, which once called frame 0 `arm1_base`.
+    own: the file was written by ravenjax, whose older versions called frame 0 `arm1_base`.
     """
     names = [one.header.frame_id for one in tip.messages]
     for number, name in zip(tip.number, names, strict=True):
         if name != names[0]:
             raise UserError(
-                f"{path}: message {number} of {tip.topic} is in frame {name!r}, those before in"
-                f" {names[0]!r}; expected one frame"
+                f"{path}: message {number} of {tip.topic} is in frame {name!r}, earlier messages"
+                f" are in {names[0]!r}; expected one frame"
             )
     name = names[0].rpartition("/")[2]
     if options.frame is not None or name in ("", frame0_name(arm)):
@@ -425,7 +437,7 @@ def _frame(
     turned, moved = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
     if (turned, moved, options.place) == (None, None, "recorded"):
         raise UserError(
-            f"{path}: {tip.topic} is in frame {names[0]!r}, which is not known here; expected"
+            f"{path}: {tip.topic} is in the unknown frame {names[0]!r}; expected"
             f" frame 0 of {arm}, or {ARM_TOPICS[arm]}_base of CRTK. Write operator.frame ="
             ' "frame0" if it is frame 0, operator.place = "home" to begin after homing, or'
             " operator.rotation and operator.offset_mm"

@@ -1,5 +1,6 @@
-"""Determines when the rows of a recording were sampled: the column of times, its unit, and whether
-it is plausible.
+"""Determines the time of each row of a recording, from the column of times and its unit.
+
+Implausible times are refused.
 """
 
 from collections.abc import Iterable
@@ -12,35 +13,39 @@ from ravenjax.store.motion.options import MOST_GAP_S, ReplayOptions
 
 NAMES = ("time", "t", "stamp", "timestamp")
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds per unit. A column holds times if its name is one of NAMES and a unit, such as `t_ms`."""
+"""Seconds per unit. A column contains times if its name is one of NAMES and a unit, such as
+`t_ms`.
+"""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 20_000.0
-"""Plausible rates of recorders of hands. A rate outside most likely has another unit."""
+"""Plausible sample rates of recorded hand motions. With a rate outside this range, the unit of the
+times is most likely wrong.
+"""
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
-"""A gap is a step of more than USUAL_STEPS median steps that is longer than LEAST_GAP_S."""
+"""A time step between samples is a gap if it is longer than LEAST_GAP_S and than USUAL_STEPS times
+the median step.
+"""
 
 RATES_AGREE = 0.05
-"""Share by which a stated rate and the mean rate of time stamps may differ."""
+"""Largest relative difference between the rate that a user states and that of the time stamps."""
 
 BURSTS, LEAST_ROWS = 4.0, 20
-"""Rows come in bursts if most follow one another BURSTS times faster than on average without the
-few longest steps.
-
-This is not checked for fewer than LEAST_ROWS rows.
+"""Rows come in bursts if the median time step is BURSTS times shorter than the mean step. The mean
+does not include the few longest steps. Fewer than LEAST_ROWS rows are not checked.
 """
 
 
 def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[str]:
-    """Return the names that are times with a unit."""
+    """Return those of `names` that consist of a stem and a unit of time, such as `t_ms`."""
     return [name for name in names for stem in stems for unit in UNITS if name == f"{stem}_{unit}"]
 
 
 def seconds_since_first(values: np.ndarray) -> np.ndarray:
-    """Return times since the first of them, in their unit.
+    """Return times relative to the first, in their unit.
 
-    Integers are subtracted before they are converted, because nanoseconds since 1970 do not fit a
-    double.
+    Integers are subtracted before the conversion to double precision, which cannot represent
+    nanoseconds since 1970 exactly.
     """
     if values.dtype.kind in "iu":
         values = values.astype(np.int64)
@@ -50,18 +55,18 @@ def seconds_since_first(values: np.ndarray) -> np.ndarray:
 def sample_times(
     path: Path, clock: str, seconds: np.ndarray | None, rows: int, options: ReplayOptions
 ) -> tuple[np.ndarray | None, str, tuple[str, ...]]:
-    """Return the times of rows, s, [T] (None if rows are evenly spaced), their source in words, and
-    notes.
+    """Return the times of rows [T], s (None if rows are evenly spaced), the name of their source,
+    and notes.
 
-    clock, seconds: source and times that the file has, if it has any. Raises UserError if neither
-    the file nor `options.rate_hz` states the times of rows, or if they contradict each other.
+    clock, seconds: source and times in the file, if it has any. Raise UserError if neither the file
+    nor `options.rate_hz` gives the times of rows, or if they contradict each other.
     """
     rate_hz = options.rate_hz
     if rate_hz is None and seconds is None:
         raise UserError(
-            f"{path}: nothing says when its {rows} rows were sampled; expected a column time_s (or"
-            " _ms, _us, _ns): rename the one that is the time. Or state the rate of the rows:"
-            f" {options.written('rate_hz', 1000)} if a row is a millisecond"
+            f"{path}: the times of its {rows} rows are unknown; expected a column time_s (or"
+            " _ms, _us, _ns). Rename the column with the times, or write the number of rows per"
+            f" second, such as {options.written('rate_hz', 1000)} for one row per millisecond"
         )
     if rate_hz is None:
         return seconds, clock, ()
@@ -72,16 +77,16 @@ def sample_times(
     if not abs(span - stated) <= RATES_AGREE * stated:
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
-            f"{path}: {rate} makes {stated:.4g} s of {rows} rows, {clock} says {span:.4g} s"
-            f" ({mean}); expected them to agree within {100 * RATES_AGREE:g} %. Write the rate of"
-            " the recording, or drop its times"
+            f"{path}: {rows} rows last {stated:.4g} s by {rate}, but {span:.4g} s by {clock}"
+            f" ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
+            " recording, or remove its times. To replay more slowly, set operator.slow_down"
         )
-    note = f"{clock} is not used, {rate} spaces rows evenly; it says {span:.3f} s in all"
+    note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
     return None, rate, (note,)
 
 
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: ReplayOptions) -> None:
-    """Raise UserError for stamps [T] that stand still, go back, come in bursts or have an
+    """Raise UserError for time stamps [T] that repeat, decrease, come in bursts or have an
     implausible rate.
     """
     if len(time_s) < 2:
@@ -92,7 +97,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     even = "."
     if LOWEST_HZ <= mean_hz <= HIGHEST_HZ:
         even = (
-            ". If they say when rows arrived, not when they were sampled, write"
+            ". If these are times of arrival, not of sampling, write"
             f" {options.written('rate_hz', f'{mean_hz:.6g}')}: rows are then evenly spaced"
         )
     sensors = options.written("sensors", "{ column = 'tool', gold = 'left' }")
@@ -126,13 +131,14 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     most = np.sort(steps)[: -max(2, len(steps) // 100)]
     if len(steps) >= LEAST_ROWS and median < most.mean() / BURSTS:
         raise UserError(
-            f"{path}: the stamps come in bursts: {clock} has half of the rows within"
-            f" {median * 1e3:.3g} ms of the one before, but only {mean_hz:.4g} rows a second{even}"
+            f"{path}: the time stamps come in bursts: by {clock}, half of the rows follow the row"
+            f" before within {median * 1e3:.3g} ms, but there are only {mean_hz:.4g} rows per"
+            f" second{even}"
         )
 
 
 def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
-    """Return (row before it, begin, end) of every gap in times [T]."""
+    """Return (row before the gap, begin in s, end in s) for every gap in the times [T]."""
     steps = np.diff(time_s)
     rows = np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S))
     return [(row, float(time_s[row]), float(time_s[row + 1])) for row in rows.tolist()]

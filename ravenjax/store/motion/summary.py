@@ -1,4 +1,4 @@
-"""Summary of a recording and of the motion made from it, for the manifest, the terminal and the
+"""Summarises a recording and the motion made from it, for the manifest, the terminal and the
 report.
 
 The texts are in summary.j2.
@@ -17,27 +17,27 @@ from ravenjax.store.motion.options import ReplayOptions
 
 
 class ArmSummary(BaseModel):
-    """The tip of one arm. All fields except `inside` describe the replayed part."""
+    """Summary of one arm's tip motion. All fields except `inside` describe the replayed part."""
 
     model_config = ConfigDict(frozen=True)
 
     arm: str
-    orientation: str  # "recorded" or "home"
-    jaws: str  # "recorded" or "home"
+    orientation: str  # "recorded", or "home": constantly that after homing
+    jaws: str  # "recorded", or "home": constantly as after homing
     inside: float  # share of the recording inside the joint limits
-    extent_mm: tuple[float, float, float]  # in frame 0
-    path_mm: float
-    fastest_mm_s: float
-    distance_mm: tuple[float, float]  # from the remote centre
+    extent_mm: tuple[float, float, float]  # size of the motion along the axes of frame 0
+    path_mm: float  # length of the tip's path
+    fastest_mm_s: float  # largest speed
+    distance_mm: tuple[float, float]  # least and greatest distance from the remote centre
     # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time in the
     # recording (s).
     removed: tuple[float, float, float] | None = None
 
 
 class MotionSummary(BaseModel):
-    """One recorded operator.
+    """Summary of a recorded operator motion and of its replay.
 
-    Times are seconds in the recording unless stated otherwise. Rows count from 0.
+    Times are seconds since the recording's begin unless stated otherwise. Rows count from 0.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -45,17 +45,17 @@ class MotionSummary(BaseModel):
     file: str
     sha256: str
     options: ReplayOptions
-    rows: int  # of the first arm
-    clock: str  # source of the times
-    read: tuple[str, ...]  # columns or topics
-    ignored: tuple[str, ...]  # the others
-    notes: tuple[str, ...]  # further notes
+    rows: int  # number of samples of the first arm
+    clock: str  # name of the column or clock that the times come from
+    read: tuple[str, ...]  # columns or topics that were used
+    ignored: tuple[str, ...]  # columns or topics that were not used
+    notes: tuple[str, ...]  # remarks on how the file was read
     duration_s: float
-    rate_hz: float  # mean
-    steps_ms: tuple[float, float, float]  # between samples: least, median, greatest
-    gaps: int  # steps of more than three median ones
-    longest_gap: tuple[int, float, float] | None  # row before it, begin, length in s
-    spikes: tuple[str, ...]  # each in words
+    rate_hz: float  # mean sample rate
+    steps_ms: tuple[float, float, float]  # least, median and greatest time between samples
+    gaps: int  # number of time steps longer than three median steps
+    longest_gap: tuple[int, float, float] | None  # row before the gap, begin, length in s
+    spikes: tuple[str, ...]  # description of each jump of a tip
     # Stretches that cannot be replayed, the longest first.
     outside: tuple[tuple[float, float], ...]
     outside_share: float  # share of the recording
@@ -64,27 +64,24 @@ class MotionSummary(BaseModel):
     # Time in the campaign when the recording ended and the hands stopped or reversed, s; None: it
     # did not end.
     end_s: float | None
-    turns: int  # how often the direction was reversed after that
-    pedal: str  # "recorded" or "down"
-    pedal_down: float  # share of the campaign
+    turns: int  # number of reversals of the replay direction after the recording's end
+    pedal: str  # "recorded", or "down": constantly down
+    pedal_down: float  # share of the campaign with the pedal down
     # Teleoperation scale at which the tip moves as recorded.
     scale: float
-    # Least and greatest scale that a campaign varies it to.
+    # Least and greatest teleoperation scale in a campaign that varies it.
     scales: tuple[float, float] | None = None
     arms: tuple[ArmSummary, ...]
-    notices: tuple[str, ...] = ()  # what the robot does not follow
+    notices: tuple[str, ...] = ()  # parts of the motion that the robot cannot follow
 
 
 def table_rows(summary: MotionSummary) -> list[tuple[str, str]]:
-    """Return (name, description) rows for terminal and report, from the file to the motion."""
+    """Return (name, description) rows for a table in terminal or report."""
     return [row for row in _rendered_rows(summary) if row[0] != "change"]
 
 
 def describe_changes(summary: MotionSummary) -> list[str]:
-    """Return a phrase for each change of the motion beyond its timing.
-
-    Returns nothing if the tip moves as recorded.
-    """
+    """Return a phrase for each difference, except timing, of replayed and recorded tip motion."""
     return [text for what, text in _rendered_rows(summary) if what == "change"]
 
 
@@ -94,14 +91,14 @@ def _rendered_rows(summary: MotionSummary) -> list[tuple[str, str]]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TipCourse:
-    """The course of one arm. Times are seconds in the recording, positions m in frame 0."""
+    """Curves of one arm's tip. Times are seconds in the recording, positions are m in frame 0."""
 
     arm: str
-    recorded_s: np.ndarray  # [T]
-    recorded: np.ndarray  # [T, 3] every sample of the file
-    # Position in the recording at each millisecond of the campaign, [ticks].
+    recorded_s: np.ndarray  # [T] times of the samples
+    recorded: np.ndarray  # [T, 3] positions of all samples of the file
+    # [ticks] time in the recording that is replayed in each ms of the campaign.
     replayed_s: np.ndarray
-    # [ticks, 3]; no ticks if nothing can be replayed.
+    # [ticks, 3] replayed positions; empty if nothing can be replayed.
     replayed: np.ndarray
     outside: tuple[tuple[float, float], ...]  # stretches that the arm cannot reach
     gaps: tuple[tuple[float, float], ...]  # stretches without samples
@@ -116,6 +113,6 @@ def list_names(names: Iterable[Any], most: int = 12) -> str:
 
 
 def format_spans(spans: Sequence[tuple[float, float]]) -> str:
-    """Return spans as text: `[1.200, 3.450], .. s`, as `window_s` takes them."""
+    """Return time spans as text, in the form of a value of `window_s`: `[1.200, 3.450], .. s`."""
     words = list_names((f"[{begin:.3f}, {end:.3f}]" for begin, end in spans), 4)
     return f"{words} s" if spans else "none"

@@ -1,4 +1,5 @@
-"""Computes the row of a recording at each millisecond of a run, and when the pedal is down."""
+"""Computes which row of a recording applies in each millisecond of a run, and when the pedal is
+down."""
 
 import dataclasses
 import math
@@ -15,41 +16,41 @@ RUN_UP_S = 0.5
 """Time from rest to full speed of the replay, and from full speed to rest, s."""
 
 SLOWEST = 100.0
-"""Largest `slow_down` of a campaign."""
+"""Largest permitted value of the option `slow_down`."""
 
 REST_TICKS, RUN_UP_TICKS = round(MOTION_S / TICK_S), round(RUN_UP_S / TICK_S)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timeline:
-    """The row of the recording and the pedal at each tick."""
+    """The replayed row of the recording, and the state of the pedal, in each tick (1 ms)."""
 
-    # Row of the recording, fractional, counted from the first that is replayed, [ticks].
+    # [ticks] fractional row of the recording, counted from the first replayed row.
     row: np.ndarray
-    # [ticks] 1 down, 0 up: up before the motion begins.
+    # [ticks] 1 down, 0 up; the pedal is up before the motion begins.
     pedal: np.ndarray
-    # When the recording ended and the hands stopped or reversed, s; None: it did not end.
+    # Time at which the recording ended and the hands stopped or reversed, s; None: it did not end.
     end_s: float | None
-    turns: int  # how often the direction was reversed after that
+    turns: int  # number of reversals of the replay direction
 
 
 def natural_ticks(rows: int, slow_down: float) -> int:
-    """Return the ticks in which `rows` of a recording are replayed once, without coming to rest."""
+    """Return the number of ticks that replay `rows` rows once, without slowing down at the end."""
     steady = math.floor((rows - 1 - _ramp(slow_down)[-1]) * slow_down)
     return REST_TICKS + RUN_UP_TICKS + max(0, steady)
 
 
 def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
-    """Return the timeline of `ticks` ms over `rows` of a recording; None: as long as the rows last.
+    """Return the timeline for replaying `rows` rows in `ticks` ms; None: until the rows end.
 
-    Raises UserError if the rows do not last and the options do not state what happens then.
+    Raise UserError if the rows end earlier and the options do not state what the hands do then.
     """
     slow_down, natural = options.slow_down, natural_ticks(rows, options.slow_down)
     ticks = natural if ticks is None else ticks
     if ticks <= REST_TICKS:
         raise UserError(
-            f"{path}: the campaign ends after {ticks * TICK_S:g} s, and hands rest for the first"
-            f" {MOTION_S:g} s: nothing would move. Write a longer campaign.duration_s"
+            f"{path}: the campaign ends after {ticks * TICK_S:g} s, but the hands rest for the"
+            f" first {MOTION_S:g} s, so nothing would move. Write a longer campaign.duration_s"
         )
     pedal = (np.arange(ticks) >= round(PEDAL_DOWN_S / TICK_S)).astype(float)
     if ticks <= natural:
@@ -60,16 +61,15 @@ def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptio
     if options.at_end == "refuse":
         slower = math.ceil((ticks - REST_TICKS - RUN_UP_TICKS / 2 + 1) / (rows - 1) * 100) / 100
         raise UserError(
-            f"{path}: what is replayed ends after {natural * TICK_S:.3f} s, {rows * TICK_S:.3f} s"
-            " of the recording "
-            f"with {MOTION_S:g} s of rest and {RUN_UP_S:g} s to get up to speed; the campaign"
-            " lasts "
+            f"{path}: the replay ends after {natural * TICK_S:.3f} s ({rows * TICK_S:.3f} s of the"
+            f" recording, with {MOTION_S:g} s of rest and {RUN_UP_S:g} s of acceleration), but the"
+            " campaign lasts "
             f"{ticks * TICK_S:g} s. Write campaign.duration_s = {natural * TICK_S:.3f} or less,"
             " operator.at_end = "
             f'"hold" (the hands slow down and rest) or "reverse" (backwards and forwards again)'
             + (f", or operator.slow_down = {slower:g}" if slower <= SLOWEST else "")
         )
-    whole = _there(rows - 1, slow_down)
+    whole = _rest_to_rest(rows - 1, slow_down)
     end = REST_TICKS + len(whole)
     turns = max(0, math.ceil((ticks - end) / len(whole))) if options.at_end == "reverse" else 0
     ways = (whole[::-1] if turn % 2 else whole for turn in range(turns + 1))
@@ -79,16 +79,16 @@ def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptio
 
 
 def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
-    """Return the row after each tick of an acceleration to full speed.
+    """Return the fractional row [ticks] after each tick of an acceleration to full speed.
 
-    Speed and acceleration begin at 0.
+    Speed and acceleration begin at 0. Full speed is 1 / slow_down rows per tick.
     """
     fraction = np.arange(1, ticks + 1) / ticks
     return ticks / slow_down * fraction**4 * (2.5 - 3.0 * fraction + fraction**2)
 
 
-def _there(rows: int, slow_down: float) -> np.ndarray:
-    """Return the row after each tick from rest in the first row to rest `rows` later.
+def _rest_to_rest(rows: int, slow_down: float) -> np.ndarray:
+    """Return the fractional row after each tick from rest in row 0 to rest in row `rows`.
 
     The motion accelerates, continues at constant speed and slows down.
     """

@@ -1,4 +1,5 @@
-"""The content of a recording before any conversion, and checks that its units are plausible."""
+"""Stores the content of a recording before any conversion, and checks that its units are
+plausible."""
 
 import dataclasses
 import math
@@ -16,13 +17,13 @@ LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 NEAREST_M, FARTHEST_M = 0.005, 0.5
 """Plausible distances of a tip from the remote centre.
 
-The wrist alone is 13 mm long, and the insertion ends at 0.25 m. A recording that lies outside as a
-whole has another unit or another frame.
+The wrist alone is 13 mm long, and the insertion ends at 0.25 m. If all positions of a recording lie
+outside this range, it uses another unit or another frame.
 """
 
 
 class Home(NamedTuple):
-    """Pose in which a tip begins, in frame 0."""
+    """Start pose of a tip, in frame 0."""
 
     position: np.ndarray  # [3] m
     quat: np.ndarray  # [4] x, y, z, w
@@ -30,19 +31,19 @@ class Home(NamedTuple):
 
 
 WIDEST_RAD = math.radians(245.0)
-"""Largest opening of the jaws, because each turns by 120 degrees at most."""
+"""Largest plausible opening of the jaws: each turns by 120 degrees at most, with a tolerance."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmTrack:
     """One arm's samples. A file may have fewer rows for one arm than for the other."""
 
-    # [T] s, on a clock that both arms share; None if the file has no times.
+    # [T] s, on the same clock for both arms; None if the file has no times.
     time_s: np.ndarray | None
-    position: np.ndarray  # [T, 3] m, tip
-    quat: np.ndarray | None  # [T, 4] x, y, z, w, tip
-    opening_mrad: np.ndarray | None  # [T] positive opens
-    frame: Frame = "frame0"  # in which position and quat are, until `in_frame0`
+    position: np.ndarray  # [T, 3] m, position of the tip
+    quat: np.ndarray | None  # [T, 4] x, y, z, w, orientation of the tip
+    opening_mrad: np.ndarray | None  # [T] opening of the jaws
+    frame: Frame = "frame0"  # frame of position and quat as recorded, which `in_frame0` converts
 
     def __len__(self) -> int:
         return len(self.position)
@@ -50,22 +51,23 @@ class ArmTrack:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Track:
-    """A whole recording."""
+    """All samples of a recording."""
 
     path: Path
-    clock: str  # source of its times, "" if it has none
+    clock: str  # name of the column or clock that the times come from; "" if there are no times
     arms: dict[str, ArmTrack]
-    surgeon_mode: np.ndarray | None  # [T] 0 or 1, at the times of the first arm
-    read: tuple[str, ...]  # columns or topics
-    ignored: tuple[str, ...]  # the others
-    notes: tuple[str, ...] = ()  # further notes
+    surgeon_mode: np.ndarray | None  # [T] pedal, 0 up or 1 down, at the times of the first arm
+    read: tuple[str, ...]  # columns or topics that were used
+    ignored: tuple[str, ...]  # columns or topics that were not used
+    notes: tuple[str, ...] = ()  # remarks on how the file was read
 
 
 def in_frame0(
     samples: ArmTrack, arm: ArmName, options: ReplayOptions, first: int, home: Home
 ) -> ArmTrack:
-    """Return samples in frame 0 of their arm, as the options place them. first: sample that is put
-    at the pose after homing, if one is.
+    """Return samples converted to frame 0 of their arm, as the options request.
+
+    first: index of the sample that option place = "home" puts at the pose after homing.
     """
     # Slow to import.
     from scipy.spatial.transform import Rotation
@@ -90,7 +92,7 @@ def in_frame0(
     if samples.quat is not None:
         turned = turn * Rotation.from_quat(samples.quat)
         if options.place == "home":
-            # The frame of the recorded instrument may be another.
+            # The axes fixed to the recorded instrument may differ from those of the Raven-II.
             turned = turned * (turned[first].inv() * Rotation.from_quat(home.quat))
         quat = turned.as_quat()
     if options.place == "home":
@@ -99,7 +101,7 @@ def in_frame0(
 
 
 def check_plausible(track: Track) -> None:
-    """Raise UserError for positions that no tip in frame 0 has, and for jaws that open too wide."""
+    """Raise UserError if positions are implausible in frame 0, or if jaws open too wide."""
     for arm, samples in track.arms.items():
         distance = np.linalg.norm(samples.position, axis=1)
         # With operator.place = "home" some positions are always near.

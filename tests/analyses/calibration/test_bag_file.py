@@ -116,5 +116,5 @@ def test_the_longest_stretch_of_pedal_down_is_the_log(tmp_path) -> None:
 @pytest.mark.parametrize("name", ["log.bag", "log.mcap", "log.db3"])
 def test_what_is_no_bag_is_refused(tmp_path, name) -> None:
     (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n and then nothing")
-    with pytest.raises(UserError, match="no bag or MCAP file that can be read"):
+    with pytest.raises(UserError, match="cannot be read as a bag or MCAP file"):
         read(tmp_path / name)

@@ -33,7 +33,7 @@ def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
     np.testing.assert_allclose(calibrated.fit.steps, hidden, atol=0.05)
     np.testing.assert_allclose(calibrated.after, calibrated.before * np.exp(hidden), rtol=0.05)
     assert (calibrated.told < 0.1).all()
-    log, before, found, rotor = one.judged(
+    log, before, found, rotor = one.following_errors(
         one.halves[1], {"before": calibrated.base, "after": calibrated.robot}
     )
     assert rotor.model == ROTOR
@@ -85,7 +85,7 @@ def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
     logged = LoggedRobot(by_joints, setup, "gold", position_loop.RAVEN2)
     plant = robot.params(setup, "gold")
     truth = position_loop.params(replace(plant, friction_scale=0.7))
-    _, found, _ = logged.judged(logged.halves[0], {"truth": truth})
+    _, found, _ = logged.following_errors(logged.halves[0], {"truth": truth})
     assert (found.residual < FINEST).all()
     wanted = parameters.select_unknowns((2,), ("friction", "offsets", "motors", "cables"))
     low, high = logged.calibrated(plant, wanted).interval

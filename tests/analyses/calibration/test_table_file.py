@@ -137,5 +137,5 @@ def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
 def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(UserError, match=f"{name}: no .(csv|parquet) table that can be read"):
+    with pytest.raises(UserError, match=f"{name}: cannot be read as a .(csv|parquet) table"):
         read(path)

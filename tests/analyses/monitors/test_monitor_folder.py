@@ -203,7 +203,7 @@ def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
     log.write_text("".join(lines))
     result = checking.check_exchangeability(folder, [log])
     for twice in (log, tmp_path / "result"):
-        with pytest.raises(UserError, match="check each source separately"):
+        with pytest.raises(UserError, match="Check the sources separately"):
             checking.check_exchangeability(folder, [twice, twice])
     assert result.attrs["units"] == 1 and set(result["score"]) > {"score"}
     rows = list(csv.DictReader(lines))
@@ -230,10 +230,10 @@ BAD_SOURCES = {
         lambda folder, place: place / "none",
         r"none: expected a folder of `ravenjax monitor operate`",
     ),
-    "itself": (lambda folder, place: folder, "operators are those of the calibration"),
+    "itself": (lambda folder, place: folder, "has the operators of the calibration"),
     "short": (
         _log(lambda lines: lines[:500]),
-        r"lasts 499 ms and the calibration's operations 3000 ms",
+        r"lasts 499 ms, but the calibration's operations last 3000 ms",
     ),
     "text": (
         _log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]),
@@ -250,7 +250,7 @@ def test_what_cannot_be_compared_is_refused(one_arm, tmp_path, case):
 
 
 def test_a_log_of_one_arm_is_not_compared_with_two(folder):
-    with pytest.raises(UserError, match=r"a log has one arm, .* the larger one of gold and green"):
+    with pytest.raises(UserError, match=r"a log has one arm, .* the arms gold and green"):
         checking.check_exchangeability(folder, [folder / writing.VECTOR])
 
 
@@ -259,7 +259,7 @@ def test_a_changed_file_is_refused(folder, tmp_path):
     shutil.copytree(folder, other)
     path = other / code.SOURCE
     path.write_text(path.read_text().replace("score = 0.0f", "score = 1.0f"))
-    with pytest.raises(StoreError, match=r"monitor\.c: is not what the calibration wrote"):
+    with pytest.raises(StoreError, match=r"monitor\.c: was changed after the calibration"):
         writing.read_monitor(other)
     with pytest.raises(StoreError, match=r"none/monitor\.toml: cannot be read"):
         writing.read_monitor(tmp_path / "none")
@@ -268,11 +268,11 @@ def test_a_changed_file_is_refused(folder, tmp_path):
 BAD_OPTIONS = {
     "signal": (
         ["--signals", "tip_eror_bound"],
-        "Raven-II has none of that name; .* Did you mean 'tip_error_bound'",
+        "Raven-II has no signal of this name; .* Did you mean 'tip_error_bound'",
     ),
     "segments": (
         ["--segments", "tick=5,3"],
-        "expected a field and ascending numbers, such as tick=1000,5000",
+        "expected the name of a signal and ascending numbers, such as tick=1000,5000",
     ),
     "hours": (["--hours", "0.001"], r"--hours \d+ or more, or --robots 1 --hours"),
     "motion": (
@@ -294,6 +294,7 @@ def test_another_campaign_does_not_go_on_in_the_folder(folder, tmp_path, capsys)
     other = tmp_path / "m"
     shutil.copytree(folder, other)
     status = calibrate(folder.parent, other, *SIGNALS, "--seed", 3)
-    assert status == 2 and "holds operations of another design" in capsys.readouterr().err.replace(
-        "\n", " "
+    assert (
+        status == 2
+        and "contains operations with another design" in capsys.readouterr().err.replace("\n", " ")
     )

@@ -58,10 +58,10 @@ def test_margins_are_zero_at_the_bound_and_grow_into_the_event():
     [
         ("peak_model_deviation", "Did you mean 'peak_model_deviation_mm'"),
         ("response", "response = stopped"),
-        ("jump_code = yes", "holds numbers"),
-        ("response_ms", "-1 where it never came"),
+        ("jump_code = yes", "is a column of numbers"),
+        ("response_ms", "-1 if the event never happened"),
         ("fault0_value", "unknown outcome"),
-        ("cable_overload", "tensions of this robot's cables are not known"),
+        ("cable_overload", "cable tensions of this robot are unknown"),
     ],
 )
 def test_complaints_say_what_to_write(text, told):

@@ -67,7 +67,7 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
         (
             "_mm >= 1",
             "_mm",
-            ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event",
+            "search.harm: got 'peak_golden_deviation_mm', which is a number; expected an event",
         ),
         (
             "loguniform = [100,",
@@ -88,7 +88,7 @@ def test_errors_name_line_key_and_what_was_expected(tmp_path, old, new, told):
         ({"kind": "morris", "outcomes": ["jump_code"], "levels": 5}, "such as 6"),
         ({"kind": "sobol", "outcomes": []}, "expected a list of at least 1"),
         ({"kind": "sobol", "outcomes": ["jump_code"]}, "at least 2 distribution"),
-        ({"kind": "rare", "event": "jump_code"}, "how near a run came"),
+        ({"kind": "rare", "event": "jump_code"}, "the search uses the distance from the limit"),
         ({"kind": "rare", "event": "peak_model_deviation_mm >= 3", "runs": 1005}, "such as 1000"),
     ],
 )

@@ -98,7 +98,7 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
     assert f"- {before.record['runs']} different runs" in text
     with pytest.raises(
         UserError,
-        match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for",
+        match=r"(?s)contains another search.*config\.search\.tolerance: 0\.05 here, 0\.1 requested",
     ):
         runner.run_search(search(**BOUNDARY | {"tolerance": 0.1}), out)
 

@@ -39,9 +39,9 @@ def test_the_executor_that_is_meant(arguments, name, workers):
     ("arguments", "message"),
     [
         (("locl",), "--executor: unknown executor 'locl', .*Did you mean 'local'"),
-        (("ray", 0), "--workers 0: expected 1 or more"),
-        (("local", 4), "--workers 4 with --executor local.*--executor ray"),
-        (("local", 1, "a:1"), "--ray-address a:1 belongs to --executor ray"),
+        (("ray", 0), "--workers is 0, expected 1 or more"),
+        (("local", 4), "--workers 4 has no use with --executor local.*--executor ray"),
+        (("local", 1, "a:1"), "--ray-address a:1 needs --executor ray"),
     ],
 )
 def test_an_executor_that_cannot_be_meant(arguments, message):
@@ -102,12 +102,12 @@ def test_a_chunk_elsewhere_is_the_chunk_here(work):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("code", "ffff", "code: .* here, ffff at the coordinator"),
-        ("device", "another", "device: .* here, another at the coordinator"),
+        ("code", "ffff", "code: .* on the worker, ffff on the machine"),
+        ("device", "another", "device: .* on the worker, another on the machine"),
     ],
 )
 def test_a_worker_that_would_compute_something_else_refuses(work, name, value, message):
     head = ray_cluster.make_head(work, CHUNKS, 1)
     head = dataclasses.replace(head, computed_by={**head.computed_by, name: value})
-    with pytest.raises(UserError, match=f"would not compute the same: .*{message}"):
+    with pytest.raises(UserError, match=f"would compute other results: .*{message}"):
         ray_cluster.Worker(head)

@@ -102,7 +102,9 @@ def test_a_chunk_that_always_fails_is_named_and_the_others_are_delivered(cluster
     progress = Progress("", 60, 60, plan.program.ticks, None)
     work = Work(plan, engine, pack, delivered.append, progress)
     why = {"is killed": "WorkerCrashedError", "raises": "MemoryError: no memory left"}[way]
-    with pytest.raises(UserError, match=rf"(?s)1 chunk\(s\) failed; .*rows 20 to 29: {why}"):
+    with pytest.raises(
+        UserError, match=rf"(?s)1 chunk\(s\) of runs failed; .*rows 20 to 29: {why}"
+    ):
         ray_cluster.Ray(2, made.address).run(work, [range(r, r + 10) for r in range(0, 60, 10)])
     assert sorted(done.rows.start for done in delivered) == [0, 10, 30, 40, 50]
 

@@ -107,6 +107,6 @@ def test_a_moment_of_a_phase_needs_the_trigger_time():
 def test_a_phase_that_never_comes_is_refused_before_anything_runs():
     with pytest.raises(
         UserError,
-        match=r"(?s)fault\[0\].start_ms: phase 'in_tissue'.*never comes.*expected one that",
+        match=r"(?s)fault\[0\].start_ms: phase 'in_tissue'.*does not occur.*expected one of",
     ):
         starts({"phase": "in_tissue", "share": 0.5})

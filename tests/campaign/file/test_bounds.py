@@ -60,7 +60,11 @@ def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     [
         ("plant.friction_scale", -1, ("got -1, expected 0..100", "opposes motion")),
         ("network.cycles_per_packet", 0, ("got 0, expected 1..1000 cycles, whole",)),
-        ("network.cycles_per_packet", {"uniform": [1, 4]}, ("uniform draws fractions", "choice")),
+        (
+            "network.cycles_per_packet",
+            {"uniform": [1, 4]},
+            ("uniform may draw fractions", "choice"),
+        ),
         ("plant.friction_scale", {"normal": [1, 0.2]}, ("may draw -0.408", "normal = [1, 0.2]")),
         ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
         ("monitor.limit", 0.02, ("cannot be set", "write [outcomes] limit_mm")),

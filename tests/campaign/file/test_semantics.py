@@ -40,28 +40,28 @@ def load(text: str) -> Any:
     [
         (
             NETWORK + "effect = 'drop'\nvalue = 1",
-            "group[0].fault[0].value: effect 'drop' takes no value: remove the key",
+            "group[0].fault[0].value: effect 'drop' has no value: remove the key",
         ),
         (
             NETWORK + "channel = ['lost', 'lag']\neffect = 'lose'\nvalue = 0.1",
             "fault[0].channel: got 'lag', but effect 'lose' acts on 'lost': remove the key",
         ),
         (FAULT.replace("overwrite", "dely"), "toggle\n"),
-        (FAULT.replace("overwrite", "delay"), "fault[0].effect: 'delay' belongs to site 'network'"),
+        (FAULT.replace("overwrite", "delay"), "fault[0].effect: 'delay' needs site 'network'"),
         (
             "[parameters]\nplant.friction_scale = { together = [1, 2] }\n"
             "plant.mass_scale = { together = [1, 2, 3] }\n" + PLAIN,
-            "group[0].parameters: together takes lists of one length, got lengths [2, 3]",
+            "group[0].parameters: together needs lists of one length, got lengths [2, 3]",
         ),
         (
             "[parameters]\nplant.friction_scale = 2\n[[group]]\nname = 'a'\n[[group]]\nname ="
             " 'b'\nparameters.plant.gold.friction_scale = 0.7",
-            "group[1].parameters.plant.gold.friction_scale: names numbers that plant.friction_scale"
-            " names, too",
+            "group[1].parameters.plant.gold.friction_scale: names the same numbers as"
+            " plant.friction_scale:",
         ),
         (
             "[parameters]\nplant.mass_scale = 2\n[cross]\nplant.mass_scale = [1, 2]\n" + PLAIN,
-            "cross.plant.mass_scale: stands in parameters, too: remove one of the two",
+            "cross.plant.mass_scale: the path is in [parameters], too: remove one of the two",
         ),
         (
             "software = 'fork2015'\npolicy = 'hard_regulation'\n" + PLAIN,

@@ -107,8 +107,8 @@ def test_an_operator_without_another_motion_is_refused(result, tmp_path, operato
     manifest.write_manifest(tmp_path, changed(result, operator=operator))
     with pytest.raises(UserError, match=why):
         fault_free.extend_fault_free(tmp_path, 1.0)
-    with pytest.raises(UserError, match="robot 'arm' has one motion for every seed"):
-        fault_free.require_others({"campaign": {"robot": "arm"}})
+    with pytest.raises(UserError, match="robot 'arm' has the same motion for every seed"):
+        fault_free.require_new_motions({"campaign": {"robot": "arm"}})
 
 
 def test_a_result_of_another_version_is_refused(result, tmp_path):

@@ -92,7 +92,7 @@ def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
     campaign.write_text(OWN)
     arguments = ("check", str(campaign), "--out", str(tmp_path / "out"))
     code, _, err = command_line(*arguments)
-    assert code == 2 and "gate.py: is Python code" in err and "--trust" in err
+    assert code == 2 and "gate.py: this Python file was not run" in err and "--trust" in err
     code, out, err = command_line(*arguments, "--trust")
     assert code == 0, err
     lines = {what: text for what, _, text in (line.partition("│") for line in out.splitlines())}

@@ -30,12 +30,12 @@ def test_a_run_is_found_by_index_id_or_beginning(typed, index):
 @pytest.mark.parametrize(
     ("typed", "told"),
     [
-        (4, "runs 0..3"),
-        (-1, "runs 0..3"),
-        ("99", "runs 0..3"),
-        ("ab", "2 runs begin so"),
+        (4, "expected an index in 0..3"),
+        (-1, "expected an index in 0..3"),
+        ("99", "expected an index in 0..3"),
+        ("ab", "2 run ids begin so"),
         ("abc", "no run has this id"),
-        ("", "4 runs begin so"),
+        ("", "4 run ids begin so"),
         ("zz", "no run has this id"),
         *((run, "expected its index") for run in (None, 1.0, True, [0], b"0")),
     ],

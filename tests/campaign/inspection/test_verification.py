@@ -73,7 +73,7 @@ def rewritten(folder, change, place=1):
 def test_runs_made_again_are_equal_to_the_bit(folder):
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     found = verification.verify_folder(folder, sample=12)
-    assert found.fine and found.rerun is not None and found.rerun.other == []
+    assert found.fine and found.rerun is not None and found.rerun.changes == []
     assert (
         len(set(found.rerun.rows.tolist())) == found.rerun.verdicts == 12
         and found.rerun.differing == []
@@ -88,7 +88,7 @@ def test_one_changed_number_is_found_by_running_it_again(folder):
     rewritten(folder, change)
     assert wrong(verification.verify_folder(folder, sample=0)) == {}
     found = verification.verify_folder(folder, sample=99)
-    assert wrong(found) == {"runs made again": ["tip_path_mm: differs in 1 of 40 rows"]}
+    assert wrong(found) == {"recomputed runs": ["tip_path_mm: differs in 1 of 40 rows"]}
 
 
 def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
@@ -100,10 +100,10 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
     record = manifests.read_manifest(folder)
     manifests.write_manifest(folder, record.model_copy(update={"code_hash": "f" * 64}))
     found = verification.verify_folder(folder, sample=99)
-    assert found.rerun is not None and found.rerun.other == ["another version of the code"]
+    assert found.rerun is not None and found.rerun.changes == ["another version of the code"]
     apart = {one.name: one.largest for one in found.rerun.differing}
     assert apart == {"tip_path_mm": pytest.approx(1, abs=1e-4), "fault0_value": pytest.approx(1)}
-    assert wrong(found) == {"runs made again": ["fault0_value: differs in 1 of 40 rows"]}
+    assert wrong(found) == {"recomputed runs": ["fault0_value: differs in 1 of 40 rows"]}
 
 
 @pytest.mark.slow
@@ -176,9 +176,9 @@ def test_missing_and_double_rows(folder):
     problems = wrong(verification.verify_folder(folder, sample=0))
     assert (
         problems["rows"] == ["10 rows are missing: 10 to 19"]
-        and "no record names" in problems["parts"][0]
+        and "does not list this file" in problems["parts"][0]
     )
     double = write_part(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
     manifests.write_manifest(folder, record.model_copy(update={"parts": (*record.parts, double)}))
     (problem,) = wrong(verification.verify_folder(folder, sample=0))["rows"]
-    assert double.file in problem and "another part holds" in problem
+    assert double.file in problem and "another file contains" in problem

@@ -136,7 +136,5 @@ def test_of_repeats_the_first_valid_one_that_acted_counts(tmp_path):
 
 
 def test_a_shard_of_it_is_refused():
-    with pytest.raises(
-        UserError, match=r"--shard 2/7: a campaign with \[stop\] needs all its rows"
-    ):
+    with pytest.raises(UserError, match=r"--shard 2/7: the rule \[stop\] needs all runs"):
         adaptive.run_adaptively(config(), shard=Shard(2, 7))

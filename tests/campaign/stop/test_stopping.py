@@ -79,7 +79,7 @@ def test_events_are_those_of_the_report(event):
 @pytest.mark.parametrize(
     ("stop", "key", "message"),
     [
-        ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
+        ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each rate once"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
     ],
 )
@@ -98,7 +98,7 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
     with pytest.raises(
         UserError,
         match=(
-            r"c.toml:4: stop: campaign.limit = 5 would cut the groups .* such as looks = \[0.01,"
+            r"c.toml:4: stop: campaign.limit = 5 would shorten .* such as looks = \[0.01,"
             r" 0.05\]"
         ),
     ):

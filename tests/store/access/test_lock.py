@@ -35,9 +35,9 @@ def holder(tmp_path):
 
 def test_the_second_is_told_who_holds_it_and_since_when(tmp_path, holder):
     before = (tmp_path / ".lock").read_bytes()
-    who = f"process {holder.pid} on {socket.gethostname()}, since {json.loads(before)['since']}"
+    who = f"process {holder.pid} on {socket.gethostname()}, started {json.loads(before)['since']},"
     with (
-        pytest.raises(StoreError, match=re.escape(f"{tmp_path}: is being written by {who}.")),
+        pytest.raises(StoreError, match=re.escape(f"{tmp_path}: {who} is writing into")),
         lock.hold_lock(tmp_path),
     ):
         pytest.fail("held twice")

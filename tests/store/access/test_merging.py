@@ -68,7 +68,7 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
 def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
     a, b = two(tmp_path)
     with pytest.raises(
-        StoreError, match=r"120 runs; no shard holds 30 of them: rows 30 to 59\..*--partial"
+        StoreError, match=r"120 runs, but 30 of these are in no shard: rows 30 to 59\..*--partial"
     ):
         merging.merge_shards(tmp_path / "out", [a])
     assert not (tmp_path / "out").exists()
@@ -127,7 +127,7 @@ def test_a_forged_name_of_a_part_leads_nowhere(tmp_path, name):
     shards = two(tmp_path)
     record = shards[1] / manifests.PARTS_FILE
     record.write_text(record.read_text().replace('"file":"part', f'"file":"{name}'))
-    with pytest.raises(StoreError, match=r"b: a record names the file '"):
+    with pytest.raises(StoreError, match=r"b: the list of files contains '"):
         merging.merge_shards(tmp_path / "out", shards)
     assert not (tmp_path / "out").exists()
 

@@ -80,7 +80,7 @@ def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
     path = tmp_path / "cut.mcap"
     for cut in (8, 60, ends[0] - 1):
         path.write_bytes(data[:cut])
-        with pytest.raises(StoreError, match=r"cut\.mcap: holds no whole message"):
+        with pytest.raises(StoreError, match=r"cut\.mcap: contains no complete message"):
             mcap_records.recover_records(path)
     path.write_bytes(b"plain text, not a log")
     with pytest.raises(StoreError, match="is no MCAP file"):

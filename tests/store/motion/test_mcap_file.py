@@ -53,11 +53,13 @@ def test_header_stamps_count_where_there_are_any(tmp_path):
     empty = np.zeros(601, np.int64)
     path = write(tmp_path / "b.mcap", {("gold", "measured_cp"): (arrival, empty, place(TIME_S))})
     refused(
-        path, "the stamps come in bursts: log times of /arm1/measured_cp", "operator.rate_hz = "
+        path,
+        "the time stamps come in bursts: by log times of /arm1/measured_cp",
+        "operator.rate_hz = ",
     )
     assert play(path, rate_hz=200.0).summary.notes == (
-        "log times of /arm1/measured_cp is not used, operator.rate_hz = 200 spaces rows evenly; it"
-        " says 3.000 s in all",
+        "log times of /arm1/measured_cp is not used, because operator.rate_hz = 200 spaces rows"
+        " evenly; it spans 3.000 s",
     )
     path = write(
         tmp_path / "c.mcap", {("gold", "measured_cp"): (nanoseconds(TIME_S), empty, place(TIME_S))}

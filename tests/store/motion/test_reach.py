@@ -28,13 +28,12 @@ def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
     message = refused(
         leaving,
         "an arm cannot reach the pose inside its soft joint limits",
-        "of the recording from 0.000",
+        "of the part to replay, 0.000",
     )
     assert re.search(
-        r"insertion of gold would be at 4\d\d\.\d\d mm|joint would step|no position of the joints",
-        message,
+        r"insertion of gold would be at 4\d\d\.\d\d mm|joint would step|no joint positions", message
     )
-    assert re.search(r"That is so for \d+", message)
+    assert re.search(r"Poses are unreachable in \d+", message)
     stretches = re.findall(
         r"\[(\d+\.\d+), (\d+\.\d+)\]", message.partition("Reachable stretches")[2]
     )

@@ -119,7 +119,7 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
         ("empty.csv", "", "is empty"),
         ("header.csv", "gold_x_um,gold_y_um,gold_z_um\n", "no rows"),
         ("motion.doc", "x", "unknown kind of file '.doc'"),
-        ("one.csv", "gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n", "holds 1 rows; expected a"),
+        ("one.csv", "gold_x_mm,gold_y_mm,gold_z_mm\n-78,-25,13\n", "contains 1 rows; expected a"),
     ],
 )
 def test_a_file_without_a_motion_is_refused(tmp_path, name, content, says):
@@ -133,7 +133,7 @@ def test_a_file_without_a_motion_is_refused(tmp_path, name, content, says):
     [
         ("gold_y_um", 17, None, "row 17, column gold_y_um: got nan"),
         ("surgeon_mode", 12, 3, "row 12, column surgeon_mode: got 3, expected 1 (pedal down) or 0"),
-        ("gold_x_mm", 0, 1.0, "gold_x_mm and gold_x_um say the same"),
+        ("gold_x_mm", 0, 1.0, "gold_x_mm and gold_x_um mean the same"),
         ("gold_qx", 30, 0.9, "row 30: quaternion"),
         ("gold_y_um", None, None, "no column gold_y_m or gold_y_mm or gold_y_um"),
     ],
@@ -162,7 +162,7 @@ def test_a_recording_that_would_not_move_the_robot_is_refused(parquet):
     frame[axes] = frame[axes].iloc[0].to_numpy()
     # the last digit of a sensor at rest
     frame["gold_x_um"] += np.arange(ROWS) % 2
-    refused(parquet(frame), "nothing moves from 0.000 to 3.000 s", 'motion = "still"')
+    refused(parquet(frame), "no motion from 0.000 to 3.000 s", 'motion = "still"')
     frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
     refused(parquet(frame), "the pedal is never down from 0.000 to 1.000 s", window_s=(0, 1))
 
@@ -172,7 +172,11 @@ def test_public_recording(shared_data):
     followed.
     """
     path = shared_data("operator_positions.parquet")
-    refused(path, "the stamps come in bursts: column time_ns", "write operator.rate_hz = 999.956")
+    refused(
+        path,
+        "the time stamps come in bursts: by column time_ns",
+        "write operator.rate_hz = 999.956",
+    )
     one = play(path, rate_hz=1000.0, window_s=(18.2, 47.9), cutoff_hz=5.0)
     assert one.motion.duration_s == pytest.approx(0.75 + 29.7, abs=0.01)
     speed = np.linalg.norm(np.diff(tip_mm(one.motion), axis=0), axis=1)  # mm per ms
@@ -180,8 +184,8 @@ def test_public_recording(shared_data):
     assert np.abs(np.diff(speed)).max() < 3e-3  # smooth: below 3 m/s2
     summary = one.summary
     assert summary.notes == (
-        "column time_ns is not used, operator.rate_hz = 1000 spaces rows evenly; it says 60.942 s"
-        " in all",
+        "column time_ns is not used, because operator.rate_hz = 1000 spaces rows evenly; it spans"
+        " 60.942 s",
     )
     assert summary.ignored == ("time_ns", "green_x_um", "green_y_um", "green_z_um")
     assert summary.arms[0].inside == pytest.approx(0.927, abs=1e-3)

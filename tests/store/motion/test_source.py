@@ -53,8 +53,8 @@ def test_a_header_line_may_be_a_comment(tmp_path, mark):
 
 def test_a_table_without_header_and_a_missing_column_say_what_to_write(tmp_path):
     path = csv(tmp_path / "a.csv", header=False)
-    refused(path, "the first line holds numbers", "time_s,gold_x_um", "operator.columns = [")
-    refused(path, "has 4 columns; expected numbers in the 2", columns=["time_s", "gold_x_mm"])
+    refused(path, "the first line contains numbers", "time_s,gold_x_um", "operator.columns = [")
+    refused(path, "has 4 columns; expected only numbers, in 2", columns=["time_s", "gold_x_mm"])
     twice = ["time_s", *["gold_x_mm"] * 3]
     refused(path, "column gold_x_mm is there twice", columns=twice)
     path.write_text("time_s,gold_x_mm\n0,1,2,\n1,2,3,\n")
@@ -62,7 +62,7 @@ def test_a_table_without_header_and_a_missing_column_say_what_to_write(tmp_path)
     path = csv(tmp_path / "b.csv")
     refused(path, "no column 'gold_x'", "Did you mean", columns={"gold_x_mm": "gold_x"})
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\n")
-    refused(path, "a pointer of Git LFS", "git lfs pull")
+    refused(path, "only a Git LFS pointer", "git lfs pull")
 
 
 def test_sensors_in_one_column(tmp_path):
@@ -74,7 +74,11 @@ def test_sensors_in_one_column(tmp_path):
     np.testing.assert_allclose(
         tip_mm(one.motion, "green")[1500], tip_mm(one.motion)[1510] * [1, -1, 1], atol=0.3
     )
-    refused(path, "names '3' in 0 rows, it has 1, 2", sensors={"column": "tool", "gold": "3"})
+    refused(
+        path,
+        "has '3' in 0 rows; expected at least 2 rows. Its values are 1, 2",
+        sensors={"column": "tool", "gold": "3"},
+    )
 
 
 def test_kinematics_of_jigsaws_begin_at_home(tmp_path):
@@ -106,7 +110,10 @@ def test_a_rigid_transform_moves_tips_into_frame_0(tmp_path, by_matrix):
     [
         ({"topics": {"gold": "/lab"}}, "operator.topics applies to a bag: remove operator.topics"),
         ({"console": "raven"}, "is a table, but operator.console applies to a stream"),
-        ({"offset_mm": {"green": (0, 0, 0)}}, "operator.offset_mm has green, expected also gold"),
+        (
+            {"offset_mm": {"green": (0, 0, 0)}},
+            "operator.offset_mm has values for green, expected also one for gold",
+        ),
     ],
 )
 def test_an_option_that_nothing_would_read_is_refused(tmp_path, options, says):
@@ -139,12 +146,12 @@ def test_jaws_of_another_time_are_not_read(tmp_path):
 
 def test_an_unknown_frame_and_a_stamp_of_zero(tmp_path):
     path = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, "PSM1_base")
-    refused(path, "is in frame 'PSM1_base', which is not known here", "operator.frame =")
+    refused(path, "is in the unknown frame 'PSM1_base'", "operator.frame =")
     one = play(path, frame="frame0")
     assert_circle(one)
     path = bags.pose_bag(tmp_path / "b.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, first_ns=0)
     assert (
-        "message 0 of /arm1/setpoint_cp has stamp 0, the next 1.7e+09 s"
+        "message 0 of /arm1/setpoint_cp has time 0, and the next message 1.7e+09 s"
         in (play(path).summary.notes[0])
     )
 
@@ -159,6 +166,6 @@ def test_two_consoles_on_one_stream_are_refused(tmp_path):
 
     numbers = np.arange(50) // 2 + np.where(np.arange(50) % 2, 500_000, 1)
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers})
-    refused(path, "would drop 49 of 50 packets", "they come from two streams", console="raven")
+    refused(path, "would drop 49 of 50 packets", "because two streams are mixed", console="raven")
     path = table(tmp_path / "b.parquet", fields={"sequence": np.arange(50) // 2 + 1})
-    refused(path, "would drop 25 of 50 packets", "each packet is there twice", console="raven")
+    refused(path, "would drop 25 of 50 packets", "each packet was recorded twice", console="raven")

@@ -34,8 +34,10 @@ def test_a_tip_that_does_not_come_back_cannot_be_removed(parquet):
     frame = recording()
     frame.loc[1500:, "gold_z_um"] += 10_000.0
     path = parquet(frame)
-    message = refused(path, "row 1500 (1.500 s, gold): 10 mm, without coming back", spikes="remove")
-    assert '"remove"' not in message and "operator.window_s cuts a part" in message
+    message = refused(
+        path, "row 1500 (1.500 s, gold): 10 mm, without jumping back", spikes="remove"
+    )
+    assert '"remove"' not in message and "operator.window_s selects a part" in message
     assert play(path, window_s=(1.5, 3.0)).motion.duration_s == pytest.approx(2.25, abs=2e-3)
 
 

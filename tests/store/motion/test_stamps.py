@@ -39,8 +39,8 @@ def test_a_file_without_times_needs_a_rate(parquet):
     path = parquet(table(np.arange(ROWS) * 1e-3))
     refused(
         path,
-        f"nothing says when its {ROWS} rows were sampled",
-        "operator.rate_hz = 1000 if a row is a milli",
+        f"the times of its {ROWS} rows are unknown",
+        "operator.rate_hz = 1000 for one row per milli",
     )
     one = play(path, rate_hz=1000.0)
     assert one.summary.clock == "operator.rate_hz = 1000"

@@ -18,7 +18,7 @@ def test_a_recording_that_ends_before_the_campaign_is_refused_with_what_to_write
     """It used to leave the rest of the campaign without motion."""
     path = parquet(recording())
     message = refused(
-        path, "ends after 3.749 s, 3.000 s of the recording", "the campaign lasts 8 s", ticks=8000
+        path, "ends after 3.749 s (3.000 s of the recording", "the campaign lasts 8 s", ticks=8000
     )
     for way in ("campaign.duration_s = 3.749", '"hold"', '"reverse"', "operator.slow_down = 2.42"):
         assert way in message

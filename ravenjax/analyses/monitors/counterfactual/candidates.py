@@ -1,4 +1,5 @@
-"""Defines a counterfactual's options, and turns candidate checks into a campaign's detectors."""
+"""Defines the options of `ravenjax counterfactual`, and converts candidate checks into
+detectors."""
 
 import itertools
 import math
@@ -14,23 +15,23 @@ from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.errors import UserError, format_value
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
-"""Factors on the scales at which candidates alarm: the thresholds of every detector."""
+"""Thresholds of every detector, as factors on a candidate's scale."""
 PROPOSED = MARGINS.index(1.25)
-"""Index of the margin at which a set is selected, before its own margin is calibrated."""
+"""Index of the margin with which a set is selected. Afterwards the margin is calibrated."""
 CONSECUTIVE = (1, 4)
-"""Milliseconds in a row above the threshold that make an alarm; one candidate each."""
+"""Numbers of consecutive ms above the threshold that raise an alarm. Each is another candidate."""
 
 
 class Question(NamedTuple):
-    """The settings of a counterfactual search."""
+    """The settings of `ravenjax counterfactual`."""
 
-    false_alarms_per_hour: float = 4.0  # of the whole set, at most
-    # A fault is covered by an alarm at least this long before harm.
+    false_alarms_per_hour: float = 4.0  # largest rate of the whole set
+    # Smallest time between an alarm and the harm for a fault to count as covered.
     lead_ms: int = 10
-    hours: float = 2.0  # hours of fault-free motion, over all shares
+    hours: float = 2.0  # total hours of fault-free motion
     most: int = 8  # largest number of checks in the set
-    groups: tuple[str, ...] = ()  # groups whose faults are to be covered; (): all
-    seed: int = 0  # for the halves, and for random sets
+    groups: tuple[str, ...] = ()  # groups whose faults are used; (): all groups
+    seed: int = 0  # seed of the random halves, and of random sets
 
     def require(self) -> None:
         """Raise UserError for invalid settings."""
@@ -42,7 +43,7 @@ class Question(NamedTuple):
                 expected = "a number above 0, such as 2"
             else:
                 valid = type(value) is int and value >= low
-                expected = f"a whole number from {low} on"
+                expected = f"a whole number, {low} or more"
             if not valid:
                 raise UserError(
                     f"--{name.replace('_', '-')} is {format_value(value)}, expected {expected}"
@@ -50,16 +51,16 @@ class Question(NamedTuple):
 
 
 SMALLEST_SCALE = 1e-9
-"""Scale of a channel that never moves in fault-free motion, in its unit. Any change exceeds it."""
+"""Scale of a channel that is constant in fault-free motion, in its unit. Any change exceeds it."""
 _PREFIX = "what_if_"
-"""Prefix of the detectors' names. It keeps them apart from the campaign's own detectors."""
+"""Prefix of the names of candidate detectors, which distinguishes them from the campaign's."""
 
 
 class Candidate(NamedTuple):
     """One check that a robot could have."""
 
     score: Score
-    consecutive: int  # consecutive ms above the threshold
+    consecutive: int  # number of consecutive ms above the threshold that raise an alarm
 
     @property
     def name(self) -> str:
@@ -72,33 +73,34 @@ class Candidate(NamedTuple):
     def words(self) -> str:
         """Describe what the check observes."""
         return self.score.words + (
-            f", {self.consecutive} ms in a row" if self.consecutive > 1 else ""
+            f", in {self.consecutive} consecutive ms" if self.consecutive > 1 else ""
         )
 
 
 def detector_tables(
     parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
 ) -> list[dict[str, Any]]:
-    """Return the [[detector]] tables of the candidates in order. Their files are written to
-    `folder`.
+    """Return the [[detector]] tables of candidates, in order, and write their files to `folder`.
 
-    Consecutive candidates of one score share its file and its computation.
+    Neighbouring candidates with the same score share a file and its computation.
     """
     folder.mkdir(exist_ok=True)
-    out, place = [], 0
+    out, number = [], 0
     for score, alike in itertools.groupby(parts, key=lambda part: part.score):
-        path, counts = folder / f"{_PREFIX}{place}.py", [part.consecutive for part in alike]
+        path, counts = folder / f"{_PREFIX}{number}.py", [part.consecutive for part in alike]
         path.write_text(code.write_part(score.singles), encoding="utf-8")
         table = {"name": path.stem, "file": str(path), "consecutive": counts}
         out.append({**table, "threshold": [float(threshold) for threshold in thresholds]})
-        place += len(counts)
+        number += len(counts)
     return out
 
 
 def with_detectors(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
-    """Return a manifest's campaign with these detectors added, and their columns' prefixes."""
+    """Return a campaign (as JSON values) with additional detectors, and the prefixes of their
+    columns in the result table.
+    """
     config = validate_tables({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
     more = sum(len(table["consecutive"]) for table in tables)
     return config, [
@@ -108,7 +110,7 @@ def with_detectors(
 
 
 def single_channels(scores: Sequence[Score]) -> list[Candidate]:
-    """Return every channel of the scores for each of CONSECUTIVE, which varies fastest."""
+    """Return a candidate for each channel of the scores and each number of CONSECUTIVE."""
     return [
         Candidate(single, count)
         for score in scores
@@ -118,13 +120,16 @@ def single_channels(scores: Sequence[Score]) -> list[Candidate]:
 
 
 def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Return candidates whose scales are the values reached in fault-free motion, `peaks`."""
+    """Return candidates whose scales are the largest values in fault-free motion.
+
+    `peaks`: [channels of all scores * CONSECUTIVE], in the order of `single_channels`.
+    """
     rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
     out = []
     for score in scores:
         own, rest = rest[: len(score.scales)], rest[len(score.scales) :]
         out += [
-            Candidate(score.scaled(own[:, place].tolist()), count)
-            for place, count in enumerate(CONSECUTIVE)
+            Candidate(score.scaled(own[:, number].tolist()), count)
+            for number, count in enumerate(CONSECUTIVE)
         ]
     return out

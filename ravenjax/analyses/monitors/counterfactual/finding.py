@@ -1,4 +1,4 @@
-"""Finds the set of checks that would have detected evading faults, and confirms it in a new run."""
+"""Finds the checks that would have detected evading faults, and confirms them in a new run."""
 
 import math
 import tempfile
@@ -36,37 +36,39 @@ TIP_ERROR = "tip_error_bound"
 
 
 class Member(NamedTuple):
-    """One candidate of the set, over the faults and motions of the statement half."""
+    """One check of the selected set, with results on the faults and motions for the statement."""
 
     place: int  # index among all candidates
-    sees: float  # share of the faults that it detects
-    adds: float  # share that it detects and no earlier candidate does
-    lead_ms: float  # median over those that it detects; NaN: none
+    sees: float  # share of the faults that the check detects
+    adds: float  # share that the check detects and no earlier check of the set detects
+    lead_ms: float  # median lead time over the detected faults; NaN if it detects none
     false_alarms: int
 
 
 class Counterfactual(NamedTuple):
-    """The result of a counterfactual search."""
+    """The result of `ravenjax counterfactual`. A Promise has coverage and false alarms of a set."""
 
     question: Question
     config: CampaignConfig
-    parts: tuple[Candidate, ...]
+    parts: tuple[Candidate, ...]  # all candidates
     grounds: Grounds
     promise: Promise  # of the selected set
-    alone: tuple[Promise, ...]  # of each candidate
-    best: Promise  # of the candidate alone that covers most of the selection half
-    tip_error: Promise | None  # of the built-in detector
+    alone: tuple[Promise, ...]  # of each candidate alone
+    best: Promise  # of the single candidate that covers most faults of the selection half
+    tip_error: Promise | None  # of the built-in detector of the tip error
     everything: Promise  # of all candidates together
-    # Share of faults that each random set of the same size covers.
+    # Share of the faults that each random set of the same size covers.
     random: np.ndarray
-    # Faults covered by sets that were selected without the fault's group; None: there is one group.
+    # Share of the faults that are covered by a set that was selected without the fault's group;
+    # None if there is only one group.
     strangers: Rate | None
-    scale_hours: float  # of fault-free motion that sets the scales
+    scale_hours: float  # hours of fault-free motion that determine the scales
 
     @property
     def members(self) -> list[Member]:
-        """Return the set's candidates at its margin, in the order of selection."""
+        """Return the checks of the set, with the set's margin, in the order of selection."""
         grounds, margin = self.grounds, self.promise.margin
+        # Time from the alarm to the harm, ms [faults, members].
         lead = grounds.hazards.lead_ms[grounds.statement_half][
             :, self.promise.members, margin.place
         ]
@@ -74,7 +76,7 @@ class Counterfactual(NamedTuple):
         fresh = covered & (np.cumsum(covered, axis=1) == covered)
         return [
             Member(
-                place,
+                candidate,
                 float(covered[:, number].mean()),
                 float(fresh[:, number].mean()),
                 (
@@ -82,14 +84,16 @@ class Counterfactual(NamedTuple):
                     if covered[:, number].any()
                     else float("nan")
                 ),
-                false_alarm_rate(join_scores(grounds.statement, [place]), margin.value).count,
+                false_alarm_rate(join_scores(grounds.statement, [candidate]), margin.value).count,
             )
-            for number, place in enumerate(self.promise.members)
+            for number, candidate in enumerate(self.promise.members)
         ]
 
     @property
     def uncovered(self) -> list[tuple[str, int, int]]:
-        """Return (group, missed faults, all faults) over the statement half, most missed first."""
+        """Return (group, missed faults, all faults) of the half for the statement, with the most
+        missed faults first.
+        """
         rows = self.grounds.statement_half
         hit = self.grounds.covered(self.promise.members)[rows]
         group = self.grounds.hazards.group[rows]
@@ -107,7 +111,10 @@ def find_checks(
     on_stage: Callable[[str], None] = lambda _: None,
     on_progress: OnProgress | None = None,
 ) -> Counterfactual:
-    """Search a campaign for a set of checks. Raises UserError if there is no answer."""
+    """Find a set of checks for the evading faults of a campaign.
+
+    Raise UserError if no fault evades or no candidate detects a fault in time.
+    """
     question.require()
     names = [group.name for group in config.group]
     for group in question.groups:
@@ -117,8 +124,8 @@ def find_checks(
     every = scores.list_candidates(config.robot)
     course = observation.plan_motions(raw, question.hours)
     observation.require_rate(question.false_alarms_per_hour, course)
-    # A motion is one lane, which a processor core runs faster than a GPU.
-    alone = "simd" if engine in ("auto", "cuda") else engine
+    # A motion is a single run, which a CPU core computes faster than a GPU.
+    motion_engine = "simd" if engine in ("auto", "cuda") else engine
     with (
         tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name,
         consent.given_for(Path(name)),
@@ -128,27 +135,31 @@ def find_checks(
         def motion(
             purposes: tuple[str, ...], parts: list[Candidate], part: str
         ) -> observation.FreeMotion:
+            # Runs the fault-free motions that are reserved for `purposes`, with these candidate
+            # detectors.
             numbers = [
                 n
                 for purpose in purposes
                 for n in observation.motions_by_use(purpose, course.motions)
             ]
-            return observation.run_motions(raw, course, numbers, parts, folder / part, alone)
+            return observation.run_motions(
+                raw, course, numbers, parts, folder / part, motion_engine
+            )
 
         on_stage(
-            f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for"
-            " candidates' scales"
+            f"scales of the candidates: a quarter of {course.motions} fault-free motions of"
+            f" {course.seconds} s"
         )
         pilot = motion(("scales",), candidates.single_channels(every), "singles")
         parts = candidates.scale_candidates(every, pilot.peaks.max(axis=(0, 1)))
-        on_stage(f"the others, with {len(parts)} candidates")
+        on_stage(f"false alarms of {len(parts)} candidates: the other fault-free motions")
         free = motion(("calibrated", "stated"), parts, "scaled")
         first = len(observation.motions_by_use("calibrated", course.motions))
         calibration, statement = (
             observation.FreeMotion(free.peaks[some], free.hours[some])
             for some in (slice(first), slice(first, None))
         )
-        on_stage(f"the campaign's runs, with all of them at {len(MARGINS)} margins")
+        on_stage(f"runs of the campaign, with all candidates at {len(MARGINS)} margins")
         there = observation.run_hazards(
             raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
         )
@@ -156,7 +167,7 @@ def find_checks(
     grounds = Grounds(question, calibration, statement, there, *halves)
     members = grounds.selected()
     _require_cover(grounds, members)
-    singles = tuple(grounds.promise([place]) for place in range(len(parts)))
+    singles = tuple(grounds.promise([candidate]) for candidate in range(len(parts)))
     named = {part.name: promise for part, promise in zip(parts, singles, strict=True)}
     return Counterfactual(
         question,
@@ -175,35 +186,38 @@ def find_checks(
 
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
-    # Without faults in both halves, or without a candidate in time, no monitor can be proposed.
-    for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
+    # Without faults in both halves, or without a candidate in time, there is no set to select.
+    for half, rows in (("select", grounds.selection_half), ("test", grounds.statement_half)):
         if not rows.any():
             raise UserError(
-                f"{grounds.hazards.count} faults evade the robot's checks, and none is left to"
-                f" {half} with: compute more runs"
+                f"only {grounds.hazards.count} faults evade the robot's checks, too few to"
+                f" {half} a set of checks: compute more runs"
             )
     if not members:
         raise UserError(
-            f"no candidate alarms {grounds.question.lead_ms} ms before harm in any of"
-            f" {int(grounds.selection_half.sum())} faults at {MARGINS[PROPOSED]:g} times what"
-            " fault-free motion reaches: ask for a shorter --lead-ms"
+            f"no candidate raises an alarm {grounds.question.lead_ms} ms before harm in any of"
+            f" {int(grounds.selection_half.sum())} faults, with a threshold of"
+            f" {MARGINS[PROPOSED]:g} times the largest score in fault-free motion. Write a shorter"
+            " --lead-ms"
         )
 
 
 class Confirmation(NamedTuple):
-    """What the detectors of `chosen/campaign.toml` detected in a run with other random numbers."""
+    """Detected faults in a run of `chosen/campaign.toml` with another seed."""
 
     seed: int
-    every: Rate  # over all evading faults
-    anew: Rate  # over faults of groups that draw their faults
-    promised: Rate  # over faults of these groups in the statement half
+    every: Rate  # share of all evading faults
+    anew: Rate  # share of the faults of groups that draw their faults
+    promised: Rate  # share of the faults of these groups in the half for the statement
     draws: bool  # True if any group draws its faults
-    # Difference of the two rates; without an interval if robots or no faults were drawn.
+    # `anew` minus `promised`; without an interval if robots were drawn, or no faults.
     difference: Estimate
 
     @property
     def verdict(self) -> str:
-        """Return "as", "more than" or "less than" (promised), or "" if the data do not decide."""
+        """Return "as", "more than" or "less than", compared with the statement before; "" if there
+        is no interval.
+        """
         if math.isnan(self.difference.low):
             return ""
         if self.difference.low > 0:
@@ -230,7 +244,7 @@ def confirm_checks(
     rules = observation.campaign_choices(config)
     rows, harm = observation.evading_faults(table, rules, one.question.groups)
     evading = table.loc[rows]
-    # The last detectors are the set.
+    # The last detectors of the campaign are the checks of the set.
     numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
     leads = [
         observation.detector_leads(evading, f"detector{n}_", config.detectors[n][2], harm)

@@ -1,5 +1,7 @@
-"""Runs fault-free motions and the campaign, with all candidates as detectors. Keeps the largest
-score of each motion, and the time from each alarm to the harm.
+"""Measures how candidate checks respond to fault-free motions and to the faults of a campaign.
+
+All candidates run as detectors. The module stores each candidate's largest score in each fault-free
+motion, and the time from each of its alarms to the harm.
 """
 
 import itertools
@@ -29,20 +31,24 @@ from ravenjax.store import schema
 from ravenjax.vocabulary.reactions import ACTIONS
 
 SHORTEST_S, LONGEST_S = 5, 60
-"""Length of a motion, s."""
+"""Shortest and longest duration of a motion, s."""
 FEWEST = 12
-"""Fewest motions in total, so that each share has a few."""
+"""Smallest number of motions, so that each use has at least three."""
 MOST_ALARMS = 0.2
-"""Largest expected number of alarms per run at the target rate; a run counts at most one."""
+"""Largest expected number of alarms per run. Only one alarm of a run is counted, so more alarms
+would make the measured rate too small.
+"""
 _SHARES = ("stated", "scales", "stated", "calibrated")
-"""Use of each motion, in turn."""
+"""Uses of the motions, in turn: statement of the rate, scales, margin."""
 
 
 class FreeMotion(NamedTuple):
-    """Motions, each of a different operator, and one run or more of each, with drawn robots."""
+    """Scores of fault-free motions. Each motion has another operator, and one or several runs with
+    different robots.
+    """
 
-    peaks: np.ndarray  # float32 [motions, runs, candidates], largest score over the run
-    # [motions, runs], in which detectors can alarm; 0 for a run without a valid outcome.
+    peaks: np.ndarray  # float32 [motions, runs, candidates], largest score in the run
+    # [motions, runs], time in which detectors are active; 0 for a run without a valid outcome.
     hours: np.ndarray
 
 
@@ -54,8 +60,11 @@ class MotionSchedule(NamedTuple):
 
 
 def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
-    """Return motions for the requested hours. Raises UserError if there are no other motions."""
-    fault_free.require_others(raw)
+    """Return number and length of the motions for the requested hours.
+
+    Raise UserError if the campaign's motion does not depend on a seed.
+    """
+    fault_free.require_new_motions(raw)
     runs = design.count_rows(
         validate_tables(next(fault_free.fault_free_campaigns(raw, SHORTEST_S))[1])
     )
@@ -65,18 +74,21 @@ def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
 
 
 def require_rate(per_hour: float, course: MotionSchedule) -> None:
-    """Raise UserError for a rate that runs of this length, with one alarm each, cannot measure."""
+    """Raise UserError for a false-alarm rate that is too high for runs of this length.
+
+    A run counts at most one alarm, so the rate of frequent alarms cannot be measured.
+    """
     useful_h = (course.seconds - fault_free.UNTIL_LIVE_S) / 3600
     if per_hour * useful_h > MOST_ALARMS:
         raise UserError(
-            f"--false-alarms-per-hour {per_hour:g} is one in {3600 / per_hour:.3g} s, and runs of"
-            f" {course.seconds} s count one alarm at most: ask for {MOST_ALARMS / useful_h:.3g} or"
-            f" fewer, or give fewer --hours, which makes runs shorter, down to {SHORTEST_S} s"
+            f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s, but a"
+            f" run of {course.seconds} s counts only one. Write {MOST_ALARMS / useful_h:.3g} or"
+            f" less, or fewer --hours, which makes runs shorter (at least {SHORTEST_S} s)"
         )
 
 
 def motions_by_use(name: str, motions: int) -> list[int]:
-    """Return the numbers of the motions with one use."""
+    """Return the numbers of the motions with the use `name`."""
     return [number for number in range(motions) if _SHARES[number % len(_SHARES)] == name]
 
 
@@ -88,7 +100,7 @@ def run_motions(
     folder: Path,
     engine: str,
 ) -> FreeMotion:
-    """Compute the motions of these numbers in threads, because a motion fills few lanes."""
+    """Simulate the motions with these numbers, with all candidates as detectors."""
     every = itertools.islice(fault_free.fault_free_campaigns(raw, course.seconds), course.motions)
     campaigns = dict(enumerate(config for _, config in every))
 
@@ -104,27 +116,30 @@ def run_motions(
         armed = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
         return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
 
-    first = [one(numbers[0])]  # compiles the code that the other motions share
+    # The first motion compiles the code that the others use. A motion fills few lanes of an engine,
+    # so motions run in parallel threads.
+    first = [one(numbers[0])]
     results = first + threads.map_in_threads(one, numbers[1:])
     free = FreeMotion(*map(np.stack, zip(*results, strict=True)))
     if not free.hours.sum() > 0:
         raise UserError(
-            f"{course.seconds} s of fault-free motion have no valid millisecond in which the robot"
-            " is live, so false alarms cannot be counted"
+            f"the robot is never live in {course.seconds} s of fault-free motion, or every run"
+            " failed, so false alarms cannot be counted. Check the campaign without faults"
         )
     return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
 
 
 class Hazards(NamedTuple):
-    """Runs whose fault evades the robot's checks, one of each fault; arrays over runs in order."""
+    """Runs whose fault evades the robot's checks, one run of each fault; arrays over runs."""
 
-    group: np.ndarray  # str
-    sampled: np.ndarray  # bool: the group draws its faults
-    # Int, the sampled unit: the fault, or the robot if robots were drawn whole.
+    group: np.ndarray  # str, name of the fault's group
+    sampled: np.ndarray  # bool, True if the group draws its faults at random
+    # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
     robots: bool  # True if units are robots
-    harm_ms: np.ndarray  # int
-    # int [runs, candidates, margins]: harm minus first alarm; below 0 if there is none before harm.
+    harm_ms: np.ndarray  # int, time of the harm
+    # int [runs, candidates, margins], time from the first alarm to the harm; below 0 if there is no
+    # alarm before the harm.
     lead_ms: np.ndarray
 
     @property
@@ -133,7 +148,9 @@ class Hazards(NamedTuple):
         return len(self.harm_ms)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return (selection, statement), bool rows: units halved at random, within their group."""
+        """Divide the units of each group at random into a half for selection and one for the
+        statement. Return both as bool [runs].
+        """
         rng = np.random.default_rng([seed, 1])
         mine = np.zeros(self.count, bool)
         strata = (
@@ -145,19 +162,22 @@ class Hazards(NamedTuple):
         for stratum in range(strata.max(initial=-1) + 1):
             among = rng.permutation(np.unique(self.unit[strata == stratum]))
             mine |= (strata == stratum) & np.isin(self.unit, among[odd::2])
-            # Alternates, so that groups of odd size do not all favour one half.
+            # If groups have odd sizes, the larger half is in turn the first and the second.
             odd = (odd + len(among)) % 2
         return mine, ~mine
 
     def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
-        """Return the share of some rows, with an interval over faults, or over robots if drawn."""
+        """Return the share of `rows` (bool [runs]) that are in `hit` (bool [runs]).
+
+        The interval is over faults, or over robots if whole robots were drawn.
+        """
         if not self.robots:
             return wilson_interval(int(hit[rows].sum()), int(rows.sum()))
         return units.rate_band(hit[rows], units.group_units(self.unit[rows]))
 
 
 NEVER = -(2**30)
-"""Lead of an alarm that never came."""
+"""Lead time of an alarm that was never raised."""
 
 
 def run_hazards(
@@ -169,7 +189,10 @@ def run_hazards(
     groups: Sequence[str],
     on_progress: OnProgress | None,
 ) -> Hazards:
-    """Compute the campaign and return its evading faults. Raises UserError if no fault evades."""
+    """Run the campaign with all candidates as detectors, and return its evading faults.
+
+    Raise UserError if no fault evades.
+    """
     config, prefixes = candidates.with_detectors(
         raw, candidates.detector_tables(parts, margins, folder)
     )
@@ -200,10 +223,10 @@ def run_hazards(
 def detector_leads(
     table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
 ) -> np.ndarray:
-    """Return harm minus first alarm, ms [runs, thresholds], of a detector.
+    """Return the time from a detector's first alarm to the harm, ms [runs, thresholds].
 
-    It is NEVER if no alarm came, or if the golden run has one too, because such an alarm is no sign
-    of the fault.
+    It is NEVER if there was no alarm, or if the golden run has an alarm too, because such an alarm
+    does not show the fault.
     """
     golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
     out = np.full((len(table), len(thresholds)), NEVER)
@@ -217,7 +240,9 @@ def detector_leads(
 def evading_faults(
     table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which rows are evading faults, one of each (bool), and when each harm began, ms."""
+    """Return which rows are evading faults (bool [rows], one run of each fault), and the time of
+    the harm of each of these, ms.
+    """
     runs = facts.derive_facts(table, rules)
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
     if groups:
@@ -226,7 +251,7 @@ def evading_faults(
 
 
 def campaign_choices(config: CampaignConfig) -> facts.Choices:
-    """Return the campaign's choices in the definitions of outcomes."""
+    """Return the campaign's settings on which the definitions of outcomes depend."""
     reaction = config.model_dump(mode="json").get("reaction") or {}
     action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
     return facts.Choices(config.rules, action, config.robot)

@@ -1,7 +1,8 @@
-"""Writes a counterfactual: the table of candidates, the figure, and the set as a campaign.
+"""Writes the results of `ravenjax counterfactual`: a table of candidate checks, a figure and a
+campaign.
 
-The figure shows the share of faults that are detected at least a given number of milliseconds
-before harm.
+The campaign contains the selected checks. The figure shows the share of faults that are detected at
+least a given number of milliseconds before harm.
 """
 
 from pathlib import Path
@@ -23,14 +24,14 @@ from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 
 SHOWN = 0.95
-"""Share of the alarms' leads that fits on the axis."""
+"""Share of the lead times that lie within the range of the axis."""
 
 
 def draw_figure(one: Counterfactual, path: Path) -> None:
-    """Write the figure as SVG."""
+    """Write the figure as SVG: share of detected faults over the time from alarm to harm."""
     named: list[tuple[str, Promise]] = [
         (wording.count_noun(len(one.promise.members), "check"), one.promise),
-        (f"best alone: {one.parts[one.best.members[0]].name}", one.best),
+        (f"best single check: {one.parts[one.best.members[0]].name}", one.best),
         (f"all {len(one.parts)} candidates", one.everything),
     ]
     if one.tip_error is not None:
@@ -52,9 +53,9 @@ def draw_figure(one: Counterfactual, path: Path) -> None:
         curves.append(
             Curve(name, palette.series_colour(number), ms, early, low, high, dashed=number > 0)
         )
-    asked = float(one.question.lead_ms) or None
-    across = ChartAxis("ms before harm, at least", 0.0, end, unit="ms", line=asked)
-    up = ChartAxis("share of faults seen", 0.0, 1.0, share=True)
+    required = float(one.question.lead_ms) or None
+    across = ChartAxis("time before harm, at least, ms", 0.0, end, unit="ms", line=required)
+    up = ChartAxis("share of faults detected", 0.0, 1.0, share=True)
     save_panels(path, [Chart("", across, up, tuple(curves))])
 
 
@@ -62,19 +63,19 @@ TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
 FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
-def write_files(one: Counterfactual, place: Path) -> list[Path]:
-    """Write all files and return their paths. Raises StoreError if the disk refuses."""
-    folder = place / FOLDER
+def write_files(one: Counterfactual, out_folder: Path) -> list[Path]:
+    """Write all files and return their paths. Raise StoreError if a file cannot be written."""
+    folder = out_folder / FOLDER
     require_writable(folder)
-    paths = [place / TABLE, place / FIGURE]
+    paths = [out_folder / TABLE, out_folder / FIGURE]
     write_text(paths[0], downloads.format_csv(candidate_table(one)))
     draw_figure(one, paths[1])
     for member, name in zip(one.promise.members, detector_names(one), strict=True):
         part = one.parts[member]
         paths.append(folder / f"{name}.py")
         title = (
-            f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion"
-            " reached"
+            f"{part.words[:1].upper()}{part.words[1:]}. The score is 1 at the largest value in"
+            " fault-free motion"
         )
         write_text(paths[-1], code.write_part(part.score.singles, title=title))
     paths.append(folder / CAMPAIGN)
@@ -83,7 +84,7 @@ def write_files(one: Counterfactual, place: Path) -> list[Path]:
 
 
 def detector_names(one: Counterfactual) -> list[str]:
-    """Return names for the set's detectors and files that the campaign does not use already."""
+    """Return a name for each detector of the set, different from the campaign's detectors."""
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
         name, number = one.parts[member].name, 2
@@ -95,7 +96,7 @@ def detector_names(one: Counterfactual) -> list[str]:
 
 
 def campaign_with_set(one: Counterfactual) -> str:
-    """Return the campaign with the set added as detectors, whose files lie beside it."""
+    """Return the campaign as TOML, with the set as additional detectors."""
     raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
     raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
     margin = one.promise.margin.value
@@ -112,7 +113,7 @@ def campaign_with_set(one: Counterfactual) -> str:
     own, groups = raw.pop("detector", []), raw.pop("group")
     head = "".join(f"# {sentence}\n" for sentence in finding_sentences(one))
     stop = (
-        '# acts = "stop" lets a check press the E-stop. Other faults of the same kinds: --set'
+        '# With acts = "stop" a check presses the E-stop. For other random faults: --set'
         " campaign.seed=N\n"
     )
     return f"{head}{stop}\n" + writing.format_toml(
@@ -121,7 +122,7 @@ def campaign_with_set(one: Counterfactual) -> str:
 
 
 def finding_sentences(one: Counterfactual) -> list[str]:
-    """Return the findings as sentences, and the limits of their validity."""
+    """Return sentences that state the findings and the limits of their validity."""
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
     templates.filters |= {
         "quantile": np.quantile,
@@ -132,8 +133,8 @@ def finding_sentences(one: Counterfactual) -> list[str]:
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Return the hours of motions that show a rate if none alarms, rounded up to two digits."""
-    # Half of the motions state the rate, and a few of their seconds are not live.
+    """Return the hours of motion that show a false-alarm rate if there is no alarm, rounded up."""
+    # Only half of the motions measure the rate, and the robot is not live in their first seconds.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 
@@ -142,7 +143,7 @@ def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
     return [
         {
             "candidate": part.name,
-            "chosen": place in one.promise.members,
+            "chosen": number in one.promise.members,
             "kind": part.score.kind,
             "signal": part.score.signal,
             "against": part.score.against,
@@ -162,5 +163,5 @@ def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
             "statement": alone.covered,
             "lead_ms": alone.lead_ms,
         }
-        for place, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
+        for number, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
     ]

@@ -1,1 +1,2 @@
-"""Reads search files: the section [search], the group that is a template of runs, and outcomes."""
+"""Reads search files: the section [search], the group of faults to vary, and the outcome to
+find."""

@@ -1,4 +1,4 @@
-"""Defines the section [search] of a search file, with one model for each kind of search."""
+"""Defines the section [search] of a search file as pydantic models, one for each kind of search."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def _even(levels: int) -> int:
 
 
 Outcome = Annotated[str, AfterValidator(lambda text: str(outcome.parse_outcome(text)))]
-"""A text that `outcome.parse_outcome` takes."""
+"""A text that `outcome.parse_outcome` can parse."""
 Outcomes = Annotated[tuple[Outcome, ...], Field(min_length=1, description="columns or events")]
 
 
 class Boundary(Section):
     """[search] of kind "boundary": the smallest harmful fault, for each combination of lists."""
 
-    kind: Literal["boundary"] = Field(description="which search")
+    kind: Literal["boundary"] = Field(description="kind of search")
     harm: Annotated[Outcome, AfterValidator(outcome.require_event)] = Field(
         description="event, such as 'peak_golden_deviation_mm >= 1'"
     )
@@ -44,13 +44,17 @@ class Boundary(Section):
         default=(1,), min_length=1, description="signs of the fault's value"
     )
     scan: int = Field(
-        default=17, ge=2, le=10_000, description="values of each cell that are tried first"
+        default=17,
+        ge=2,
+        le=10_000,
+        description="number of values that are tried first, for each combination of lists",
     )
     tolerance: float = Field(
         default=0.01,
         gt=0.0,
         lt=1.0,
-        description="width of the bracket, of its lower end (loguniform) or of the range",
+        description="accepted width of the result, as a share of its lower end (loguniform) or of"
+        " the range",
     )
 
     @model_validator(mode="after")
@@ -68,54 +72,61 @@ class Boundary(Section):
 class Sobol(Section):
     """[search] of kind "sobol": which share of an outcome's variance each input causes."""
 
-    kind: Literal["sobol"] = Field(description="which search")
+    kind: Literal["sobol"] = Field(description="kind of search")
     outcomes: Outcomes
     n: Annotated[int, AfterValidator(_power_of_two)] = Field(
         default=1024,
         ge=8,
         le=2**24,
-        description="base sample, a power of two; n (d + 2) runs for d inputs",
+        description="size of the base sample, a power of two; d inputs need n (d + 2) runs",
     )
 
 
 class Morris(Section):
-    """[search] of kind "morris": a cheap screening of many inputs by steps of one at a time."""
+    """[search] of kind "morris": cheap screening of many inputs, changed one at a time."""
 
-    kind: Literal["morris"] = Field(description="which search")
+    kind: Literal["morris"] = Field(description="kind of search")
     outcomes: Outcomes
     trajectories: int = Field(
-        default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs"
+        default=100,
+        ge=4,
+        le=1_000_000,
+        description="number of trajectories; each has d + 1 runs for d inputs",
     )
     levels: Annotated[int, AfterValidator(_even)] = Field(
-        default=8, ge=4, le=1000, description="levels of each input's range, an even number"
+        default=8, ge=4, le=1000, description="number of values of each input, an even number"
     )
 
 
 class Rare(Section):
-    """[search] of kind "rare": a rare event's probability, by two estimators."""
+    """[search] of kind "rare": the probability of a rare event, by two estimators."""
 
-    kind: Literal["rare"] = Field(description="which search")
+    kind: Literal["rare"] = Field(description="kind of search")
     event: Annotated[Outcome, AfterValidator(outcome.require_margin)] = Field(
-        description="a column against a number, such as 'peak_model_deviation_mm >= 10'"
+        description="a column and its limit, such as 'peak_model_deviation_mm >= 10'"
     )
     runs: int = Field(
         default=2000,
         ge=100,
         le=10_000_000,
-        description="runs of each level of the subset simulation",
+        description="number of runs in each level of the subset simulation",
     )
     steps: int = Field(
-        default=10, ge=2, le=100, description="of a chain; 1 of so many runs seeds the next level"
+        default=10,
+        ge=2,
+        le=100,
+        description="length of a Markov chain; runs / steps runs start the next level",
     )
     check: int = Field(
         default=20_000,
         ge=0,
         le=100_000_000,
-        description="runs of plain Monte Carlo beside it; 0: none",
+        description="number of runs of plain Monte Carlo, for comparison; 0: none",
     )
 
     @model_validator(mode="after")
     def _chains(self) -> Rare:
+        # Each of the `steps` levels needs the same number of runs, and at least two.
         if self.runs % self.steps or self.runs // self.steps < 2:
             below = max(2, self.runs // self.steps) * self.steps
             raise ValueError(
@@ -141,7 +152,7 @@ KINDS: dict[str, type[Search]] = {
 class SearchConfig:
     """A whole search file."""
 
-    campaign: CampaignConfig  # of one group, the template
+    campaign: CampaignConfig  # campaign with one group, from which runs are made
     search: Search
 
     @property
@@ -157,15 +168,15 @@ class SearchConfig:
 
 
 def json_schema_of(robot: Robot) -> dict[str, Any]:
-    """JSON Schema of a search file."""
+    """Return the JSON Schema of a search file for a robot."""
     whole: dict[str, Any] = {**json_schema.campaign_schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
         table = model.model_json_schema(ref_template="#/$defs/{model}")
         json_schema.tidy_schema(table)
-        table["properties"]["kind"] = {"const": name, "description": "which search"}
+        table["properties"]["kind"] = {"const": name, "description": "kind of search"}
         whole["$defs"][model.__name__] = table
     whole["properties"]["search"] = {
-        "description": "[search]: what is asked of the runs",
+        "description": "[search]: what the search looks for",
         "oneOf": [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()],
     }
     whole["properties"]["group"]["maxItems"] = 1

@@ -1,7 +1,7 @@
 """Reads a search file: a campaign file with a section [search] and exactly one group.
 
-The group is the template of the search's runs. `ravenjax.campaign.loading` reads everything but
-[search]. The errors of both parts are reported together.
+The search varies the faults of this group. `ravenjax.campaign.loading` reads the other sections.
+One error reports all mistakes of the file.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ FOLDER = "campaigns/searches"
 
 
 def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
-    """Return the search of a TOML file, or of a bundled one by name. Raises UserError."""
+    """Read a search from a TOML file, or a bundled search by name. Raise UserError for mistakes."""
     file = location.find_campaign_file(path, FOLDER, "search")
     raw, text = location.read_toml(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -32,7 +32,10 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """Return the search of nested tables as in TOML. `source`, `text`: origin. Raises UserError."""
+    """Return the search of nested tables as in a TOML file.
+
+    `source`, `text`: the file and its text, for error messages. Raise UserError for mistakes.
+    """
     of_search: list[str] = []
     of_campaign: list[str] = []
     for override in overriding.check_overrides(overrides):
@@ -59,14 +62,17 @@ def from_dict(
 
 
 def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    # Validates section [search] with the model of its kind. Returns the search, or the complaints.
+    # Checks the section [search] with the model of its kind. Returns the search, or its mistakes.
     table = raw.get(SECTION)
     kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {format_value(kind)}"
         expected = f"{', '.join(KINDS)}{suggest_name(kind, KINDS)}"
         return None, [
-            ((SECTION, "kind"), f"{got}: write a section [search] with kind, one of {expected}")
+            (
+                (SECTION, "kind"),
+                f"{got}: write a section [search] with the key kind, one of {expected}",
+            )
         ]
     try:
         return KINDS[kind].model_validate(table), []

@@ -1,13 +1,12 @@
-"""Parses outcomes that a search can use: a number of the result table, or whether an event
-happened.
+"""Parses the outcome that a search examines: a number of the result table, or an event.
 
 A text has one of these forms:
 
-- `peak_model_deviation_mm`: the number of a column;
-- `evades`: an event of `ravenjax.outcomes.events`, under the rules of the search's campaign;
-- `jump_code`: an event, the truth value of a column;
-- `peak_model_deviation_mm >= 3`: an event, a number against a bound; also <=;
-- `response = stopped`: an event, the word of a column.
+- `peak_model_deviation_mm`: a number, from the column of this name;
+- `evades`: an event of `ravenjax.outcomes.events`, with the limits of the search's campaign;
+- `jump_code`: an event, from a column of truth values;
+- `peak_model_deviation_mm >= 3`: an event, if the number is at least the limit; also <=;
+- `response = stopped`: an event, if the column has this word.
 """
 
 import contextlib
@@ -26,12 +25,12 @@ from ravenjax.store import schema
 
 _FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
 _TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms", "told_ms")
-"""Endings of columns that hold -1 if the event never came."""
+"""Endings of the names of columns that have -1 if the event never happened."""
 _GIVEN = re.compile(r"(run_id|index|group|seed|operator)$|fault\d+_|param:")
-"""Columns that are no outcomes."""
+"""Columns that are inputs of a run, not outcomes."""
 
 _WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
-"""Columns of words of which all words are known here."""
+"""Columns of words, with all possible words."""
 
 FORMS = (
     "'peak_model_deviation_mm', 'evades', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response"
@@ -64,7 +63,7 @@ class Outcome:
 
     @property
     def named_event(self) -> bool:
-        """Return whether it is an event of `ravenjax.outcomes.events`."""
+        """Return whether the outcome is an event of `ravenjax.outcomes.events`."""
         return not self.relation and self.column in events.EVENTS
 
     def columns(self, rules: Rules) -> list[str]:
@@ -74,7 +73,10 @@ class Outcome:
         return [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
-        """Return float64 [rows] of the result table; NaN: the run failed or has no such number."""
+        """Return the outcome of each run, float64 [rows].
+
+        It is NaN if the run failed or has no such number.
+        """
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
             valid, cases = events.events_happened(table, [self.column], rules)
@@ -90,7 +92,10 @@ class Outcome:
         return np.where(columns["failed"] == "", values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """Return how far the column is beyond its bound, float64 [rows]; at least 0: the event."""
+        """Return the distance of the column beyond its limit, float64 [rows].
+
+        The event happened if the distance is at least 0.
+        """
         beyond = self._numbers(columns) - self.bound
         margins = beyond if self.relation == ">=" else -beyond
         return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
@@ -105,7 +110,7 @@ class Outcome:
         return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> Iterator[str]:
-        """Return the errors of this outcome for a table of this shape."""
+        """Yield the mistakes of this outcome for a result table of this shape."""
         if self.named_event:
             if self.column == "cable_overload" and not shape.cables:
                 yield f"got {self.column!r}, {events.UNWATCHED}"
@@ -118,29 +123,29 @@ class Outcome:
         if self.column not in dtypes:
             near = suggest_name(self.column, [*dtypes, *events.EVENTS])
             yield (
-                f"unknown outcome {self.column!r}, expected a column of results/README.md or one of"
-                f" {', '.join(events.EVENTS)}{near}"
+                f"unknown outcome {self.column!r}, expected a column of the result table (see"
+                f" results/README.md) or one of {', '.join(events.EVENTS)}{near}"
             )
             return
         words = _WORDS.get(self.column, ())
         if dtypes[self.column] != "category":
             if self.word:
-                yield f"{self.column} holds numbers: expected >= or <= and a number"
+                yield f"{self.column} is a column of numbers: expected >= or <= and a number"
         elif not self.word:
             example = f" such as '{self.column} = {words[0]}'" if words else ""
-            yield f"{self.column} holds words: write an event{example}"
+            yield f"{self.column} is a column of words: write an event{example}"
         elif words and self.word not in words:
             near = suggest_name(self.word, words)
             yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
         if not self.relation and self._may_be_absent:
             yield (
-                f"{self.column} is -1 where it never came: write an event such as '{self.column} <="
-                " 1000'"
+                f"{self.column} is -1 if the event never happened: write an event such as"
+                f" '{self.column} <= 1000'"
             )
 
 
 def parse_outcome(text: str) -> Outcome:
-    """Parse the outcome that a text names. Raises ValueError for any other form."""
+    """Parse a text such as "response = stopped". Raise ValueError for any other form."""
     if match := _FORM.match(text):
         column, relation, right = match[1], match[2] or "", match[3] or ""
         if relation == "=" and right:
@@ -153,22 +158,22 @@ def parse_outcome(text: str) -> Outcome:
 
 
 def require_event(text: str) -> str:
-    """Return `text`. Raises ValueError if it names a number rather than an event."""
+    """Return `text`. Raise ValueError if it names a number, not an event."""
     found = parse_outcome(text)
     truths = {c.name for c in schema.table_columns(schema.Shape()) if c.dtype == "bool"}
     if not (found.relation or found.named_event or found.column in truths):
         raise ValueError(
-            f"got {format_value(text)}, a number; expected an event, such as '{text} >= 1'"
+            f"got {format_value(text)}, which is a number; expected an event, such as '{text} >= 1'"
         )
     return text
 
 
 def require_margin(text: str) -> str:
-    """Return `text`. Raises ValueError unless it compares a column with a number."""
+    """Return `text`. Raise ValueError unless it compares a column with a number."""
     outcome = parse_outcome(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(
-            f"got {format_value(text)}, expected a measured number against a bound, such as"
-            " 'peak_model_deviation_mm >= 10': the search must see how near a run came"
+            f"got {format_value(text)}, expected a column and its limit, such as"
+            " 'peak_model_deviation_mm >= 10', because the search uses the distance from the limit"
         )
     return text

@@ -1,9 +1,8 @@
-"""Treats the one group of a search file as a template of runs: lists are its cases, distributions
-its inputs.
+"""Makes the runs of a search from the one group of its file.
 
-A *case* is one combination of the lists; designs "grid" and "zip" make the combinations. An *input*
-is a fault's number or a parameter that has a distribution in the file. A *point* is a case with a
-value for each input. It is one run of an ordinary campaign with these values.
+The lists of the group define *cases*: each case is one combination of their values (designs "grid"
+and "zip"). An *input* is a number of a fault, or a parameter, that has a distribution in the file.
+A *point* is a case with a value for each input. Each point is one run of an ordinary campaign.
 """
 
 from pathlib import Path
@@ -25,23 +24,26 @@ from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.sites import Channel
 
 PARAMETER = -1
-"""Replaces the fault slot in the key of a parameter's axis."""
+"""Replaces the number of the fault slot in the key of a parameter."""
 
 
 def template_axes(config: CampaignConfig) -> dict[Key, Axis]:
-    """Return every axis of the template, slot by slot, then the parameters, defaults included."""
+    """Return the values or distribution of every key of the template, including defaults.
+
+    Keys of faults come first, slot by slot, then parameters.
+    """
     _, axes = next(design.faults_and_axes(config, config.group[0]))
     return axes
 
 
 def axis_name(key: Key) -> str:
-    """Return the name of an axis: its column in the result table, or the path of a parameter."""
+    """Return the name of a key: its column in the result table, or the path of a parameter."""
     slot, name = key
     return name if slot == PARAMETER else f"fault{slot}_{name}"
 
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Complaint]:
-    """Return (key, message) for what a campaign file may contain and a search file may not."""
+    """Return (key, message) of mistakes that only a search file can have."""
     words, numbers = [], []
     for (slot, name), axis in template_axes(config).items():
         if axis.drawn:
@@ -66,23 +68,23 @@ class Template:
     """Converts points of a search to runs."""
 
     def __init__(self, config: CampaignConfig) -> None:
-        """Take a `config` that has no `find_search_errors`."""
+        """Prepare the cases and inputs of a `config` without `find_search_errors`."""
         self.config = config
         self._axes = Moments(config).placed(template_axes(config), config.group[0].name)
         undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
-        sample = sampling.sample_runs(
-            config.group[0], undrawn, np.random.default_rng(0)
-        )  # nothing in the template is drawn
+        # The remaining keys have no distribution, so the random generator is not used.
+        sample = sampling.sample_runs(config.group[0], undrawn, np.random.default_rng(0))
         self.cases = sample.runs
         self.inputs = tuple(key for key, axis in self._axes.items() if axis.drawn)
         self.lists = tuple(
             key for key, axis in undrawn.items() if axis.kind == "list" and len(axis.values) > 1
         )
+        # For each key, its value in each case.
         self._values = {
             key: [axis.values[place] for place in np.broadcast_to(sample.places[key], sample.runs)]
             for key, axis in undrawn.items()
-        }  # one entry per case
-        # Whether an input takes only whole numbers, [cases, inputs].
+        }
+        # Whether an input has only whole numbers, [cases, inputs].
         self.whole = np.array(
             [[self._is_whole(key, case) for key in self.inputs] for case in range(self.cases)], bool
         )
@@ -97,18 +99,18 @@ class Template:
         return self._axes[self.inputs[number]]
 
     def drawn(self) -> list[dict[str, Any]]:
-        """Return name, unit and distribution of each input."""
+        """Return name, unit and distribution of each input, as JSON values."""
         return [
             {"name": name, "unit": self.unit(i), "drawn": self.axis(i).written()}
             for i, name in enumerate(self.labels)
         ]
 
     def case(self, case: int) -> dict[str, Any]:
-        """Return what distinguishes a case from the others: the value of each list, by label."""
+        """Return the value of each list in a case, by the name of the key."""
         return {axis_name(key): self._values[key][case] for key in self.lists}
 
     def unit(self, number: int) -> str:
-        """Return the unit of an input, "" if the cases differ in it."""
+        """Return the unit of an input; "" if cases have different units."""
         slot, name = self.inputs[number]
         if name != "value" or slot == PARAMETER:
             return "ms" if slot != PARAMETER else ""
@@ -118,10 +120,9 @@ class Template:
         return units.pop() if len(units) == 1 else ""
 
     def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """Return values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the
-        unit cube.
+        """Convert points of the unit cube [n, inputs] to values of the inputs, float64 [n, inputs].
 
-        They follow the inputs' distributions, exactly as in a sampled design.
+        A coordinate is a quantile of the input's distribution, as in a sampled design.
         """
         whole, values = self.whole[case], np.empty(unit.shape)
         for i, (slot, name) in enumerate(self.inputs):
@@ -169,7 +170,7 @@ class Template:
         )
 
     def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
-        # Returns the channel and the effect of a fault in one case.
+        # Returns the channel on which a fault acts in one case, and its effect.
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
         name = (

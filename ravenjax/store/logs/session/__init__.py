@@ -1,1 +1,1 @@
-"""The files of a training session: session.json, session.mcap, and its events in words."""
+"""Files of a training session: session.json, session.mcap, and a readable list of its events."""

@@ -1,8 +1,7 @@
-"""Reads and writes session.json, which describes a training session, beside session.mcap and
-hazards.csv.
+"""Reads and writes session.json, the description of a training session.
 
-The file is replaced atomically, so that a reader never sees an incomplete one. "ended" is null
-until the session is over.
+The file lies beside session.mcap and hazards.csv. It is replaced atomically, so that a reader never
+sees an incomplete file. "ended" is null until the session is over.
 """
 
 import json
@@ -20,27 +19,27 @@ VERSION = 1
 
 
 class HeaderTable(BaseModel):
-    """Base of session.json's tables. A killed session may lack any key."""
+    """Base class of the tables of session.json. If a session was killed, any key may be missing."""
 
     model_config = ConfigDict(strict=True)
 
 
 class ListedHazard(HeaderTable):
-    """An entry of `hazards`."""
+    """An entry of the list `hazards`: a hazard of the session."""
 
     number: int = 0
     within_s: float = 0.0
 
 
 class HarmLimits(HeaderTable):
-    """`scenario.harm`: motions from which on there is harm, mm."""
+    """The table `scenario.harm`: motions above which there is harm, mm."""
 
     excursion_mm: float | None = None
     depth_mm: float | None = None
 
 
 class ScenarioOfSession(HeaderTable):
-    """`scenario`, as it was when the session began."""
+    """The table `scenario`: the scenario at the beginning of the session."""
 
     name: str | None = None
     title: str | None = None
@@ -66,12 +65,12 @@ class SessionHeader(HeaderTable):
     hazards: list[ListedHazard] | None = None
     task: dict[str, Any] | None = None
     summary: dict[str, Any] | None = None
-    # Checksums of the files beside it, taken when the session ended.
+    # Checksums of the other files of the session, computed at its end.
     sha256: dict[str, str] | None = None
 
 
 def write_session(folder: Path, header: Mapping[str, Any]) -> None:
-    """Write session.json, in a new folder if needed. Raises StoreError if the disk refuses."""
+    """Write session.json, and create its folder if needed. Raise StoreError if that fails."""
     require_writable(folder)
     content = {"version": VERSION, **header}
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -79,17 +78,16 @@ def write_session(folder: Path, header: Mapping[str, Any]) -> None:
 
 
 def read_session(folder: Path) -> dict[str, Any]:
-    """Return the session description of a folder.
+    """Return the content of session.json in a folder.
 
-    Raises StoreError if the folder holds no description, or one that is damaged or newer than this
-    reader.
+    Raise StoreError if the file is missing, damaged, or of a newer version.
     """
     path = Path(folder) / FILE
     missing = (
-        f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that"
+        f"{folder}: is not the folder of a session, because it has no {FILE}. Name a folder that"
         " `ravenjax train` wrote."
     )
-    header = read_json(path, missing, "; the recording beside it holds a copy")
+    header = read_json(path, missing, "; session.mcap contains a copy")
     try:
         SessionHeader.model_validate(header)
     except ValidationError as error:
@@ -97,15 +95,14 @@ def read_session(folder: Path) -> dict[str, Any]:
         key = ".".join(map(str, first["loc"])) or "the file"
         expected = first["msg"].removeprefix("Input should be ")
         raise StoreError(
-            f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; the"
-            " recording beside it holds a copy"
+            f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; session.mcap"
+            " contains a copy"
         ) from None
     return header
 
 
 def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change some keys of the folder's session.json, tables key by key; return the whole
-    description.
+    """Change some keys of session.json, also inside tables. Return the new content.
 
     Only one process may write at a time.
     """
@@ -115,6 +112,7 @@ def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    # Returns nested tables `old`, in which values of `new` replace or extend those of `old`.
     out = dict(old)
     for key, value in new.items():
         mine = out.get(key)

@@ -1,8 +1,7 @@
-"""A training session's recording, session.mcap: written during the session, and readable even if
-truncated.
+"""Writes and reads session.mcap, the recording of a training session.
 
-The profile is ros2 with CDR. For each arm (arm1 is gold, arm2 green) it holds the following
-topics, `STANDARD_HZ` times a second.
+The profile is ros2 with CDR. The file has these topics for each arm (arm1 is gold, arm2 green),
+with `STANDARD_HZ` messages a second.
 
     /armN/measured_js, setpoint_js,    sensor_msgs/JointState
         true_js, model_js              joints measured, desired, true, of the nominal model
@@ -11,14 +10,15 @@ topics, `STANDARD_HZ` times a second.
     /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
     /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
 
-Every millisecond there is a flat message on /ravenjax/signals, with every channel of the session as
-float32, unchanged. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and in
-words on /ravenjax/log (rcl_interfaces/Log). The time of a message is the session's start plus one
+Every millisecond there is a flat message on /ravenjax/signals, with every signal of the session as
+float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on
+/ravenjax/log (rcl_interfaces/Log). The time of a message is the start of the session plus one
 millisecond per row. Its sequence number is the number of the row, so that lost rows leave a gap
-instead of shifting the others.
+instead of shifting later rows.
 
-A block of rows is one chunk, which is passed to the operating system at once. A killed recorder
-loses only what it had not yet written. What a power failure loses depends on the operating system.
+The file is readable even if it is truncated. A block of rows is one chunk, which is passed to the
+operating system at once. If the process is killed, only the current block is lost. What a power
+failure loses depends on the operating system.
 """
 
 import json
@@ -50,25 +50,25 @@ _CHANNELS = resources.read_tables(__file__, "log.toml")
 
 
 class SessionWriter:
-    """A recording in progress."""
+    """Writes the recording of a session while the session runs."""
 
     def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
         """names: names of a row's numbers, such as `gold/jpos/0`; header: content of session.json.
 
-        Raises StoreError if the file cannot be created.
+        Raise StoreError if the file cannot be created.
         """
         self.path = path
         with disk_errors(f"{path}: the recording cannot be written"):
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
         self._start_ns = _start_ns(header)
         self._places: dict[str, list[int]] = {}
-        for place, name in enumerate(names):
-            self._places.setdefault(name.rpartition("/")[0], []).append(place)
+        for column, name in enumerate(names):
+            self._places.setdefault(name.rpartition("/")[0], []).append(column)
         self._bases = {
             arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
             for arm, one in (header.get("bases") or {}).items()
         }
-        # This also runs slow imports, which must not delay a recording that has begun.
+        # This call also runs slow imports before the recording begins.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals_topic([topics.field_name(name) for name in names], single=True)
         self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
@@ -77,11 +77,9 @@ class SessionWriter:
         self._file.flush()
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write rows float32 [n, names], numbered from `first`, and the events that occurred with
-        them.
+        """Write rows float32 [n, names] with numbers from `first`, and events in these rows.
 
-        On return they have been passed to the operating system. Raises StoreError if the disk
-        refuses.
+        They are passed to the operating system at once. Raise StoreError if writing fails.
         """
         self._next = first + len(rows)
         numbers = np.arange(first, self._next)
@@ -99,16 +97,16 @@ class SessionWriter:
             self._log.flush()
 
     def close(self) -> None:
-        """Write the index, so that the seeking readers of other tools can open the file.
+        """Write the index, which readers of other programs need, and close the file.
 
-        The session's description is at both ends of the file, because no row can be read without
-        it.
+        The description of the session is at both ends of the file, because rows cannot be read
+        without it.
         """
         self._log.finish(self._metadata)
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        # Converts rows to the topics that CRTK and ROS tools know.
+        # Converts rows to standard topics of CRTK and ROS.
         series = {}
         for arm in ARM_TOPICS:
             own = {
@@ -117,9 +115,9 @@ class SessionWriter:
                 if name.startswith(f"{arm}/")
             }
             series |= {f"{arm}/{name}": own[name] for name in _CHANNELS["states"] if name in own}
-            for name, (place, rotation, joints) in _CHANNELS["tips"].items():
+            for name, (position, rotation, joints) in _CHANNELS["tips"].items():
                 if name in own and joints in own:
-                    series[f"{arm}/{place}"] = own[name]
+                    series[f"{arm}/{position}"] = own[name]
                     series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
             if "force" in own:
                 series[f"{arm}/haptic_force"] = own["force"]
@@ -128,33 +126,32 @@ class SessionWriter:
 
 @dataclass(frozen=True, eq=False)
 class SessionLog:
-    """A recording that was read back."""
+    """The content of a session's recording."""
 
     header: dict[str, Any]  # session.json at the beginning of the session
     names: list[str]  # names of a row's numbers
     numbers: np.ndarray  # int64 [T], number of each row, with gaps where rows were lost
-    rows: np.ndarray  # float32 [T, the names that were kept]
+    rows: np.ndarray  # float32 [T, numbers that were read]
     events: list[dict[str, Any]]
-    complete: bool  # closed by its recorder, not truncated
-    # Bytes at the end, of an unfinished chunk, and damaged bytes.
+    complete: bool  # True if the file was closed normally and is not truncated
+    # Number of damaged bytes, and of bytes in an incomplete chunk at the end.
     lost_bytes: int
 
 
 def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
     """Read the recording of a session, as far as it is complete.
 
-    keeps: whether `rows` has the number of this name. Raises StoreError if it is not the recording
-    of a session.
+    keeps: returns whether to read the number of this name. Raise StoreError for another file.
     """
     content = mcap_records.scan_records(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
     if "channels" not in metadata:
         raise StoreError(
-            f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a"
-            " session's folder"
+            f"{path}: is no recording of a session, because it has no list of signals; expected"
+            f" {FILE} in the folder of a session"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    columns, width = [place for place, name in enumerate(names) if keeps(name)], 4 * len(names)
+    columns, width = [column for column, name in enumerate(names) if keeps(name)], 4 * len(names)
     numbers: list[int] = []
 
     def kept(block: bytearray) -> np.ndarray:
@@ -191,10 +188,9 @@ def _start_ns(header: Mapping[str, Any]) -> int:
 
 @cache
 def _event_kinds() -> dict[str, Any]:
-    """Return the sentence of each kind of event, and the severity of those that are not mere
-    information.
+    """Return the sentence of each kind of event of `ravenjax.train.protocol`, and its severity.
 
-    The kinds are those of `ravenjax.train.protocol`.
+    The default severity is "info".
     """
     return resources.read_tables(__file__, "events.toml")
 
@@ -205,7 +201,7 @@ def _sentence(kind: str) -> jinja2.Template:
 
 
 def event_text(event: Mapping[str, Any]) -> str:
-    """Return a sentence for an event; its keys and values if it is unknown or incomplete."""
+    """Return a sentence about an event, or its keys and values if it is unknown or incomplete."""
     try:
         return _sentence(event["kind"]).render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):

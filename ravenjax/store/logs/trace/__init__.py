@@ -1,1 +1,1 @@
-"""Writes one run's time series to files: MCAP and CSV."""
+"""Writes the time series of one run to files: MCAP and CSV."""

@@ -1,13 +1,12 @@
-"""Writes one run's full time series as an MCAP file: profile ros2, CRTK topic names, standard
-messages.
+"""Writes the time series of one run as an MCAP file with the topics and message types of ROS 2.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`; /tf carries
-the frames.
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`. The topic /tf
+has the frames.
 
     world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
-Series are those of `time_series`, each optional. These are the topics of each arm.
+These are the topics of each arm. A topic is missing if its series is.
 
     /armN/measured_js, setpoint_js, true_js, model_js    sensor_msgs/JointState
     /armN/measured_cp, setpoint_cp, true_cp, model_cp    geometry_msgs/PoseStamped
@@ -16,9 +15,10 @@ Series are those of `time_series`, each optional. These are the topics of each a
     /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units.
 
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
-are on /ravenjax/events (std_msgs/String, one JSON object each), and in words on /ravenjax/log
-(rcl_interfaces/Log). Every series without a topic, [T] or [T, k], becomes one or k named float64
-fields of the flat message on /ravenjax/signals. So do the true tip and the golden run's tip.
+are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on /ravenjax/log
+(rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
+fields of the flat message on /ravenjax/signals. The true tip and the golden run's tip are fields of
+this message, too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = 64 * 1024
-"""Bytes of a chunk, which are a few ticks. A kill loses at most one chunk."""
+"""Size of a chunk, a few ticks, in bytes. If the process is killed, at most one chunk is lost."""
 TICK_NS = 1_000_000  # one control tick, ns
 BLOCK = 64  # ticks that are written together
 _ALSO_SIGNALS = {"tip", "golden_tip"}
@@ -53,10 +53,9 @@ def write_trace(
     """Write the time series of one run, one message per topic and millisecond, with the first tick
     at time 0.
 
-    metadata: run id, fault, ... bases: base of each arm; an arm without one has its base frame as
-    the root of its frames. events: each has "tick" (ms), "kind", "text" and "level", one of
-    topics.LEVELS. Raises StoreError if the series differ in their number of ticks or the disk
-    refuses.
+    metadata: run id, fault and so on. bases: base of each arm; without a base, the frame 0 of an
+    arm has no parent frame. events: dicts with "tick" (ms), "kind", "text" and "level", one of
+    topics.LEVELS. Raise StoreError if the numbers of ticks differ or the file cannot be written.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check_series(arrays, str(path))
@@ -66,6 +65,7 @@ def write_trace(
         events_of.setdefault(max(0, int(event["tick"])), []).append(event)
 
     def fill(target: Path) -> None:
+        # Writes all series in blocks of ticks, so that messages are almost in the order of time.
         with open(target, "wb") as file:
             log = topics.LogWriter(
                 file, [topic for topic, _ in filled], metadata or {}, CHUNK_BYTES
@@ -83,7 +83,7 @@ def write_trace(
 
 
 def _signals(robot: Robot, arrays: Series) -> Iterator[tuple[Topic, np.ndarray]]:
-    # All series that have no standard topic, as one message with a field for each number.
+    # Yields one topic with all series without a standard topic. It has a field for each number.
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name, values in arrays.items():
