@@ -1,7 +1,8 @@
-"""Defines the engine interface: an engine runs the tick of many robots.
+"""Defines the interface of an engine, which is a program that computes the tick of many robots.
 
-An engine advances *blocks* over all ticks of a run. A block has some number of *lanes*, one robot
-per lane. A lane's result depends only on its inputs. Blocks and threads do not change it.
+An engine divides robots into *blocks* and advances a block over all ticks of a run. Each robot of a
+block is a *lane*. A lane's result depends only on its inputs, not on the division into blocks and
+threads.
 """
 
 from __future__ import annotations

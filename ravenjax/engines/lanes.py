@@ -1,4 +1,6 @@
-"""Holds the lanes that a compiled time loop runs, and the snapshots from which they start."""
+"""Defines the inputs of the robots (lanes) that compiled code runs, and the snapshots from which
+they start.
+"""
 
 from __future__ import annotations
 

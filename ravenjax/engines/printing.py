@@ -1,8 +1,9 @@
-"""Defines the base class for printing a program in a language, such as LLVM IR.
+"""Defines the base class of printers, which write a program in a language such as LLVM IR or CUDA
+C.
 
-A printer reads each number where the number is first needed, and writes each result as soon as it
-is computed. A subclass defines the text of constants, loads, stores, operations and regions. The
-old content of a place is always read before a result overwrites it.
+A subclass defines the text of constants, loads, stores, operations and conditional blocks. A number
+is read where an operation first needs it, and a result is written as soon as it is computed. If a
+result overwrites a number, all operations that need the old number read it before.
 """
 
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""Hashes the inputs of traced and generated code, and caches that code on disk under the hash."""
+"""Caches generated code on disk, under a hash of all inputs of the generation."""
 
 import contextlib
 import dataclasses

@@ -1,8 +1,9 @@
-"""Traces the tick of one robot into three straight-line programs: beginning, step and end.
+"""Traces one robot's tick, which is written in JAX, into three programs without loops: beginning,
+step and end.
 
-Tracing takes seconds, so traces are cached together with the code that was made from them. The
-cache in memory serves later campaigns of this process that need the same code. The cache on disk
-serves other processes, which then need not import JAX.
+Tracing takes seconds, so the programs are cached together with the code that was generated from
+them. The cache in memory serves later campaigns of the same process. The cache on disk serves other
+processes, which then need not import JAX.
 """
 
 import contextlib

@@ -1,8 +1,9 @@
-"""Writes programs: shares common subexpressions, folds constants and simplifies operations.
+"""Builds straight-line programs: programs of operations on single numbers, without loops.
 
-A simplified operation gives the same bits for all operands, except for the payload of a NaN. A rule
-is only included if the tick has more operations without it, or if it moves a sign to where
-`contract_to_fma` finds the product. Other rules that were tried would save 0.2 % of operations.
+The builder shares common subexpressions, folds constants and simplifies operations. A simplified
+operation gives the same bits for all operands, except for the payload of a NaN. A rule of
+simplification is included only if it shortens the robot's tick, or if it moves a sign so that
+`contract_to_fma` finds more products. Further rules would save 0.2 % of the operations.
 """
 
 import math

@@ -1,7 +1,8 @@
-"""Lowers a closed jaxpr of single numbers to a program: JAX's scalar primitives, one case each.
+"""Converts a function traced by JAX (a closed jaxpr) to a straight-line program on single numbers.
 
-jit-like calls are inlined, and look-ups are clamped to their table. Anything that is not an
-operation on single numbers, or on 1-D tables read at one index, is refused by name.
+Functions within functions, such as those of `jit`, are inlined. The index of a table is clamped to
+the table. Operations other than those on single numbers, or on 1-D tables at one index, are refused
+with an error that names the operation.
 """
 
 from __future__ import annotations

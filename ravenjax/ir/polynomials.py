@@ -1,8 +1,9 @@
-"""Sine, arc tangent and similar functions from sums, products, choices and bit operations.
+"""Computes sine, arc tangent and similar functions in float32, with the same bits on every engine.
 
-The operations are the same on every engine. Each function is written on an `Arithmetic`, whose
-numbers may be operations of a straight-line program or NumPy arrays. float32. Largest errors,
-compared with the exact value (ulp: of a float32 near the result):
+The functions use only sums, products, choices and bit operations. Each function gets an
+`Arithmetic`, whose numbers are operations of a straight-line program or NumPy arrays. The
+coefficients are in polynomials.toml. The largest errors, compared with the exact value, in units in
+the last place (ulp) of a float32 near the result:
 
     sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond
     tan           sin / cos
@@ -11,9 +12,7 @@ compared with the exact value (ulp: of a float32 near the result):
     exp           2 ulp, subnormal results included
     log           2 ulp
 
-sin, cos and tan of infinities are NaN. NaN gives NaN everywhere.
-
-The coefficients are in polynomials.toml.
+sin, cos and tan of infinities are NaN. All functions of NaN are NaN.
 """
 
 import dataclasses

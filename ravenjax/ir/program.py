@@ -1,8 +1,12 @@
-"""The intermediate representation: a straight-line program of operations on single numbers.
+"""Defines the intermediate representation of the simulation from which code for CPUs and GPUs is
+generated.
 
-Operations have the names of `semantics`. There are three more. `input` is a number from outside
-(`detail`: its index). `constant` is a known number (`detail`: its bits). `lookup` reads a 1-D table
-at one index (`detail`: the table's index).
+A program is a list of operations on single numbers, without loops. Operations have the names of
+`semantics`, and three more:
+
+- `input` is a number from outside; `detail` is its index.
+- `constant` is a known number; `detail` contains its bits.
+- `lookup` reads a 1-D table at one index; `detail` is the number of the table.
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
-"""Finds operations that are only needed in rare cases, so that generated code can skip them.
+"""Finds operations that are needed only in rare cases, so that generated code can skip them.
 
-A `rarely` operation is a `select` whose condition seldom holds. If the results of operations are
-only used in the second operands of `rarely` operations with one condition, these operations form
-the condition's region. The region is printed as a block that is entered if any lane needs it. The
-`select` remains outside.
+A `rarely` operation selects one of two values by a condition that is seldom true. Some operations
+are needed only to compute the second value of `rarely` operations with the same condition. These
+operations form the *region* of the condition. Generated code enters the region as a block if the
+condition is true in any lane.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

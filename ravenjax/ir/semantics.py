@@ -1,12 +1,18 @@
-"""Defines each operation in NumPy: to fold constants, and to test the generated code.
+"""Defines the result of each operation of a program, in NumPy.
 
-Floats follow IEEE 754 with one rounding per operation (including `fma`), integers wrap, and nothing
-raises. Edge cases are those of XLA where it defines them. Converting a float to an integer
-saturates (NaN: 0), a shift by the width or more shifts everything out, and division of an integer
-by 0 is -1. `truncate` instead follows C's `(int)x` on x86, which gives -2147483648 for a number
-that does not fit. Of two zeros with different signs, `max` and `min` return the second; they always
-return NaN if an operand is NaN. `rarely` is a `select` whose condition seldom holds (see
-`regions`). Functions are those of the C library, rounded to their type.
+The definitions are used to fold constants and to test generated code. Floats follow IEEE 754, with
+one rounding per operation, also of `fma`. Integers wrap. No operation raises an error. Edge cases
+follow XLA where it defines them:
+
+- A conversion from float to integer saturates, and NaN becomes 0. `truncate` instead follows C's
+  `(int)x` on x86: a number that does not fit becomes -2147483648.
+- A shift by the width of the number, or by more, shifts all bits out.
+- Division of an integer by 0 gives -1.
+- Of two zeros with different signs, `max` and `min` return the second. They return NaN if an
+  operand is NaN.
+
+`rarely` equals `select`, and its condition is seldom true (see `regions`). Functions are those of
+the C library, rounded to their type.
 """
 
 import ctypes

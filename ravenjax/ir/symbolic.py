@@ -1,9 +1,9 @@
-"""Writes formulas of terms as programs, simplified by the algebra of real numbers.
+"""Writes formulas as programs, simplified by the algebra of real numbers.
 
-Formulas are written on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs are
-pulled out of products, and constant factors merge. A program holds only what an output needs. So
-generic code (rigid-body recursions over any tree) becomes the short list of scalar operations that
-a derivation by hand would give.
+A formula is written on `Term`s with `+ - *`, `sin` and `cos`. Additions of 0 and multiplications by
+0 and 1 are removed, signs are moved out of products, and constant factors are multiplied. A program
+contains only the operations that an output needs. Generic code, such as a recursion over a tree of
+rigid bodies, thus becomes the short formulas that a derivation by hand would give.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""Splits a program that runs tick after tick by what its numbers depend on.
+"""Splits the program of a tick into parts, so that no number is computed more often than necessary.
 
-Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
-neither. Each is computed no more often than that requires:
+Many robots (lanes) run the same program in every tick. Lanes with the same shared inputs form a
+group. There are three parts:
 
-shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group.
-         The *shared* part writes a row of the numbers that lanes need.
-held     differs between lanes, constant in time: computed once per lane, before the loop.
-lane     both: computed once per tick and lane.
+    shared   numbers that change with the tick and are equal in all lanes of a group. They are
+             computed once per tick and group, and the lanes read them from a row.
+    held     numbers that differ between lanes and are constant in time. They are computed once per
+             lane, before the loop.
+    lane     all other numbers. They are computed once per tick and lane.
 
-Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
-of the state is shared unless it depends on a number that differs between lanes. It is dropped if
-nothing needs it.
+The numbers of the state are split by fixpoint iteration: a number is shared unless it depends on a
+number that differs between lanes. A number that no output needs is removed.
 """
 
 import dataclasses

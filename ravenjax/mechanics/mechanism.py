@@ -1,15 +1,18 @@
-"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with implicitfast.
+"""Simulates a tree of joints from any MuJoCo model with the time step of MuJoCo's integrator
+implicitfast.
 
     arm = read_mechanism(mujoco.MjModel.from_xml_path("arm.xml"), "tip_site")
     qpos, qvel = step(arm, qpos, qvel, torque)
 
 The step is implicit in damping and in the velocity gains of a controller or motor. Springs,
 armature, friction loss and couplings of joints (equality constraints) are those of the model.
-Friction loss and couplings are MuJoCo's soft constraints; their forces are found by `SWEEPS` sweeps
-of projected Gauss-Seidel. Ranges of joints and actuators exert no force: a robot's code does.
+Friction loss and couplings are MuJoCo's soft constraints. Their forces are computed by `SWEEPS`
+sweeps of projected Gauss-Seidel. Ranges of joints and actuators exert no force; the code of a robot
+applies its limits.
 
-Largest distance of any joint from `mj_step`, rad or m, with steps of 1 ms (models of
-tests/mechanics/test_mechanism.py), and of a step that is not implicit in the velocity gain:
+The table gives the largest difference of any joint from MuJoCo's `mj_step`, in rad or m, with steps
+of 1 ms. The last column is for a step that is not implicit in the velocity gain. The models are in
+tests/mechanics/test_mechanism.py.
 
                                                        over 2 s    not implicit, over 0.2 s
     UR5e, kp 4500, kv 450, damping, armature           6e-17       unstable

@@ -1,10 +1,11 @@
-"""Mass matrix and bias of a tree of links as a straight-line program.
+"""Writes the mass matrix and bias torques of a tree of rigid links as a program without loops.
 
-Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and
-gravity, with the sign of MuJoCo's qfrc_bias) share the kinematics. Bodies are 4x4 pseudo-inertias
-[[J, h], [h^T, m]]. With the acceleration matrix U = [alpha]x + [omega]x^2, a body's wrench about
-its origin is f = U h + m a, n = sum of r x (U r + a). This costs less than Euler's form because U
-is shared (W. Khalil's customised symbolic method).
+The bias contains Coriolis, centrifugal and gravity torques, with the sign of MuJoCo's qfrc_bias.
+The mass matrix uses the composite-rigid-body algorithm and the bias uses recursive Newton-Euler.
+Both share the kinematics. The inertia of a body is a 4x4 pseudo-inertia [[J, h], [h^T, m]]. With
+the acceleration matrix U = [alpha]x + [omega]x^2, the force and torque on a body about its origin
+are f = U h + m a and n = sum of r x (U r + a). This form needs fewer operations than Euler's,
+because U is shared (W. Khalil's customised symbolic method).
 """
 
 from __future__ import annotations

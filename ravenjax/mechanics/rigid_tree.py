@@ -1,16 +1,16 @@
-"""Reads a tree of hinges and slides from a compiled MuJoCo model, for unrolled recursions.
+"""Reads a tree of hinge and slide joints from a compiled MuJoCo model.
 
-Any subtree of any model works; this module does not depend on the Raven. Three choices keep the
-later operation count low; none of them changes the dynamics:
+The result is written for `rigid_program`, which computes the tree's dynamics. Any subtree of any
+model can be read. Three choices reduce the number of operations and leave the dynamics unchanged:
 
-- Each moving link gets its own frame: z along its joint axis, x along the common normal to its
-  first child's axis. Its origin is at the foot of the common normal to its parent's axis (slides:
-  at the parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta
-  mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
-- Bodies that are fixed to a link are lumped into it.
-- Inertia that a joint's motion does not show is moved to the parent. For a hinge about z this is
-  the mass, the first moment along z and the second moment along z; for a slide it is all second
-  moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
+- Each moving link gets its own frame. Its z axis is the joint axis, and its x axis is the common
+  normal to the axis of its first child. Its origin is at the foot of the common normal to its
+  parent's axis (of a slide: at the parent's origin). A transform to the parent is then Rz(beta)
+  Rx(alpha) Rz(angle), and beta is mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+- Bodies that are fixed to a link become part of the link.
+- Inertia that has no effect on the joint's own motion is moved to the parent. For a hinge about z
+  this is the mass, the first moment along z and the second moment along z. For a slide it is all
+  second moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
 """
 
 # MuJoCo's compiled module carries no types.

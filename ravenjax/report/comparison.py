@@ -1,9 +1,8 @@
-"""Compares the configurations, outcomes and rates of two result folders whose campaigns share
-faults.
+"""Compares the configurations, outcomes and rates of two campaigns that share faults.
 
-Runs are paired by run id. The remaining runs are paired by their faults and by the varied
-parameters that both campaigns have. Where one fault occurs several times, its runs are paired in
-the order of the tables.
+A run of one result folder is paired with the run of the other folder that has the same run id. The
+remaining runs are paired if their faults and all varied parameters that both campaigns have are
+equal. If several runs have the same fault, they are paired in the order of the tables.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""Writes the report of a result folder as one HTML page that works without a network."""
+"""Writes the report of a result folder as one HTML page that can be read without a network."""
 
 import contextlib
 import functools

@@ -1,4 +1,4 @@
-"""Writes numbers, rates and faults as words, and fills templates of plain text."""
+"""Formats numbers, rates and faults as text, and fills text templates."""
 
 import functools
 import math

@@ -1,19 +1,20 @@
-"""Models a network channel that loses packets in bursts and delivers them late.
+"""Models a network channel that loses packets in bursts and delivers packets late.
 
 The seed selects the random draws; without a seed the channel is ideal. The model is the emulator of
 UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by packet:
 
-- The quality moves between good, bad and two intermediate states by TRANSITIONS. It begins good.
-- A packet outside a burst begins one with the probability LOSS of the present quality. A burst
-  takes that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. It
-  therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5, and no
-  length has to be drawn beforehand.
+- The quality of the channel changes between good, bad and two intermediate states by TRANSITIONS.
+  It begins good.
+- A packet outside a burst begins a burst with the probability LOSS of the present quality. A burst
+  loses that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. The
+  burst therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5.
+  The model uses this probability, so no length is drawn beforehand.
 - A packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
 
-Simplified: one packet arrives at a time. The delay is drawn for the moment of arrival rather than
-for the packet: the arriving packet is the one that was sent a delay ago, unless a newer packet
-arrived before. Packets that others overtook are therefore lost, as they are by the robot's sequence
-rule. The emulator's loss of the whole connection is fault effect `drop`.
+Simplification: at most one packet arrives in a tick, and the delay is drawn at the arrival. The
+packet that arrives is the one sent a delay ago, unless a newer packet arrived before. Packets that
+others overtook are therefore lost, as the robot's check of sequence numbers would drop them. The
+emulator's loss of the whole connection is the fault effect `drop`.
 """
 
 from collections.abc import Sequence

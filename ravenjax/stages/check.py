@@ -1,4 +1,4 @@
-"""Records for each built-in check: first trip, number of trips, and smallest margin."""
+"""Records for each built-in check the first trip, the number of trips, and the smallest margin."""
 
 from collections.abc import Mapping
 

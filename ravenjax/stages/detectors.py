@@ -1,16 +1,16 @@
-"""Computes detectors: observers that score every millisecond, and raise an alarm above a threshold.
+"""Computes detectors, which score every millisecond of a run and raise an alarm above a threshold.
 
-Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
-E-stop a millisecond later. There are five kinds. The score of a tick is the higher score of the two
-arms:
+Built-in detectors do not act on the robot. A user's detector may also stop the robot: its alarm
+triggers the E-stop a millisecond later. The score of a tick is the higher score of the two arms.
+There are five kinds:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
-  predicts how motors and joints 1-3 move; here the virtual robot is that model. Three steps within
-  1 ms are scored: of motor position, motor velocity and joint position. Each is divided by its
-  learned step, and the largest of the three joints counts. The three scores are then *fused*: `all`
-  (the published rule) takes the least of them, `two` the middle one, `any` the largest; `mpos`,
-  `mvel` and `jpos` take one alone. As published, a step of velocity counts if two ticks in a row
-  have it.
+  predicts how motors and joints 1-3 move. The virtual robot is used as that model. Three steps
+  within 1 ms are scored: of motor position, motor velocity and joint position. A step is divided by
+  its learned step, and the largest of the three joints counts. The three scores are then *fused*:
+  `all` (the published rule) uses the least of them, `two` the middle score, `any` the largest;
+  `mpos`, `mvel` and `jpos` use only that score. As published, a step of velocity counts if two
+  ticks in a row have it.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
   accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
   raven2_sim, threshold 55).
@@ -20,9 +20,9 @@ arms:
 - `own`: the score of a user's file (`ravenjax.parts`).
 
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
-run* is therefore the largest over time of the least score in such a span. With it, one campaign
-shows what every threshold would have done. Detectors are armed in pedal-down, without a software
-E-stop, after `armed_after` has passed.
+run* is the highest threshold at which the run raises an alarm: the largest over time of the least
+score in such a span. With this score, one campaign shows the effect of every threshold. Detectors
+are active in pedal-down, without a software E-stop, after `armed_after` has passed.
 """
 
 from collections.abc import Sequence

@@ -1,20 +1,21 @@
-"""Models the operator's hand as a mass on spring and damper that the cue's force displaces.
+"""Models the operator's hand as a mass on spring and damper that the force of the haptic cue
+displaces.
 
-    M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
+    M d'' + B d' + K d = F        d: displacement of the hand; three axes with the same M, B, K
 
-The hand follows its plan as without a cue. The console sends the plan plus d. The
-spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
-11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
-answers.
+The planned motion of the hand does not depend on the cue. The console sends the plan plus d. The
+spring is the posture that muscles hold. A stretched muscle responds after 25 to 100 ms (PLoS ONE
+11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes this
+response.
 
-The device's own mass and friction are neglected. quantities.toml has the sources of the numbers.
+The mass and friction of the device are neglected. quantities.toml has the sources of the numbers.
 
 The equation is discretised by the implicit midpoint rule, which is stable for any parameters. Over
 a tick of length h, with u the mean of the velocities before and after, it gives exactly
 
     change of (M v^2 + K d^2) / 2  =  F . (change of d) - h B u^2
 
-The hand therefore never gives back more energy than the force put in.
+The hand therefore never returns more energy than the force put in.
 """
 
 import math

@@ -1,19 +1,20 @@
-"""The console's haptic cue: a spring-damper on the distance between nominal model and robot.
+"""Computes the haptic cue: a spring-damper force that grows with the distance from the nominal
+model.
 
-Published rule (Raven-II surgical training simulator, Eq. 5) as interpreted here. With e = p_model -
-p_robot, d = e/|e| and v the tip velocities from the Jacobian:
+The published rule (Raven-II surgical training simulator, Eq. 5) is interpreted as follows. With e =
+p_model - p_robot, d = e/|e| and v the velocities of the tips:
 
     |e| >  threshold:  force = min(cap, max(0, kp |e| + kd (v_model - v_robot) . d))
     |e| <= threshold:  force = 0
 
 The printed equation has two cases, but gives a condition only for the case in which the force is
-the constant 0.05. Its Figure 5 settles the interpretation. It shows single pulses of different
-height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm, and one pulse
-flat at 0.0500. The force is thus proportional above the threshold, and is capped, not set, at 0.05.
-A haptic device can only pull towards the model, so the force is never negative.
+the constant 0.05. Figure 5 of the paper shows which interpretation is right. It shows single pulses
+of different height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm,
+and one pulse flat at 0.0500. The force is thus proportional above the threshold, and 0.05 is its
+upper limit. A haptic device can only pull towards the model, so the force is never negative.
 
-Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`). With an operator
-who does not react they all see the same motion.
+Several (threshold, kp, kd, cap) sets are evaluated in the same run (`Setup.cues`). With an operator
+who does not react, the motion is the same for all sets.
 """
 
 from ravenjax.numbers import Setup, describe_fields, jnp

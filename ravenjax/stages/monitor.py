@@ -1,9 +1,9 @@
-"""Observes what a run does to the instrument: deviations, jumps, tissue depth, DAC peaks.
+"""Records what a run does to the instrument: deviations, jumps, tissue depth, DAC peaks.
 
 Two tips are observed. The *true* tip is where the links of the virtual robot are. The *measured*
-tip is what the control software computes from its encoders (whole micrometres). The published jump
-rule works on the measured tip (analyze_faulty.py). Both are compared with the nominal model and
-with the run's golden run. The observer does not depend on the rest of the tick.
+tip is what the control software computes from its encoders, in whole micrometres. The published
+rule for jumps uses the measured tip (analyze_faulty.py). Both tips are compared with the nominal
+model and with the run's golden run. The monitor does not influence the robot.
 
 Hazards (`ravenjax.outcomes` defines them) are judged while the robot is live. Let a be the distance
 from the golden run, b the distance from the nominal model, and c the distance from where the tip

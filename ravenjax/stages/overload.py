@@ -1,4 +1,4 @@
-"""Records the tensions of cables as shares of their strength, and the first overload."""
+"""Records the largest tensions of cables as shares of their strength, and the first overload."""
 
 from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, jnp, record
 

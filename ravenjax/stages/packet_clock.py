@@ -1,13 +1,13 @@
-"""Computes when the console's packets reach the robot.
+"""Computes in which control cycles the console's packets reach the robot.
 
-The length of a packet is the number of control cycles until the next one. It is drawn when the
-packet arrives. The original's network thread takes every datagram as it arrives and adds its
-increments to the desired position. The control cycle reads the sum or, with a console that sends
-positions, the last one (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one
-cycle thus act as one packet, and this clock makes them one packet: a burst is a single packet with
-all the motion since the packet before. A gap is a packet that lasts long.
+The length of a packet is the number of control cycles until the next packet. It is drawn at random
+when the packet arrives. The original's network thread adds the increments of every datagram to the
+desired position. The control cycle reads the sum or, with a console that sends positions, the last
+position (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one cycle therefore act
+as one packet, and this module computes them as one packet. A burst of datagrams is a single packet
+with all the motion since the packet before. A gap is a packet with a great length.
 
-Simplification: lengths are independent. In recordings short packets follow long ones, and gaps
+Simplification: lengths are independent. In recordings short packets follow long packets, and gaps
 recur.
 """
 

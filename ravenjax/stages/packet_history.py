@@ -1,11 +1,12 @@
-"""Remembers when packets were sent, one bit per tick, so that an older one can be sent again.
+"""Stores the ticks in which packets were sent, one bit per tick, so that an older packet can be
+sent again.
 
-A network fault may deliver an older packet, so the tick in which that packet was sent must be
-known. Intervals between packets vary, so this tick cannot be computed from the number of packets.
-The history is a row of 32-bit words that shift by one bit in each tick. The packet after which n
-others were sent is the set bit that has n set bits below it. This bit is found by sums over pairs,
-fours, eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in
-parallel; selecting the position of a bit with a given count).
+A network fault may deliver an older packet. The tick in which that packet was sent cannot be
+computed from the number of packets, because the intervals between packets vary. The history is
+therefore a row of 32-bit words that shift by one bit in each tick. The packet after which n others
+were sent is the set bit that has n set bits below it. This bit is found by sums over pairs, fours,
+eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel;
+selecting the position of a bit with a given count).
 """
 
 from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax

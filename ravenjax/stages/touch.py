@@ -1,4 +1,4 @@
-"""Records how hard a run's instruments press on tissue, on the vessel and on each other."""
+"""Records the largest forces of a run's instruments on tissue, on the vessel and on each other."""
 
 from typing import Any
 

@@ -1,9 +1,8 @@
-"""Runs a compiled time loop on the CPU: a group of lanes through some ticks, one vector after
-another.
+"""Runs a compiled time loop on the CPU, with several robots side by side in each vector register.
 
-Python collects calls of compiled functions in a list, and one compiled function makes all of them.
-If a Python thread made each call, it would wait for the interpreter's lock every time. With many
-threads, waiting would take longer than computing.
+Python collects calls of compiled functions in a list, and one compiled function makes all of these
+calls. If a Python thread made each call, the thread would wait for the interpreter's lock every
+time. With many threads, waiting would take longer than computing.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Engine `simd`: generates and compiles vector code for the tick and its time loop, with one robot
-per vector lane.
+"""Engine `simd`: compiles one tick of a robot to vector code for the CPU and runs it for many
+robots.
 
-Lanes in which all varied parameters are equal form a group. What is equal in such lanes (the packet
-before faults, the nominal model, clocks) is computed once for the group. If groups would be too
-small, every lane computes everything. Both ways give the same bits, and so do all vector widths. A
-lane's result therefore depends only on its inputs.
+Each robot uses one lane of the vectors. Robots with equal varied parameters form a group. Numbers
+that are equal in a whole group, such as those of the nominal model, are computed once for the
+group. If the groups would be too small, every lane computes all numbers. Both ways give the same
+bits, and so do all vector widths. A lane's result therefore depends only on its inputs.
 """
 
 import dataclasses

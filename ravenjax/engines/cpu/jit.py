@@ -1,4 +1,4 @@
-"""Compiles LLVM IR to callable functions for this machine's CPU, with an optional disk cache."""
+"""Compiles LLVM IR to functions for the CPU of this machine, with an optional cache on disk."""
 
 import ctypes
 import dataclasses

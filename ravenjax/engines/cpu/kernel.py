@@ -1,14 +1,17 @@
-"""Generates a split time loop as one LLVM module of functions, and defines the layout of their
-buffers.
+"""Generates the functions that run a time loop on the CPU, as one LLVM module.
 
-shared_begin  makes the state of a group from its inputs
-shared_run    runs some ticks of a group: advances its state, writes one row of numbers per tick
-lane_begin    makes the state and held numbers of `width` lanes from their inputs
-lane_run      runs the same ticks of these lanes, reading the rows
-lane_finish   writes their results
+Lanes are robots that run side by side. Lanes with equal varied parameters form a group, and the
+numbers that are equal in a group are computed once for the group. The module has these functions:
 
-`make_calls` makes a list of calls of these functions. For each number of the program, buffers of
-lanes hold `width` consecutive numbers, and buffers of groups hold one.
+    shared_begin  computes the first state of a group from the group's inputs
+    shared_run    advances a group by some ticks and writes one row of numbers per tick
+    lane_begin    computes the first state and the constant numbers of `width` lanes
+    lane_run      advances the same lanes by the same ticks and reads the rows of their group
+    lane_finish   writes the results of the lanes
+
+`make_calls` makes a list of calls of these functions. This file also defines the layout of their
+buffers. A buffer of lanes contains `width` consecutive values of each number, and a buffer of
+groups contains one value.
 """
 
 import bisect

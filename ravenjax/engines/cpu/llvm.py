@@ -1,10 +1,11 @@
-"""Prints straight-line programs as LLVM IR: about one instruction per operation, `width` parallel
-lanes.
+"""Prints a program without loops as LLVM IR, about one vector instruction per operation.
 
-A `Place` gives the location of numbers in memory. Every float operation becomes one instruction
-that LLVM may neither fuse nor reassociate, so all widths and CPUs give the same bits. WebAssembly
-is the exception: there `fma` rounds twice. A program may be lowered with functions of the C
-library. It then calls them for one lane at a time; Python's `math` calls the same functions.
+Each instruction computes `width` lanes. A `Place` gives the location of numbers in memory. LLVM may
+neither fuse nor reassociate operations on floats, so all widths and CPUs give the same bits.
+WebAssembly is the exception, because its `fma` rounds twice.
+
+Sine and similar functions are polynomials, or functions of the C library. The C library's are
+called for one lane at a time, and Python's `math` calls the same functions.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""Describes the locations of numbers in the buffers of compiled code."""
+"""Describes where each number of a program lies in the buffers of compiled code."""
 
 from __future__ import annotations
 

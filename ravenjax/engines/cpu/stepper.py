@@ -1,9 +1,9 @@
 """Runs one compiled robot whose caller advances it tick by tick, for example in a training session.
 
 The robot runs the operations of engine `simd` for one lane and gives the same bits. State, inputs
-and tables are plain memory. Between two ticks the caller may change inputs, for example to arm a
-fault. The caller may copy the state, to try something on a copy of the robot. It may write the
-operator's motion row by row.
+and tables are plain memory. Between two ticks the caller may change inputs, for example to start a
+fault. The caller may also copy the state and run the copy, and may write the operator's motion row
+by row.
 """
 
 from collections.abc import Callable, Sequence

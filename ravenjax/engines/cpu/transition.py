@@ -1,9 +1,10 @@
-"""Advances a state step by step with a program on single numbers: (fixed, state, entering, tables)
--> (state, leaving).
+"""Runs a program that computes the next state of one robot and its outputs, step by step.
 
-Each of these is a row of bytes in memory. `entering` and `leaving` may have many rows, one per
-step. No operations are fused. `Compiled` and `Interpreted` give the same bits; `Interpreted` runs
-`ir.semantics`, to check `Compiled`.
+The program is a function (fixed, state, entering, tables) -> (state, leaving) of single numbers.
+Each argument is a row of bytes in memory. `entering`, the inputs, and `leaving`, the outputs, may
+have many rows, one per step. No operations are fused. `Compiled` runs the program as machine code.
+`Interpreted` runs each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same
+bits.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
-"""Runs a compiled time loop on one GPU, chunk after chunk of ticks, and transfers the numbers.
+"""Runs a compiled time loop on one GPU, one chunk of ticks after another, and copies inputs and
+results.
 
-While lanes run through one chunk, the GPU computes the rows of their groups for the next chunk.
+Robots (lanes) with equal varied parameters form a group, and a row of numbers per tick is computed
+once for the group. While lanes run through one chunk, the GPU computes these rows for the next
+chunk.
 """
 
 import dataclasses

@@ -1,8 +1,9 @@
-"""Assigns lanes to threads of a launch, and decides the ticks and the snapshot from which each
-block runs.
+"""Assigns simulated robots (lanes) to threads of a GPU, and decides in which tick each block of
+threads begins.
 
-All threads of a block begin in the same tick: the first tick that any of its lanes needs. The block
-stops when its last lane ends. Until its fault acts, a lane equals its golden run.
+Until its fault acts, a robot equals its golden run. A block can therefore begin from a snapshot of
+the golden run. All threads of a block begin in the same tick: the first tick that any of its lanes
+needs. The block stops when its last lane ends.
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
-"""Prints straight-line programs as CUDA C: one statement per operation, one robot per thread.
+"""Prints a program without loops as CUDA C: one statement per operation, one robot per thread.
 
-The code calls the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid the
-compiler to fuse operations or to flush denormal numbers, so every float operation is rounded
-separately. Therefore all devices give the same bits, except for the payload of a NaN. Numbers have
-32 bits; there is no float64.
+The code calls only the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid
+the compiler to fuse operations or to flush denormal numbers, so every operation on floats is
+rounded separately. Therefore all devices give the same bits, except for the payload of a NaN.
+Numbers have 32 bits.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
-"""Uses NVIDIA GPUs through NVIDIA's Python bindings: lists devices, compiles, manages memory,
-launches.
+"""Lists NVIDIA GPUs, compiles code for them, manages their memory and launches kernels, through
+NVIDIA's Python bindings.
 
-The packages are optional and are imported at first use. Every call is checked. An error that a user
-can correct is a UserError of one line.
+The bindings are optional packages that are imported at first use. The return code of every call is
+checked. An error that a user can correct becomes a UserError of one line.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Engine `cuda`: generates CUDA C for the tick and its time loop, with one robot per thread. NVRTC
-compiles the code.
+"""Engine `cuda`: generates CUDA C for one tick of a robot and runs it for many robots on NVIDIA
+GPUs.
 
-Lanes in which all varied parameters are equal form a group, and what is equal in them is computed
-once. All visible GPUs compute blocks. Operations, their order and their rounding equal those of
-engine `simd`. Both engines therefore give the same bits if the CPU fuses multiply-adds.
+One thread computes one robot (lane). NVRTC, NVIDIA's compiler library, compiles the code. Lanes
+with equal varied parameters form a group, and numbers that are equal in a group are computed once.
+All visible GPUs are used. Operations, their order and their rounding equal those of engine `simd`.
+Both engines therefore give the same bits if the CPU fuses multiply-adds.
 """
 
 import collections

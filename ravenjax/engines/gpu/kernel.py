@@ -1,24 +1,27 @@
-"""Generates a split time loop as one CUDA C module, and defines the buffer layouts of its kernels.
+"""Generates the kernels that run a time loop on a GPU, as one CUDA C module.
 
-shared_begin    makes the state of each group from its inputs; one thread per group
-shared_run      runs some ticks of each group: advances its state, writes one row per tick
-lane_begin      makes the state of each lane from its inputs; one thread per lane
-lane_branch     sets the state of the lanes of some warps from snapshots
-lane_run        runs the same ticks of each lane, reading its group's rows, from the first
-                tick of its block to the lane's end
-lane_finish     writes the results of each lane
-group_snapshot  copies the state of the first group; one thread per number
-lane_snapshot   copies the state of the first lane; one thread per number
+Lanes are robots that run side by side, one per thread. Lanes with equal varied parameters form a
+group, and the numbers that are equal in a group are computed once for the group. The kernels are:
 
-A lane that has ended waits for the other lanes of its block, while its group continues. So the
-lane's last tick stores in `saved` those numbers of the group's state that the lane's results need.
-A row contains the same numbers.
+    shared_begin    computes the first state of each group from its inputs; one thread per group
+    shared_run      advances each group by some ticks and writes one row of numbers per tick
+    lane_begin      computes the first state of each lane from its inputs; one thread per lane
+    lane_branch     sets the state of the lanes of some warps from snapshots
+    lane_run        advances each lane by the same ticks and reads its group's rows, from the first
+                    tick of its block to the lane's end
+    lane_finish     writes the results of each lane
+    group_snapshot  copies the state of the first group; one thread per number
+    lane_snapshot   copies the state of the first lane; one thread per number
 
-Every number takes a 32-bit word. Lanes fill whole blocks of threads, and the lanes of a warp belong
-to one group. Inputs, `saved` and results of lanes are [number, lane]; their state is [block,
-number, thread]. Buffers of groups are [group, number], rows [group, tick, number]. Inputs and
-outputs of each tick are [tick, number, lane], or [group, tick, number] if they are equal in a
-group.
+A lane that has ended waits for the other lanes of its block, while its group continues. The lane's
+results need numbers of the group's state at the lane's last tick. That tick therefore stores these
+numbers in the buffer `saved`. A row contains the same numbers.
+
+This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
+blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes
+are [number, lane]; their state is [block, number, thread]. Buffers of groups are [group, number],
+rows [group, tick, number]. Inputs and outputs of each tick are [tick, number, lane], or [group,
+tick, number] if they are equal in a group.
 """
 
 import collections

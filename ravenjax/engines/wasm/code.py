@@ -1,7 +1,7 @@
-"""Compiles LLVM IR to a WebAssembly module. The module uses 128-bit vectors, has no fused
-multiply-add, and imports only its memory.
+"""Compiles LLVM IR to a WebAssembly module, so that a browser can run the simulated robot.
 
-LLVM writes an object file. `link_module` makes a loadable module of it, like a linker.
+The module uses 128-bit vectors, has no fused multiply-add, and imports only its memory. LLVM writes
+an object file. `link_module` converts the file into a loadable module, as a linker does.
 """
 
 import io

@@ -1,6 +1,6 @@
-"""Finds the groups of a campaign that draw their faults at random.
+"""Finds the groups of a campaign whose faults are drawn at random.
 
-All other groups enumerate fixed values. Their rates have no sampling interval, because nothing is
+All other groups enumerate fixed values. Their rates have no confidence interval, because nothing is
 sampled.
 """
 

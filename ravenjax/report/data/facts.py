@@ -1,7 +1,7 @@
-"""Derives from the result table, in SQL, the facts about each run that the report counts.
+"""Computes facts about each run, such as whether its fault evaded, by SQL from the result table.
 
-SQL allows a table that does not fit into memory. `define_facts` creates the table `facts` for a
-database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
+With SQL, the table may be larger than the memory. `define_facts` creates the table `facts` in a
+database connection that contains results. `derive_facts` returns the same facts for a DataFrame.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
-"""Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
-its folder fault_free.
+"""Counts false cues and false alarms in fault-free motion.
 
-Each motion counts once, with the time until its first alarm. A cue that flickers after its first
-onset therefore does not raise the rate.
+Fault-free motions are the golden runs of a campaign and the runs in its folder fault_free. Each
+motion counts once, with the time until its first alarm. A cue that stops and starts again therefore
+does not raise the rate.
 """
 
 import math

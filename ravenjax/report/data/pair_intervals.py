@@ -1,6 +1,7 @@
-"""Computes intervals over pairs of runs.
+"""Computes confidence intervals of differences between paired runs, such as runs with and without
+the operator's reaction.
 
-All pairs of one drawn fault form one unit. Enumerated faults have no interval.
+The pairs of one drawn fault are one unit of the bootstrap. Enumerated faults have no interval.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""Queries all runs of a campaign: the result table joined with the facts of each run.
+"""Queries all runs of a campaign: the result table, joined with the facts of each run.
 
-Counts in the report's sections are over all rows. Computations that need the rows themselves take
-at most a given number of rows. These are drawn by a hash of the row number, so that the same table
-always gives the same rows. The page states when rows were drawn.
+Counts in the report use all rows. Computations that need the rows in memory use at most a given
+number of rows. These rows are chosen by a hash of the row number, so the same table always gives
+the same rows. The page states whether all rows were used.
 """
 
 from __future__ import annotations

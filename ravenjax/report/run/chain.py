@@ -1,9 +1,9 @@
-"""Describes how one run's fault propagates to failure: when each signal differs from the golden run
-and leaves its normal range.
+"""Computes when the fault of one run first changed each signal, on its way to the failure.
 
-Signals are the seams of the robot's tick, separately for each arm. A signal's time is the earliest
-time of its numbers. A signal is *visible* from the tick in which it leaves its normal range: a
-check of that range at that seam could have detected the fault.
+A *signal* is a seam of the robot's tick, on one arm. For each signal the result contains the tick
+in which the signal first differs from the golden run, and the tick in which it leaves its normal
+range. From that second tick on, the fault is *visible* in the signal. A signal with several numbers
+has the earliest tick of its numbers.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Writes the chain of one run as sentences, tables and a chart."""
+"""Describes how one run's fault propagates to failure, in sentences, tables and a chart."""
 
 import numpy as np
 from matplotlib.figure import Figure

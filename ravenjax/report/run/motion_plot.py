@@ -1,4 +1,4 @@
-"""Draws a recorded operator: the whole recording, and the part that is replayed."""
+"""Draws the recorded motion of an operator, and marks the part that the campaign replays."""
 
 from collections.abc import Sequence
 from pathlib import Path

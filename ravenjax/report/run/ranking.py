@@ -1,4 +1,4 @@
-"""Ranks the runs of a result table from worst to least bad."""
+"""Ranks the runs of a result table from the worst outcome to the mildest."""
 
 from pathlib import Path
 from typing import NamedTuple

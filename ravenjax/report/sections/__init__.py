@@ -1,7 +1,7 @@
 """Collects the sections of the report.
 
-Each section is a module of this package, which contains a query and figures, and a template with
-the same name. A module lists its sections in SECTIONS; they need no other registration.
+Each section is a module of this package and a template with the same name. The module computes the
+numbers and figures, and lists its sections in SECTIONS. A section needs no other registration.
 """
 
 import importlib

@@ -1,5 +1,5 @@
-"""Section "After a stop": how long each check took to stop the robot, and how far the tip still
-moved.
+"""Section "After a stop": how long each check took to stop the robot, and how far the tip moved
+until it stood still.
 """
 
 from typing import NamedTuple

@@ -1,5 +1,5 @@
-"""First page of the report: which faults evade, how soon they can be noticed, and what a cue
-changes.
+"""First page of the report: which faults evade the checks, how soon people can notice them, and
+what a haptic cue changes.
 """
 
 import math

@@ -1,5 +1,5 @@
-"""Section "Chains": which signals carry and show the faults that evade, and the worst explained
-runs.
+"""Section "Chains": which signals the faults that evade pass through, in which signals they are
+visible, and an explanation of the worst runs.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
-the data choose.
+"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the best threshold
+according to the data.
 
-A hazard here is an unintended motion. The cue missed it if the run had no cue, or if the golden run
-had a cue by then, too. A false cue is the first cue of a fault-free motion. Each fault counts once.
+A hazard is an unintended motion here. The cue missed the hazard if the run had no cue, or if the
+golden run had a cue by the same time. A false cue is the first cue of a fault-free motion. Each
+fault counts once.
 
-A single threshold is named if the intervals of missed hazards and false cues decide it
-(`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours
-of fault-free motion that would decide more.
+If the confidence intervals of missed hazards and false cues leave only one best threshold
+(`stats.alarms.choice`), the report names this threshold. Otherwise the report names all thresholds
+that may be best, and the hours of fault-free motion that would decide between more of them.
 """
 
 import math

@@ -1,5 +1,5 @@
-"""Section "Deadlines": until when an action prevents the harm of a fault, and whether the fault is
-visible by then.
+"""Section "Deadlines": the last moment at which an action prevents the harm of a fault, and whether
+the fault is visible by then.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,9 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's checks and the haptic cue of the verdicts are shown as two detectors with one threshold
-each. Rates and times use one run of each fault. Curves use every run or a random subset. If faults
-were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or intervals.
+The robot's checks and the haptic cue that the verdicts use appear as two more detectors, with one
+threshold each. Rates and times use one run of each fault. Curves use every run, or a random subset.
+If faults were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or
+intervals.
 """
 
 import dataclasses

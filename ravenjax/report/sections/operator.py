@@ -1,4 +1,6 @@
-"""Section "Operator": what a recorded operator's file holds, and which part of it is replayed."""
+"""Section "Operator": the contents of a recorded operator's file, and the part of the recording
+that the campaign replays.
+"""
 
 from pathlib import Path
 from typing import Any

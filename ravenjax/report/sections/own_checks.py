@@ -1,6 +1,6 @@
 """Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-A check counts as tripped if it trips more often than in the golden run, or sooner. Its trips in
+A check detected a fault if it tripped more often than in the golden run, or sooner. Its trips in
 fault-free motion are its false alarms.
 """
 

@@ -1,8 +1,8 @@
-"""Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
+"""Section "Robots": rates for one robot, in campaigns that draw whole robots from a file of
 `ravenjax calibrate`.
 
-Robots are the sampled units. The interval is for the rate of one further robot, and does not
-narrow with more faults per robot.
+The sampled units are robots. The interval is for the rate of one further robot, so more faults per
+robot do not make the interval narrower.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Sections with tables of rates: verdicts, groups, built-in checks and failures.
 
-A rate has an interval only if faults were drawn.
+A rate has a confidence interval only if its faults were drawn at random.
 """
 
 import functools

@@ -1,5 +1,5 @@
-"""Section "Time to know": how soon after the first effect the cue comes and a check raises an
-alarm.
+"""Section "Time to know": how soon after a fault's first effect the haptic cue comes and a check
+raises an alarm.
 """
 
 from ravenjax.document.chart import Chart, ChartAxis, Curve

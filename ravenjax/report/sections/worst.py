@@ -1,4 +1,6 @@
-"""Section "Worst runs": the worst runs of each outcome, and the commands that replay them."""
+"""Section "Worst runs": the runs with the worst outcome of each kind, and the commands that replay
+these runs.
+"""
 
 from pathlib import Path
 from typing import Any

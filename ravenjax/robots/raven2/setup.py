@@ -1,4 +1,4 @@
-"""Static choices that select the code of a Raven-II's tick."""
+"""Defines options that are fixed when the code of a Raven-II's tick is generated."""
 
 import dataclasses
 from collections.abc import Callable

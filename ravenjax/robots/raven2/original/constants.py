@@ -1,8 +1,8 @@
-"""Constants as the control software stores them: its `float`s are rounded to float32.
+"""Defines constants as the control software stores them: its `float`s are rounded to float32.
 
 Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
-`inv_cable_coupling.cpp`, `DS0.h`. They are Python numbers, so that JAX computes with them in
-the type of the other operand.
+`inv_cable_coupling.cpp`, `DS0.h`. The constants are Python numbers, so JAX converts each to the
+type of the other operand.
 """
 
 import math

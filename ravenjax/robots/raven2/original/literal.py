@@ -1,15 +1,17 @@
-"""Kinematics, gravity and quaternions by the operations of the original, in double precision.
+"""Computes kinematics, gravity and quaternions with the operations of the original control
+software.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
-error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
-the same with a fraction of the operations, and as exactly. `select_evaluation` selects one of the
-two: the order of the original only helps if results are rounded as there (precision `ORIGINAL`).
+error. Code that is to give the original's DAC counts must therefore round where the original
+rounds. `geometry` computes the same quantities equally exactly and with far fewer operations.
+`select_evaluation` selects one of the two. The operations of the original help only if results are
+also rounded as in the original (precision `ORIGINAL`).
+
 Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
 `src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
-of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
-
-Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
-of quaternions and their matrices are those of `mapping`, which already has tf's order.
+of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`). All are in double
+precision. Products with a constant 0 or 1 are left out, which changes no bit but the sign of a
+zero. Products and matrices of quaternions are those of `mapping`, which has the order of tf, too.
 """
 
 import math

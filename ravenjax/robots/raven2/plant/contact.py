@@ -1,4 +1,4 @@
-"""Contact forces: jaw tips against tissue and vessel, and instruments against each other.
+"""Computes contact forces of jaw tips on tissue and vessel, and of the instruments on each other.
 
 **Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L.
 Johnson, Contact Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl.
@@ -6,18 +6,19 @@ Mech. 42, 1975; for soft tissue Diolaiti, Melchiorri, Stramigioli, IEEE T-RO 21,
 
     F = k d^1.5 (1 + a d'),  k = 4/3 E / (1 - nu^2) sqrt(R),  nu = 0.5: soft tissue keeps its volume
 
-d is the depth below the surface along the world's z. The force is F times (-dh/dx, -dh/dy, 1) of
-the surface's height h. This is the gradient of one potential, so no path through the tissue and
-back gains energy. If the tip leaves faster than 1/a, the force is 0 and never pulls. Friction is
-Coulomb's, regularised below `CREEP_M_S`.
+d is the depth below the surface along the world's z. The force vector is F times (-dh/dx, -dh/dy,
+1), where h is the surface's height. This vector is the gradient of a potential, so no path through
+the tissue and back gains energy. If the tip leaves faster than 1/a, the force is 0 and never pulls.
+Friction is Coulomb's, regularised below `CREEP_M_S`.
 
-**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius. At the point where the
-two are nearest, a spring and the same kind of damping push them apart, without friction (*assumed*:
-wet polished steel). quantities.toml has the sources of the numbers.
+**Instruments.** An instrument is a line of two pieces, shaft and jaws, with a radius. At the point
+where the two instruments are nearest, a spring and the same kind of damping push them apart. There
+is no friction (*assumed*: wet polished steel). quantities.toml has the sources of the numbers.
 
-A law F(d, d') is linearised about the depth that the present speed would reach at the end of the
-step. It is solved with the step's other implicit forces: Newton's first step of backward Euler.
-This is stable for any stiffness, with an error of second order.
+A force F(d, d') is linearised about the depth that the present speed would reach at the end of the
+step. The linear force is solved together with the other implicit forces of the step, which is the
+first Newton step of backward Euler. The method is stable for any stiffness, with an error of second
+order.
 """
 
 import functools

@@ -1,9 +1,10 @@
-"""The motor matrix T (motor rad per joint rad or m), factored so that its structure saves work.
+"""Defines the motor matrix T, which gives motor angles (rad) from joints (rad or m).
 
 Instrument cables run along the insertion, so moving the insertion turns every tool capstan. The row
-of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for its joint.
-Here tool motors are coupled to the *joints*, because cable length follows the links. At rest this
-equals the control software, which couples them to the insertion motor's angle.
+of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for the tool's
+joint. Products with T use these factors to save operations. Cable length follows the links, so tool
+motors are coupled to the *joints*. The control software couples them to the insertion motor's
+angle. At rest both are equal.
 """
 
 import dataclasses

@@ -1,42 +1,42 @@
-"""Forces on the joints of one arm: motors, encoders, brakes, cables, dry friction, hard stops.
+"""Computes forces on the joints of one arm: motors, brakes, cables, dry friction and hard stops.
 
-**Motors.** The equation of motion of a motor's shaft is solved for one step, with torques after the
-gearbox, and inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml).
-Dry friction is decided with the joint's speed of the last step, and a closed brake adds to it. The
-other terms are implicit, so the motor's speed w at the end of the step is affine in the link's
-speed, and is eliminated from the links' equations:
+**Motors.** The equation of motion of a motor's shaft is solved for one step. Torques are those
+after the gearbox; inertia and speed are those of the shaft (the units of the model's authors, see
+models/raven2/mechanics.toml). Dry friction is computed with the joint's speed of the last step. A
+closed brake adds to the friction. The other terms are implicit. The motor's speed w at the end of
+the step is therefore an affine function of the link's speed, and is eliminated from the equations
+of the links:
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
     w = (momentum + coupling * T q') * inverse
 
 **Encoders** have 4000 counts per turn on every motor (raven2: defines.h). The motor angle is stored
-as whole counts (int32) plus a fraction of a count. An angle near 900 rad in float32 would lose
-increments below 3e-5 rad per millisecond; a fraction of a count never does, and the reading is
-exact.
+as whole counts (int32) plus a fraction of a count, so the reading is exact. An angle near 900 rad
+in float32 would lose increments below 3e-5 rad per millisecond.
 
-**Cables** between capstan and joint are the authors' exponential spring-damper, linearised once per
-step. Stretch is stored in motor angle, `epsilon = m - T q` (rad), where T is the motor matrix. At
-zero stretch encoders, cable coupling of the control software and links agree exactly. At the
-capstan it is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio. The tension
-difference is `gamma = ke (exp(delta) - exp(-delta)) + 2 be delta'` (CSLDepend/raven2_sim,
-Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a gamma`: on the motor
-`-reaction_scale * lambda`, on the joints `T^T lambda`.
+**Cables** between capstan and joint are the exponential spring-damper of the model's authors,
+linearised once per step. The stretch of a cable is stored as a motor angle, `epsilon = m - T q`
+(rad), where T is the motor matrix. At zero stretch, encoders, cable coupling of the control
+software and links agree exactly. At the capstan the stretch is `delta = a epsilon` (m) with a =
+capstan radius / gearbox ratio. The tension difference is `gamma = ke (exp(delta) - exp(-delta)) + 2
+be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a
+gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints `T^T lambda`.
 
-**Friction.** `sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that
-carries a degree of freedom through the step is computed first: `drive = inertia_rate * v + forces`.
-Here `inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction
-can hold this force, the damping becomes so large that the velocity ends at zero within `CREEP`.
-Otherwise the damping makes the friction force equal to its level at the predicted velocity,
-(|drive| - level) / inertia_rate.
+**Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
+creep. Instead, the step without friction is solved first: `drive = inertia_rate * v + forces`. Here
+`inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction is
+greater than this force, friction becomes a damping so large that the velocity ends at zero within
+`CREEP`. Otherwise friction becomes a damping that equals the friction level at the predicted
+velocity, (|drive| - level) / inertia_rate.
 
-**Brakes** act on motors 1-3 only (RE40); tool motors run free when unpowered. A brake engages and
-releases some time after the PLC's command, adds dry friction of its holding torque, and slips above
-that. No source gives their data.
+**Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
+releases some time after the PLC's command. It adds dry friction of its holding torque, and slips
+above that torque. No source gives the data of the brakes.
 
 **Hard stops** are one-sided stiff springs at the positions against which the control software homes
 (raven2: defines.h, homing.cpp, tools.cpp). They are shoulder 0 deg, elbow 137.5 deg, insertion
-0.562 m, and the tool's own angles. The other ends of the first three joints are not published. They
-are taken as the soft limit plus the margin that the published end of elbow and insertion has. The
+0.562 m, and the tool's angles. The other ends of the first three joints are not published. They are
+set to the soft limit plus the margin that the published end of elbow and insertion has. The
 stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
 

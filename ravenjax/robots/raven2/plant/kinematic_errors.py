@@ -1,22 +1,23 @@
-"""Models kinematic errors: joints, drums and links that differ from the drawings, so that reports
-are wrong.
+"""Models an arm whose joints, drums and links differ from the drawings, so that its reported tip is
+wrong.
 
-- The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
-  which they were built.
-- The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
-  the zero that homing found, and joints into a tip by the drawings' links. Controller, checks,
-  report and cue know this arm only.
-- The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
-  report would be.
+- The **true** arm has links at angles that nobody measures, with the lengths and twists with which
+  they were built.
+- The **reported** arm is what the software computes: joints from encoder counts by the drawings'
+  ratios and by the zero that homing found, and a tip from these joints by the drawings' links.
+  Controller, checks, report and cue use this arm only.
+- The **nominal model** starts at the reported pose and has the drawings' links, so kinematic errors
+  cause no distance between this model and the reported tip.
 
 With equal motor angles, the true joints q follow from the reported joints r and the home pose h.
-Cable stretch is added. Every error that is 0 drops out of the traced code.
+Cable stretch is added. An error that is 0 adds no operations to the tick.
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
-`registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
-at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a displacement.
+`registered` removes this displacement: a rigid motion, constant in a run, moves true tips onto
+reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a
+displacement.
 """
 
 import functools

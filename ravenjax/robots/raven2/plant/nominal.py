@@ -1,28 +1,29 @@
-"""The nominal model: the instrument's motion if nothing went wrong, at joint torque level.
+"""Computes the nominal model: how the instrument would move without a fault, from joint torques.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
     tau = kp (q_d - q) - kd q' + G(q)             insertion: + ki times the integral of (q_d - q)
     q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
 The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
-simulator. Its gains are not published. The model has no rotors, so its loop is made dynamically
-similar to the robot's, in which the software's PD acts on a motor of inertia Im with viscous
-friction tau_v. Per unit of joint inertia I (the diagonal of M at the home pose) the model gets the
-same natural frequency, damping and friction dead band:
+simulator. Its gains are not published. In the robot, the software's PD controls a motor of inertia
+Im with viscous friction tau_v. The model has no rotors. It gets gains with which it has the same
+natural frequency, damping and friction dead band as the robot. For each joint, with its inertia I
+(the diagonal of M at the home pose):
 
     kp = I KP g / J,  kd = I KD g / J,  J = Im + rho M / TR^2
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
 KP and KD are those of raven2's r2params.yaml. g is the gain from commanded to real torque. Im, tau,
 F and the reaction share rho are those of the robot's parameter set (`parameter_sets.nominal_set`).
-Nothing is fitted to a published outcome. A jaw's viscous part is in its kd. ki: the robot's
-insertion has no integral. A slow one (time constant 4 s) removes the remainder of the dead band
-without changing the lag on surgical motion. Integration is linearly implicit in gains and friction.
+No gain is fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's
+insertion has no integral. The model's slow integral (ki, time constant 4 s) removes the remaining
+error of the dead band and does not change the lag on surgical motion. Integration is linearly
+implicit in gains and friction.
 
-The target is the operator's clean input, which no fault can change, accumulated into a pose and
-solved for joints, with the model's joints as reference. Targets are clamped to the software's joint
-limits, and re-anchored where they are clamped. While the pedal is up the model holds, and its
-target is its pose, as in the robot.
+The target is the operator's input before any fault. Its increments are added to a desired pose, and
+inverse kinematics near the model's joints gives the desired joints. Desired joints are clamped to
+the software's joint limits, and the desired pose becomes that of the clamped joints. While the
+pedal is up the model stands still, and its target is its pose, as in the robot.
 """
 
 import numpy as np

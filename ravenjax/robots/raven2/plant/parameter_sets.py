@@ -1,4 +1,4 @@
-"""The sets of mechanical parameters that a campaign can choose by name.
+"""Lists the sets of mechanical parameters that a campaign can choose by name.
 
 models/raven2/mechanics.toml has their numbers, with units and sources.
 """

@@ -1,4 +1,4 @@
-"""The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond per tick.
+"""Simulates one arm of the virtual robot: seven motors, cables, links and encoders, 1 ms per tick.
 
 Each substep is linearly implicit, without iteration. Link inertia and bias forces are evaluated
 once, at the start; cable stiffness and damping, viscous and dry friction at the end. Motors are
@@ -6,15 +6,15 @@ eliminated one by one, which leaves one symmetric system in the joint accelerati
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-If the instrument touches something (`contact`), that force is part of the right side, and its loss
-with speed is part of the system.
+If the instrument touches something (`contact`), the contact force is added to the right side, and
+its derivative by speed to the left side.
 
-The scheme is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's
-small masses need no small step.
+The scheme is unconditionally stable. The insertion cable (an eigenvalue of -1943 /s with published
+parameters) and the small masses of the instrument therefore need no small step.
 
 The state is stored relative to the start of the run. Motor angles are whole encoder counts and a
-fraction, cable stretch is stored separately, and the links follow from both. No small difference of
-large numbers is ever formed, so float32 loses nothing that an encoder can resolve.
+fraction, and cable stretch is stored separately. The links' positions follow from both. No small
+difference of large numbers is computed, so float32 is exact enough for every encoder count.
 """
 
 import dataclasses

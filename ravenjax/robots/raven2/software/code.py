@@ -1,4 +1,6 @@
-"""The control software as transitions, traced once for each setup, and a cycle's results."""
+"""Compiles one cycle of the control software, once for each set of options, and defines its
+results.
+"""
 
 import dataclasses
 import functools

@@ -1,17 +1,18 @@
-"""The control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
+"""Runs the control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
 
     software = ControlSoftware(tools=("r_grasper", "r_grasper"))
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
     output.dac[0], output.output_pins, output.signals.runlevel
 
-It is the control software of the tick, evaluated in the original's mixed arithmetic (float32
-stored, float64 in between) and order (`original.literal`): every number equals the original's. It
-runs compiled, or one operation at a time in Python, with the same bits (`engines.cpu.transition`).
+The code is that of the control software in campaigns. It computes in the original's arithmetic
+(float32 stored, float64 for intermediate results) and order (`original.literal`), so every number
+equals the original's. It runs as machine code, or one operation at a time in Python, with the same
+bits (`engines.cpu.transition`).
 
 Homing is not simulated. The start state at a pose is that of the original after an E-stop in that
 pose, so the first pedal-down commands the present pose. One number may differ from the original's:
-the accumulated jaw opening, which the original resets only if it is more than 45 deg off (raven2:
-local_io.cpp).
+the accumulated jaw opening. The original resets this opening only if it differs by more than 45 deg
+from the jaw (raven2: local_io.cpp).
 """
 
 # Callers may pass anything, and JAX is typed in part.

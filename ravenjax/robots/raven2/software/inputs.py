@@ -1,6 +1,6 @@
 """Checks the arguments of `ControlSoftware` and `VirtualRobot`.
 
-Each error names the argument, the value it got, and what is expected.
+Each error names the argument, the value that was passed, and what is expected.
 """
 
 import dataclasses

@@ -1,6 +1,7 @@
-"""Inputs of the control software in one cycle, as a row of bytes that compiled code reads in place.
+"""Stores the inputs of one cycle of the control software as a row of bytes that compiled code
+reads.
 
-A datagram is stored in it as it came over the wire, and is not unpacked.
+The bytes of a datagram are copied from the network into the row without a conversion.
 """
 
 from typing import Any

@@ -1,8 +1,9 @@
 """Cartesian control: measured and desired tip pose, inverse kinematics with limits -> jpos_d.
 
-raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order. If an arm has no
-acceptable solution, it and the arms after it keep their last jpos_d, and nothing stops. A target
-beyond a joint limit is clamped, and the desired pose becomes that of the clamped joints.
+raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in the order of the original's mechanisms.
+If the inverse kinematics of an arm has no acceptable solution, this arm and the arms after it keep
+their last desired joints jpos_d, and the robot continues. A target beyond a joint limit is clamped,
+and the desired pose becomes that of the clamped joints.
 """
 
 from functools import reduce

@@ -1,7 +1,7 @@
 """Estimates motor positions and velocities from encoder counts, and joints from motors.
 
-raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The 2015
-fork first filters them by a third-order Butterworth low-pass of 120 Hz.
+raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The fork
+of raven2 from 2015 first filters them by a third-order Butterworth low-pass of 120 Hz.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Motor control: inverse cable coupling, motor-position PID, gravity compensation -> tau_d.
 
 raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; params/r2params.yaml.
-In the 2015 fork the gravity torque never reaches tau_d.
+The fork of raven2 from 2015 computes the gravity torque and does not add it to tau_d.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
-"""Decides which datagrams the robot accepts, by size and number (raven2: network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
+network_layer.cpp).
 
-The sequence number is unsigned on the wire. Here it is an int32 whose bits are compared as
-unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and
-accepted; a shorter one is dropped.
+The sequence number is unsigned in the datagram. In this module it is an int32 whose bits are
+compared as unsigned. The datagram contains a checksum that is not verified. A datagram longer than
+the structure is cut and accepted; a shorter one is dropped.
 """
 
 import numpy as np

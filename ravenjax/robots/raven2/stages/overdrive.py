@@ -1,10 +1,11 @@
 """Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
 
-It goes through mechanisms and joints in order; grasp2 (index 7 of the original's eight) is never
-checked. Over the instant limit, the joint's command becomes 0 and the soft E-stop is raised; the
-other joints are still written in that cycle. Over the joint's own limit, the policy decides: do
-nothing, clip, or count. The counter is shared by all joints and arms, and only a trip or an instant
-trip resets it. The 2015 fork clips at every run level and has no policies.
+The check goes through mechanisms and joints in order. grasp2, index 7 of the original's eight
+joints, is never checked. If a command exceeds the instant limit, it becomes 0 and the soft E-stop
+is raised. The commands of the other joints are still written in that cycle. If a command exceeds
+the limit of its joint, the policy decides: do nothing, clip, or count. One counter counts for all
+joints and arms, and only a trip resets the counter. The fork of raven2 from 2015 clips at every run
+level and has no policies.
 """
 
 from functools import reduce

@@ -1,8 +1,8 @@
 """State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
 
-raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process
-starts as if homing had completed, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
-the PLC may go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
+raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the software
+starts as if homing were complete, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
+the PLC may change to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
 again, as the real robot does in cartesian mode.
 """
 

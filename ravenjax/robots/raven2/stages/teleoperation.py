@@ -1,8 +1,10 @@
-"""Teleoperation: the sum of packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
+"""Teleoperation: adds up the packets' increments to the desired pose (raven2: local_io.cpp,
+mapping.cpp).
 
-Increments add up at every run level. In pedal-down the device takes over the sum whenever the
-update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
-initialisation), the accumulator's origin is reset to that pose. The console's pose then slips.
+Increments are added to an accumulated pose at every run level. In pedal-down, the desired pose
+becomes the accumulated pose whenever the update flag is set. If the desired pose is set by the
+robot (pedal up, joint limit, initialisation), the accumulated pose restarts from there. From then
+on, the console's pose differs from the robot's by a constant offset.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
-"""USB transfers between software and boards (raven2: get_USB_packet.cpp, put_USB_packet.cpp).
+"""Simulates USB transfers between control software and boards (raven2: get_USB_packet.cpp,
+put_USB_packet.cpp).
 
-The loop ignores failed transfers. After a failed read it uses the last delivered values again;
-after a failed write the board keeps the last written values. DAC commands and output pins travel in
+The software ignores failed transfers. After a failed read it uses the last delivered values again.
+After a failed write the board keeps the last written values. DAC commands and output pins are in
 one message.
 """
 

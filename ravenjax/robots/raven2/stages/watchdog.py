@@ -1,4 +1,6 @@
-"""Output pins to the PLC, with the watchdog's square wave (raven2: update_atmel_io.cpp)."""
+"""Computes the output pins to the PLC, with the watchdog's square wave (raven2:
+update_atmel_io.cpp).
+"""
 
 from ravenjax.numbers import Scalar, as_int, jnp
 from ravenjax.robots.raven2.run_levels import PIN_FP, PIN_READY, PIN_WATCHDOG
