@@ -130,8 +130,8 @@ def leaks_refused() -> Iterator[None]:
         created = re.search(r"created on line (\S+?:\d+)", str(error))
         place = created[1] if created else "a detector, check, controller or operator"
         raise UserError(
-            f"{place}: uses a jnp number from an earlier call, which it kept in a global or a"
-            " cache; keep plain numbers, or what init returns"
+            f"{place}: the code uses a jnp number of an earlier call, from a global variable or a"
+            " cache. Store plain Python numbers there, or use the state that init returns"
         ) from error
 
 

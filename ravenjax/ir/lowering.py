@@ -90,7 +90,7 @@ _Value = int | _Table
 
 def _single(value: _Value) -> int:
     if isinstance(value, _Table):
-        raise UnknownPrimitive("a whole table is used as one number; look up a single number in it")
+        raise UnknownPrimitive("a whole array is used as one number; index one number of the array")
     return value
 
 
@@ -103,14 +103,14 @@ class _Walk:
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
             raise UnknownPrimitive(
-                f"numbers of type {name} are not known; known are {', '.join(self.types)}"
+                f"numbers of type {name} are not supported; expected {', '.join(self.types)}"
             )
         return name
 
     def input(self, aval: Any) -> _Value:
         if len(aval.shape) > 1:
             raise UnknownPrimitive(
-                f"an input has shape {aval.shape}; give single numbers or 1-D tables"
+                f"an input has shape {aval.shape}; expected single numbers or 1-D arrays"
             )
         if aval.shape:
             number = self.builder.table(self._dtype(aval), aval.shape[0])
@@ -124,7 +124,7 @@ class _Walk:
             return self.builder.constant(dtype, value.reshape(()))
         if value.ndim != 1:
             raise UnknownPrimitive(
-                f"a constant has shape {value.shape}; give single numbers or 1-D tables"
+                f"a constant has shape {value.shape}; expected single numbers or 1-D arrays"
             )
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
@@ -167,7 +167,7 @@ class _Walk:
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
         """Compute both branches, of which the first is the usual one; choose between results."""
         if (count := len(eqn.params["branches"])) != 2:
-            raise UnknownPrimitive(f"a choice of {count} branches is not known; nest two-way ones")
+            raise UnknownPrimitive(f"a cond has {count} branches; expected 2 (nest several conds)")
         b, index = self.builder, _single(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
         usual, rare = (
@@ -184,7 +184,7 @@ class _Walk:
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:
             raise UnknownPrimitive(
-                f"{name} gives shape {aval.shape}; only single numbers are known"
+                f"the result of {name} has shape {aval.shape}; expected a single number"
             )
         if name in ("dynamic_slice", "gather"):
             return self._looked_up(eqn, operands)
@@ -196,7 +196,7 @@ class _Walk:
             return x[0]
         if self.functions == "polynomials" and name in polynomials.FUNCTIONS:
             if dtype != "float32":
-                raise UnknownPrimitive(f"{name} of {dtype} is not known; float32 is")
+                raise UnknownPrimitive(f"{name} of {dtype} is not supported; expected float32")
             arithmetic = polynomials.Arithmetic(b.emit, b.constant)
             return polynomials.FUNCTIONS[name](arithmetic, *x)
         match name:
@@ -228,8 +228,8 @@ class _Walk:
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(
-            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not an operation"
-            " on single numbers that is known here"
+            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not supported;"
+            " expected a known operation on single numbers"
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
@@ -242,7 +242,7 @@ class _Walk:
         ):
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
-            raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
+            raise UnknownPrimitive(f"{name} is not supported; expected one number of a 1-D array")
         b = self.builder
         index = b.emit("convert", "int32", _single(operands[1]))
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
@@ -254,7 +254,7 @@ class _Walk:
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):
             raise UnknownPrimitive(
-                f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')"
+                f"a gather of {dtype} with mode fill is not supported; use .at[k].get(mode='clip')"
             )
         inside = b.emit(
             "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)

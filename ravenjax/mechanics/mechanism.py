@@ -133,10 +133,10 @@ def _require_known(model: mujoco.MjModel) -> None:
         "joint": ("free or ball joints", ~np.isin(model.jnt_type, (hinges, slides))),
         "tendon": ("tendons", np.ones(model.ntendon, bool)),
         "equality": (
-            "equality constraints other than of joints",
+            "equality constraints that do not couple joints",
             model.eq_type != mujoco.mjtEq.mjEQ_JOINT,
         ),
-        "geom": ("geoms that may touch", solid),
+        "geom": ("geoms with contacts", solid),
         "body": ("bodies with gravity compensation", model.body_gravcomp != 0.0),
     }
     found = []
@@ -147,13 +147,13 @@ def _require_known(model: mujoco.MjModel) -> None:
     if model.opt.density or model.opt.viscosity:
         found.append("a medium with density or viscosity")
     if model.jnt_stiffnesspoly.any() or model.dof_dampingpoly.any():
-        found.append("springs or dampers with polynomials")
+        found.append("polynomial springs or dampers")
     if (model.dof_solref < 0).any() or (model.eq_solref < 0).any():
         found.append("constraints with a negative solref")
     if found:
         raise UserError(
-            f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinges and slides, and"
-            " couplings of joints. Remove the others; contacts end with"
+            f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinge and slide joints,"
+            " and couplings of joints. Remove all else from the model. To disable contacts write"
             ' <option><flag contact="disable"/></option>'
         )
 

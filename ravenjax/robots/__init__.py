@@ -40,7 +40,7 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
         if file.is_file():
             return importlib.import_module(f"{__name__}.mjcf").read_robot(file)
     looked = ", ".join(map(str, places))
-    raise UserError(f"robot {name!r}: there is no such file; looked for {looked}")
+    raise UserError(f"robot {name!r}: no file was found at {looked}")
 
 
 @functools.cache
@@ -66,14 +66,14 @@ def _find_declared(name: str, folder: Path | None) -> Robot:
             ) from error
         if not isinstance(robot, Robot):
             raise UserError(
-                f"robot {name!r}: the module {module} declares no ROBOT of"
+                f"robot {name!r}: the module {module} has no variable ROBOT, expected a"
                 " ravenjax.vocabulary.robot.Robot"
             )
         return robot
     looked = ", ".join(dict.fromkeys([*places, *filter(None, sys.path)]))
     raise UserError(
         f"robot {name!r} is unknown: expected {DEFAULT!r}, a file {MJCF}, or a module that declares"
-        f" ROBOT; looked for it in {looked}"
+        f" ROBOT. No such module is in {looked}"
     )
 
 

@@ -55,7 +55,7 @@ def host_target() -> Host:
     features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
     if not features & FUSED:
         raise UserError(
-            f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so its results would differ"
+            f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so results would differ"
             " from those of other machines: expected x86-64-v3 (Intel or AMD since 2013) or"
             " aarch64; in an emulator or a virtual machine, pass the CPU of the host through; or"
             " use --engine xla"

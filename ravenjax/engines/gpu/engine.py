@@ -203,4 +203,4 @@ class CudaEngine:
 def require_float32(precision: Precision) -> None:
     """Raise UserError for a precision that this engine does not support."""
     if precision.needs_x64:
-        raise UserError("engine 'cuda' computes in float32; for float64 take engine 'xla'")
+        raise UserError("engine 'cuda' computes in float32. For float64 use engine 'xla'")

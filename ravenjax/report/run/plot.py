@@ -1,4 +1,4 @@
-"""Draws one run over time: distances of the true and the reported tip, forces, commands and states."""
+"""Draws one run over time: distances of the tips, forces, commands and states."""
 
 from collections.abc import Mapping
 from pathlib import Path
