@@ -302,10 +302,7 @@ NETWORK = {"site": "network", "start_ms": 600, "duration_ms": 50}
 @pytest.mark.parametrize(
     "more, said",
     [
-        (
-            {"operator": {"hands": "mine.csv"}},
-            "expected the path of a .py file; a recorded motion is `file`",
-        ),
+        ({"operator": {"hands": "mine.csv"}}, "expected the path of a .py file"),
         ({"reaction": {}}, "react in the file"),
         (
             {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "delay", "value": 5}]}]},

@@ -63,12 +63,13 @@ def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
     arms = software.setup.arms
     if arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
         raise UserError(
-            f"the control software has arms {arms} with tools {software.setup.tools}, the robot"
-            f" {robot.setup.arms} with {robot.setup.tools}: expected the same of both"
+            f"the control software has arms {arms} with tools {software.setup.tools}, but the robot"
+            f" has arms {robot.setup.arms} with tools {robot.setup.tools}: expected the same"
         )
     if software.setup.console != "increments":
         raise UserError(
-            "console is 'absolute', whose packets no wire carries; the C library takes increments"
+            "console is 'absolute', expected 'increments', because the datagrams of the C library"
+            " contain increments"
         )
     templates = jinja2.Environment(
         loader=jinja2.PackageLoader("ravenjax.robots.raven2.c_library"),

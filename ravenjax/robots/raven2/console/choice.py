@@ -50,7 +50,7 @@ class ProfileChoice:
         self._restart()
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return a packet's reading; a `Misfit` of cause "undecided" if the profiles disagree."""
+        """Return a packet's increments; a `Misfit` of cause "undecided" if profiles disagree."""
         if len(self.readers) == 1:
             return self.readers[0].read(fields, joined)
         self._results = results = [reader.read(fields, joined) for reader in self.readers]
@@ -58,7 +58,9 @@ class ProfileChoice:
             isinstance(result, Misfit) for result in results
         ):
             return results[0]
-        return Misfit(UNDECIDED, "", "packets that profiles read differently", "more of them")
+        return Misfit(
+            UNDECIDED, "", "packets that profiles read differently", "further packets to decide"
+        )
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream and as evidence."""
@@ -85,10 +87,10 @@ class ProfileChoice:
             self._restart()
         elif out:
             self.readers = left
-            self.reason = "; ".join(f"It is not {name}: {why}" for name, why in out.items())
+            self.reason = "; ".join(f"Not profile {name}: {why}" for name, why in out.items())
 
     def _complaint(self, name: str) -> str:
-        """Return what speaks against a profile; "" while it may be the right one."""
+        """Return why a profile is ruled out; "" if the packets so far do not rule it out."""
         count = self._misfits[name]
         if count > max(CHANCE_COUNT, CHANCE_SHARE * self._telling):
             return f"{count} of the first {self._packets} packets have {self._last[name]}"
@@ -97,7 +99,7 @@ class ProfileChoice:
             if others_fit and abs(travel) > JAW_TRAVEL_MRAD:
                 return (
                     f"the first {self._packets} packets would move the jaw of {arm} by {travel}"
-                    " mrad, beyond its travel"
+                    f" mrad, more than its travel of {JAW_TRAVEL_MRAD:g} mrad"
                 )
         return ""
 
@@ -112,9 +114,9 @@ class ProfileChoice:
 def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
-    """Return the name of the first profile that nine in ten packets (their fields) fit, or "".
+    """Return the name of the first profile whose rules 90 % of the packets follow, or "".
 
-    Each packet is judged alone.
+    packets: the fields of each packet. Rules about consecutive packets are left out.
     """
     for profile in profiles:
         reader = PacketReader(profile, arms)

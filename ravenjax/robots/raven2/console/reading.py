@@ -27,7 +27,7 @@ _LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 class PacketReading(NamedTuple):
-    """The motion that a packet asks for; one entry per arm."""
+    """The motion that a packet commands; one entry per arm."""
 
     delta_um: tuple[tuple[int, int, int], ...]
     quat: tuple[Quat, ...]
@@ -80,9 +80,10 @@ class PacketReader:
         self._hands = self._next
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return what a packet's fields (of `FIELDS`) ask for. It changes no state until `follow`.
+        """Return the increments that a packet's fields (of `FIELDS`) command, or a broken rule.
 
-        joined: the packet follows the last one of the stream; else its content alone is judged.
+        The state of the stream changes only with `follow`. joined: the packet follows the last
+        packet of the stream; else only its content is checked.
         """
         self._next = self._hands
         profile = self.profile
@@ -112,7 +113,7 @@ class PacketReader:
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
-            return Misfit("buttons", arm, fields[BUTTONS + slot], f"grasp again, {jaw}")
+            return Misfit("buttons", arm, fields[BUTTONS + slot], f"the value of grasp, {jaw}")
         um, (*left, left_jaw) = profile.position.um, hand.left
         x, y, z = fields[3 + slot : 9 : 2]
         if um != 1.0:
@@ -148,7 +149,11 @@ class PacketReader:
         return (x, y, z), turn, grasp, _Hand(jaw, place, (*left, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """Return the turn that a packet asks for (None: not a rotation), and the orientation."""
+        """Return the rotation that a packet commands, and the hand's orientation, as quaternions.
+
+        sent: Qx, Qy, Qz, Qw of the packet. before: orientation of the last packet. The rotation is
+        None if `sent` is no rotation. The orientation is None unless packets contain it.
+        """
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
@@ -178,7 +183,7 @@ class PacketReader:
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"
         return "a unit quaternion" + (
-            ", the turn since the last packet" if form == "increments" else ""
+            ", the rotation since the last packet" if form == "increments" else ""
         )
 
 

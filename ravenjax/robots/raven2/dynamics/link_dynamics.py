@@ -128,8 +128,8 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
     if joints != expected:
         raise ValueError(
-            f"{arm_model.MODEL}: joints below {arm_model.base_body(arm)} are {joints}, expected"
-            f" {expected}"
+            f"{arm_model.MODEL}: the joints below body {arm_model.base_body(arm)} are {joints},"
+            f" expected {expected}"
         )
     return tree
 

@@ -128,7 +128,9 @@ def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Arra
         shape = np.broadcast_shapes(*leading.values())
     except ValueError:
         listed = ", ".join(f"{name} {shape}" for name, shape in leading.items())
-        raise UserError(f"leading axes do not broadcast against each other: {listed}") from None
+        raise UserError(
+            f"the leading axes of the arguments do not broadcast against each other: {listed}"
+        ) from None
     return [np.broadcast_to(a, shape + arguments[name][1]) for name, a in checked.items()]
 
 
@@ -140,9 +142,7 @@ def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
         raise UserError(f"{name} is not an array of numbers: {error}") from None
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
-        raise UserError(
-            f"{name} is not an array of numbers: it holds {kind}, expected real numbers"
-        )
+        raise UserError(f"{name} is not an array of numbers: got {kind}, expected real numbers")
     if array.shape[max(array.ndim - len(row), 0) :] != row:
         expected = ", ".join(("...", *map(str, row)))
         order = f" in the order {', '.join(JOINTS)}" if row == (7,) else ""
@@ -158,10 +158,10 @@ def _require_rotations(matrices: Array) -> None:
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
     mirrored = np.linalg.det(matrices) < 0
     for index in np.argwhere((off > ORTHONORMAL) | mirrored)[:1].tolist():
-        apart, problem = off[tuple(index)], "mirrors"
+        apart, problem = off[tuple(index)], "is a reflection"
         if apart > ORTHONORMAL:
             problem = f"has columns that are not orthonormal (off by {apart:.2g})"
         raise UserError(
-            f"rotation{index or ''} {problem}, expected a rotation matrix:"
-            " its columns are the axes of the jaws' frame"
+            f"rotation{index or ''} {problem}, expected a rotation matrix,"
+            " whose columns are the axes of the jaws' frame"
         )

@@ -106,12 +106,13 @@ class ControlSoftware:
         given = [name for name, value in starts.items() if value is not None]
         if len(given) > 1:
             raise UserError(
-                f"{' and '.join(given)} are given, expected one of {', '.join(starts)}; leave the"
-                " others out"
+                f"{' and '.join(given)} are given, expected only one of {', '.join(starts)}:"
+                " each of them sets the start"
             )
         if state is not None and runlevel is not None:
             raise UserError(
-                f"runlevel is {runlevel}, but a state has its own run level; leave one of them out"
+                f"runlevel is {runlevel}, but the argument state contains a run level; pass only"
+                " one of them"
             )
         names = checked.arm_names(arms)
         self.setup = setup = RavenSetup(
@@ -218,7 +219,7 @@ class ControlSoftware:
             "packets",
             (None,) * cycles if packets is None else packets,
             cycles,
-            f"a list with one entry a cycle ({cycles}): a datagram, a Packet, a list or None",
+            f"a list with one entry per cycle ({cycles}): a datagram, a Packet, a list or None",
         )
         several: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
@@ -269,11 +270,12 @@ class ControlSoftware:
         if not isinstance(given, Datagram):
             kind = type(given).__name__
             raise UserError(
-                f"packet is {kind}; give the bytes of a datagram, a Packet, a list of them, or None"
+                f"packet is {kind}, expected a datagram (bytes), a Packet, a list of these, or None"
             )
         if self.setup.console != "increments":
             raise UserError(
-                "a raw datagram holds increments, but console is 'absolute'; give a Packet"
+                "packet is a datagram, which contains increments, but console is 'absolute',"
+                " expected a Packet"
             )
         return given
 
@@ -282,14 +284,14 @@ def _changed(params: control.ControlParams, change: Any) -> control.ControlParam
     """Return the parameters from `change`, with each number in the type of its parameter."""
     if not callable(change):
         raise UserError(
-            f"params is {format_value(change)}, expected a function that takes the ControlParams"
-            " and returns changed ones"
+            f"params is {format_value(change)}, expected a function that gets the ControlParams"
+            " and returns changed ControlParams"
         )
     new = change(params)
     if not isinstance(new, control.ControlParams):
         raise UserError(
-            f"params returned {format_value(new)}, expected the ControlParams it was given, with"
-            " numbers replaced"
+            f"params returned {format_value(new)}, expected the ControlParams that the function"
+            " gets, with changed numbers"
         )
     return checked.record_like("params", new, params, finite=True)
 
