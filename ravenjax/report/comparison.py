@@ -123,9 +123,9 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         for side, record, key in zip(SIDES, records, _keys(table), strict=True):
             _judge(table, side, record, key)
         names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
-        listed = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
+        aliases = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
         compared = table.frame(
-            f"SELECT a.fault AS fault, {', '.join(listed)} FROM {_JOINED} ORDER BY pairs.first"
+            f"SELECT a.fault AS fault, {', '.join(aliases)} FROM {_JOINED} ORDER BY pairs.first"
         )
         faults = compared["fault"].to_numpy()
         drawn = zip("ab", (draws.drawn_groups(record.config) for record in records), strict=True)
@@ -160,7 +160,8 @@ def _describe_origin(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    # Pairs runs by run id, and the rest by equal faults and parameters.
+    # Creates the table `pairs`: runs with the same run id, then runs with equal faults and
+    # parameters.
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
@@ -175,17 +176,19 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
         "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b"
         " USING (key, nth)"
     )
-    alike, similar = table.row(
+    by_run_id, by_fault = table.row(
         "SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs"
     )
-    if not alike + similar:
+    if not by_run_id + by_fault:
         raise UserError(
             f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same"
             " faults and values of the parameters that both campaigns vary. Compare results of one"
             " campaign, or of one that was varied by --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
-    return ComparedPairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
+    return ComparedPairs(
+        by_run_id, by_fault, (runs[0] - by_run_id - by_fault, runs[1] - by_run_id - by_fault), 0
+    )
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
@@ -194,9 +197,9 @@ def _keys(table: ResultTable) -> tuple[str, str]:
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
-    def column(name: str, columns: dict[str, str]) -> str:
+    def key_part(name: str, columns: dict[str, str]) -> str:
         text = quote_name(name)
-        # a slot that this campaign lacks counts as empty
+        # A fault slot that this campaign does not have counts as empty.
         if name not in columns:
             return "NULL"
         if columns[name] in ("DOUBLE", "FLOAT"):
@@ -205,11 +208,12 @@ def _keys(table: ResultTable) -> tuple[str, str]:
             value = f"nullif({text}::VARCHAR, '')"
         if name in shared:
             return value
-        # Other columns of an empty slot carry no information.
+        # The other columns of an empty slot have no meaning.
         return f"CASE WHEN {quote_name(name.partition('_')[0] + '_site')} <> '' THEN {value} END"
 
     first, second = (
-        ", ".join(column(name, columns) for name in [*faults, *shared]) or "0" for columns in types
+        ", ".join(key_part(name, columns) for name in [*faults, *shared]) or "0"
+        for columns in types
     )
     return first, second
 
@@ -245,7 +249,7 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
-    # The share of an event in both results, and its difference.
+    # Returns the rate of one event in both folders, and the difference.
     first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,
@@ -261,7 +265,7 @@ def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    # Returns the runs whose outcome changed most.
+    # Returns the runs whose unintended distance changed most.
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"
@@ -276,10 +280,10 @@ def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     ).set_index("row")
     return [
         RunChange(
-            (one, other),
+            (run_id, other_id),
             wording.describe_fault(faults.loc[row].to_dict(), robot),
-            (before, after),
+            (verdict, other_verdict),
             (mm, other_mm),
         )
-        for row, one, other, before, after, mm, other_mm in rows
+        for row, run_id, other_id, verdict, other_verdict, mm, other_mm in rows
     ]

@@ -35,7 +35,7 @@ def build_report(folder: Path) -> Path:
 
 
 def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
-    """Return the page of a result table. `folder` is in the commands and may hold traces."""
+    """Return the HTML page of a result table. folder: result folder, which commands name."""
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     head = tables.headline_counts(runs, manifest)
     common = {

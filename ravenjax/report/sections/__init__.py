@@ -19,8 +19,7 @@ class Section(NamedTuple):
     name: str  # id of the section, and name of its template
     title: str  # in the list of links
     place: int  # sections are sorted by this number
-    # Returns what the template reads, from the runs and the result's folder. None leaves the
-    # section out.
+    # Returns the template's variables, from the runs and the result folder; None: no section.
     content: Callable[[Runs, Path], dict[str, Any] | None]
 
 

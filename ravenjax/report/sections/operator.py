@@ -10,7 +10,7 @@ from ravenjax.store.motion.summary import MotionSummary, describe_changes, table
 
 
 def operator_content(summary: MotionSummary | None) -> dict[str, Any] | None:
-    """Return what the page shows of a recorded operator; None for a generated one."""
+    """Return the template's variables for a recorded motion; None for a generated motion."""
     if summary is None:
         return None
     rows = table_rows(summary)

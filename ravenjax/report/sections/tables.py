@@ -32,12 +32,12 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 @functools.lru_cache(maxsize=10_000)
 def rate_of(k: int, n: int) -> Rate:
-    """Return the Wilson rate of k in n, cached because cells repeat the same counts."""
+    """Return the share k of n with its Wilson interval, cached because tables repeat counts."""
     return wilson_interval(k, n)
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """Return k of n distinct faults of these groups, without an interval if enumerated."""
+    """Return the share k of n distinct faults, without an interval if they were enumerated."""
     return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
@@ -70,25 +70,26 @@ class Quantiles(NamedTuple):
 
 
 def quantiles_sql(column: str) -> str:
-    """Return SQL for the values of `Quantiles` of an expression."""
+    """Return SQL for the fields of `Quantiles`, over the values of `column`."""
     return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
 
 
 class EventTimes(NamedTuple):
-    """When an event came in some faults. Intervals exist only if all faults were drawn."""
+    """When an event came in runs of some faults. Intervals exist only if all faults were drawn."""
 
     delay: Incidence  # from the fault's first effect
-    half_ms: Estimate  # by which half of the faults had the event
-    before: Rate  # faults with the event before the motion
-    lead_ms: Estimate  # over the motion, median
+    half_ms: Estimate  # time by which half of the faults had the event
+    before: Rate  # faults with the event before the unintended motion
+    lead_ms: Estimate  # median time from the event to the unintended motion
     alarmed: int  # faults with the event
 
 
 def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTENDED) -> EventTimes:
-    """Return when an event came after the first effect, and how long before the motion.
+    """Return how long after the fault's first effect an event came, and how long before the motion.
 
-    `event` is an expression over columns of facts, -1 for never. `leading`: the event that may come
-    before the motion, if it is another one. `where`: the faults, each with an unintended motion.
+    event: SQL for the time of the event in ms, -1 for never, over columns of facts. leading: the
+    same, for an event that is compared with the motion instead. where: SQL condition of the faults,
+    which have an unintended motion.
     """
     delay, lag = (
         runs.delays(sql, start, runs.end, where)[""]
@@ -102,12 +103,13 @@ def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTEND
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
-    """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
+    """Return the counts and rates on the first page, by name.
 
-    Hazards that no check reported: loss, misreport; halted is a loss only because the robot was not
-    live. inactive: valid runs whose fault never changed a bit. repeats: further valid runs of these
-    faults. reacting: runs in which an operator reacts, if nobody does in others. faulty, failed: of
-    all runs. false_cue: of fault-free motions.
+    They count distinct faults, by the first valid run of each in which nobody reacts. loss and
+    misreport are hazards that no check reported. halted counts losses of motion only because the
+    robot was not live. inactive counts valid runs whose fault changed no bit, and repeats counts
+    further valid runs of the same faults. reacting counts runs with an operator who reacts, if
+    others have none. faulty and failed count all runs; false_cue counts fault-free motions.
     """
     conditions = resources.read_tables(__file__, "headline.toml") | {
         name: f"outcome = '{name}'" for name in OUTCOMES
@@ -151,7 +153,7 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    rate_in = rate_of if sampled else share_of_cells
+    rate = rate_of if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
     counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
@@ -162,7 +164,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
                 "response": response,
                 "hazard": hazard,
                 "cue": "cue" if cued else "no cue",
-                "share": rate_in(int(counts.get((response, hazard, cued), 0)), total),
+                "share": rate(int(counts.get((response, hazard, cued), 0)), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
@@ -171,7 +173,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             {
                 "name": response,
                 "cells": cells,
-                "total": rate_in(sum(cell["share"].k for cell in cells), total),
+                "total": rate(sum(cell["share"].k for cell in cells), total),
             }
         )
     return rows
@@ -201,8 +203,8 @@ def _count(cube: pd.DataFrame) -> int:
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per group, most evasive first: outcomes of its distinct faults as rates, and
-    their verdict matrix.
+    """Return one row per group, those with most evading faults first: the rates of outcomes of its
+    distinct faults, and their verdict matrix.
 
     A group without faults has the rates of its runs in which nobody reacts. `runs` and `failed`
     count all runs of the group.
@@ -211,8 +213,8 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     rows = []
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
-        mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n, outcomes = _count(mine), mine["outcome"]
+        counted = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
+        n, outcomes = _count(counted), counted["outcome"]
         rows.append(
             {
                 "name": name,
@@ -220,12 +222,12 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, _count(mine.loc[outcomes == key]), n, [str(name)])
+                    key: of_faults(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
                     for key in OUTCOMES
                     if key != "failed"
                 },
-                "evaded": of_faults(runs, _count(mine.loc[mine["evaded"]]), n, [str(name)]),
-                "matrix": _matrix(mine, runs.sampled([str(name)])),
+                "evaded": of_faults(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
+                "matrix": _matrix(counted, runs.sampled([str(name)])),
                 "failed": _count(part.loc[part["failed"]]),
             }
         )
@@ -256,8 +258,8 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
 def check_rows(runs: Runs) -> list[dict[str, Any]]:
     """Return one row per built-in check: faults in which it tripped, and its least margin."""
     manifest = runs.manifest
-    own = {check.name for check in manifest.shape.own_checks}
-    names = [name for name in manifest.shape.checks if name not in own]
+    user_defined = {check.name for check in manifest.shape.own_checks}
+    names = [name for name in manifest.shape.checks if name not in user_defined]
     columns = [
         f"count(*) FILTER (check_{name}_first_ms >= 0), min(check_{name}_margin) FILTER (response ="
         f" 'silent' AND NOT isnan(check_{name}_margin::DOUBLE))"
@@ -283,7 +285,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return which check decided the response to faults, most frequent first."""
+    """Return for each check how often it stopped, flagged or limited, most frequent first."""
     counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
@@ -311,7 +313,7 @@ EVERY_SITE = "every site"
 
 
 def overload_rows(runs: Runs) -> list[OverloadRow]:
-    """Return in how many faults a cable was overloaded.
+    """Return the number of faults with an overloaded cable, for all sites and for each site.
 
     The first row is for all sites. Then come the sites with an overload, most frequent first. There
     are no rows if no tension is known.

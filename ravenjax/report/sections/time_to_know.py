@@ -13,10 +13,11 @@ FIRST_MS = 1.0
 
 
 def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
-    """Return a chart of how soon the cue comes and a check reports after the first effect.
+    """Return a chart of the share of faults with a cue, and with an alarm, over time.
 
-    One run of each fault counts. The chart is None if no fault had an effect. Also return how many
-    faults each curve leaves out because the event came before the first effect.
+    Time is counted from the fault's first effect. One run of each fault counts. The chart is None
+    if no fault had an effect. Also return how many faults each curve leaves out because the event
+    came before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
     told, early_told = tables.event_delays(runs, "told_ms")

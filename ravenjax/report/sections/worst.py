@@ -22,10 +22,10 @@ KINDS = resources.read_tables(__file__, "worst.toml")
 
 
 def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
-    """Return each kind with its fields, the number of faults that had it (n), and its worst runs,
-    one per fault (rows).
+    """Return one item per kind of outcome in KINDS: its fields, the number of faults with this
+    outcome (n), and its worst runs, one per fault (rows).
 
-    `folder`: of the result, for the commands.
+    folder: result folder, which the commands name.
     """
     kinds, manifest = [], runs.manifest
     for name, kind in KINDS.items():
