@@ -10,9 +10,9 @@ from ravenjax.numbers.setup import Precision
 ENGINES = ("cuda", "simd", "xla", "mjx")
 """Names of the engines, fastest first."""
 SMALL_TICKS = 12_000_000
-"""Ticks for each CPU core below which "auto" takes engine simd.
+"""Ticks for each CPU core below which "auto" selects engine simd.
 
-simd computes them in about two seconds. Engine cuda takes longer than that to start.
+Engine simd computes this number in about two seconds. Engine cuda takes longer to start.
 """
 
 

@@ -31,7 +31,7 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
-    # Repeated squaring. A negative exponent divides 1 by the result.
+    # Computes a power by repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)
@@ -65,10 +65,10 @@ class UnknownPrimitive(NotImplementedError):
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. functions:
-    with `polynomials`, sin, atan2 and similar functions are written out. Otherwise they stay
-    operations with the meaning of the C library, and wide integers are allowed. Raises
-    UnknownPrimitive.
+    Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
+    functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
+    `library`, they remain operations with the meaning of the C library, and integers of 64 bits are
+    allowed. Raises UnknownPrimitive.
     """
     builder = Builder()
     walk = _Walk(builder, functions)
@@ -79,7 +79,7 @@ def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -
 
 
 class _Table(NamedTuple):
-    """A 1-D array: its length, and a function that reads it at an index inside."""
+    """A 1-D array: its length, and a function from an index to the number there."""
 
     length: int
     read: Callable[[int], int]
@@ -131,8 +131,8 @@ class _Walk:
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
-            here = b.emit("eq", "bool", index, b.constant("int32", k))
-            result = b.emit("select", dtype, here, b.constant(dtype, value), result)
+            is_index = b.emit("eq", "bool", index, b.constant("int32", k))
+            result = b.emit("select", dtype, is_index, b.constant(dtype, value), result)
         return result
 
     def body(
@@ -145,7 +145,7 @@ class _Walk:
         def read(atom: Any) -> _Value:
             if not hasattr(atom, "val"):
                 return values[atom]
-            # a literal
+            # The atom is a constant in the equation.
             return self.constant(np.asarray(atom.val, np.dtype(atom.aval.dtype)))
 
         for eqn in jaxpr.eqns:
@@ -165,7 +165,10 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Compute both branches, of which the first is the usual one; choose between results."""
+        """Return the results of a `cond`: both branches are computed, and one result is selected.
+
+        The first branch is the usual one, so the second may be skipped (see `regions`).
+        """
         if (count := len(eqn.params["branches"])) != 2:
             raise UnknownPrimitive(f"a cond has {count} branches; expected 2 (nest several conds)")
         b, index = self.builder, _single(operands[0])
@@ -233,7 +236,7 @@ class _Walk:
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Read one number of a 1-D table: outside the nearest end, or NaN with mode fill."""
+        """Return a number of a 1-D table; outside the table the nearest, or NaN with mode fill."""
         table = operands[0]
         if (
             not isinstance(table, _Table)

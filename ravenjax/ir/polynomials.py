@@ -79,18 +79,18 @@ class Arithmetic:
 # --- sine and cosine
 
 _MAGIC = 1.5 * 2.0**23
-"""After this is added to a small float32, the lowest bits are its integer part."""
+"""If this number is added to a small float32, the lowest bits of the sum are its integer part."""
 # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
 _PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Return x minus the nearest multiple of pi, its square, and a sign bit: set if odd."""
+    """Return r = x - k pi for the nearest integer k, r^2, and a sign bit, set if k is odd."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
-    # This only matters where |x| > 1e6.
+    # The limits have an effect only if |x| > 1e6.
     rest = m.max(-1.7, m.min(1.7, rest))
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
@@ -169,7 +169,7 @@ def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
 
 def exp(m: Arithmetic, x: Number) -> Number:
     """Return e to the power of x."""
-    x = m.max(-105.0, m.min(89.0, x))  # beyond these the result is 0 or infinity
+    x = m.max(-105.0, m.min(89.0, x))  # outside these limits the result is 0 or infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
     value = m.polynomial("exp", rest)

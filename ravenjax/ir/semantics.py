@@ -28,7 +28,7 @@ Array = Any
 
 
 def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
-    """Return the result of an operation of type `dtype` on NumPy numbers or equal arrays."""
+    """Return the result of an operation of type `dtype` on numbers or arrays of one shape."""
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
 
@@ -43,7 +43,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
-    """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
+    """Return the results of `program`. inputs: NumPy numbers, or arrays of one shape."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
         name, dtype, _, detail = operation
@@ -60,10 +60,10 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
 def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
-    float64: computed in long double, whose 64 bits of mantissa keep the result within (1/2 + 2^-11)
-    ulp. float32: computed in float64, with the sum
-    rounded to odd. This means: of the two neighbours of an inexact sum, the one whose last bit is 1
-    is taken, so that the conversion to float32 rounds as the exact sum would.
+    float64 is computed in long double, whose 64 bits of mantissa keep the result within (1/2 +
+    2^-11) ulp. float32 is computed in float64, with the sum rounded to odd: of the two neighbours
+    of an inexact sum, the result is the one whose last bit is 1. The conversion to float32 then
+    rounds like the exact sum.
     """
     if np.asarray(a).dtype == np.float64:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
@@ -93,11 +93,11 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
     if dtype.kind == "b":
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
-        ends = np.iinfo(dtype)
-        limit = 2.0 ** (ends.bits - (dtype.kind == "i"))
+        integers = np.iinfo(dtype)
+        limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
-        inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
-        return np.where(number < limit, inside.astype(dtype), ends.max)
+        clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))
+        return np.where(number < limit, clipped.astype(dtype), integers.max)
     return x.astype(dtype)
 
 
@@ -106,17 +106,17 @@ def _truncate(x: Array) -> Array:
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
-def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where((a != a) | pick(a, b), a, b)
+def _extreme(is_first: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    return lambda a, b: np.where((a != a) | is_first(a, b), a, b)
 
 
 def _shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
-    # Makes a shift that fills the result where the amount is the width or more.
-    def shifted(x: Array, by: Array) -> Array:
-        inside = by.astype(np.uint32) < x.dtype.itemsize * 8
-        return np.where(inside, shift(x, np.where(inside, by, 0).astype(x.dtype)), fill(x))
+    # Returns a shift whose result is `fill(x)` if the amount is the width of x or more.
+    def shifted(x: Array, amount: Array) -> Array:
+        inside = amount.astype(np.uint32) < x.dtype.itemsize * 8
+        return np.where(inside, shift(x, np.where(inside, amount, 0).astype(x.dtype)), fill(x))
 
     return shifted
 
@@ -140,7 +140,7 @@ MEANING: dict[str, Callable[..., Array]] = {
     "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
     "truncate": _truncate,
 }
-"""Operations by name, but `convert`, `bitcast` and those of `LIBRARY`."""
+"""Operations by name, without `convert`, `bitcast` and those of `LIBRARY`."""
 
 _C_LIBRARY = ctypes.CDLL(None)
 
@@ -156,5 +156,5 @@ LIBRARY: dict[str, Callable[..., Array]] = {
     **{name: _library_function(name, 1) for name in _UNARY},
     **{name: _library_function(name, 2) for name in ("atan2", "fmod", "pow")},
 }
-"""Functions of this process's C library by JAX's names of the operations, except for `fmod`."""
+"""Functions of the C library, by JAX's names of the operations (except `fmod`)."""
 _FUNCTIONS = MEANING | LIBRARY

@@ -73,7 +73,7 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return (x, c) of a product c x with a constant c > 0; (self, None) of any other term."""
+        """Return (x, c) if this term is a product c x with a constant c > 0, else (self, None)."""
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):
@@ -109,16 +109,16 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     """Return the program from the terms of `make_symbols` to the outputs."""
     builder = inputs[0].builder
 
-    def written(x: Any) -> int:
+    def signed_number(x: Any) -> int:
         if not isinstance(x, Term):
             return builder.constant(_REAL, x)
         return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)
 
-    return builder.program([written(x) for x in outputs])
+    return builder.program([signed_number(x) for x in outputs])
 
 
 def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
-    """Return the results of such a program on numbers of any kind, including tracers."""
+    """Return the results of a program of `build_program`, on numbers or on JAX's tracers."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
         name, dtype, _, detail = operation

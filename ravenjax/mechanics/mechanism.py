@@ -44,15 +44,20 @@ class Constraint:
     """The friction loss of a joint, or its coupling to a polynomial of another joint."""
 
     joint: int
-    limit: float  # largest force, Nm or N; 0: a coupling, of any force
-    leader: int  # the other joint; -1: none
-    polynomial: tuple[float, ...]  # of its distance from qpos0, from the constant on
+    limit: float  # largest friction force, Nm or N; 0: a coupling, without a limit
+    leader: int  # joint that `joint` is coupled to; -1: none
+    # coefficients, constant first: position of `joint` over that of the leader, both from qpos0
+    polynomial: tuple[float, ...]
     solref: tuple[float, float]
     solimp: tuple[float, ...]
     invweight: float
 
     def wanted(self, position: Scalar, velocity: Scalar, timestep: float) -> tuple[Scalar, Scalar]:
-        """Return the acceleration that the constraint asks for, and its regularisation."""
+        """Return the acceleration that the constraint aims at, and its regularisation.
+
+        position, velocity: deviation from the constraint. The formulas are those of MuJoCo's solver
+        parameters solref and solimp.
+        """
         low, high, width, middle, power = self.solimp
         x, exponent = jnp.minimum(jnp.abs(position) / width, 1.0), round(power)
         rise = x**exponent / middle ** (exponent - 1)
@@ -80,25 +85,26 @@ class Mechanism:
 
 
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
-    """Return what moves in a model, on its fixed world. tip: a site.
+    """Return the moving parts of a model whose base is fixed. tip: name of a site.
 
-    Raises UserError that names what the step does not have: free and ball joints, tendons,
-    contacts, equality constraints other than joint polynomials, drag and gravity compensation.
+    Raises UserError if the model has features that are not supported: free and ball joints,
+    tendons, contacts, equality constraints other than joint polynomials, drag and gravity
+    compensation.
     """
     _require_known(model)
     links = rigid_tree.read_tree(model, "world")
     joints = [link.number for link in links]
-    place = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
+    index_of = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     body = model.body_weldid[model.site(tip).bodyid[0]]
-    carrier = place[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
-    home = Vec(link.reference for link in links)
-    point = Vec(data.site(tip).xpos.tolist())
+    carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
+    home_positions = Vec(link.reference for link in links)
+    tip_at_home = Vec(data.site(tip).xpos.tolist())
     dofs, weight = model.jnt_dofadr, model.dof_invweight0
     losses = [
         Constraint(
-            *(place[joint], float(model.dof_frictionloss[k]), -1, (0.0,)),
+            *(index_of[joint], float(model.dof_frictionloss[k]), -1, (0.0,)),
             *(tuple(model.dof_solref[k]), tuple(model.dof_solimp[k]), float(weight[k])),
         )
         for joint in joints
@@ -106,11 +112,13 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     ]
     couplings = []
     for k in np.flatnonzero(model.eq_active0):
-        both = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        lightness = float(sum(weight[dofs[joint]] for joint in both if joint >= 0))
-        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), lightness
-        polynomial = tuple(model.eq_data[k, : 5 if both[1] >= 0 else 1].tolist())
-        couplings.append(Constraint(place[both[0]], 0.0, place[both[1]], polynomial, *soft))
+        pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        weight_sum = float(sum(weight[dofs[joint]] for joint in pair if joint >= 0))
+        softness = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
+        polynomial = tuple(model.eq_data[k, : 5 if pair[1] >= 0 else 1].tolist())
+        couplings.append(
+            Constraint(index_of[pair[0]], 0.0, index_of[pair[1]], polynomial, *softness)
+        )
     return Mechanism(
         links,
         float(model.opt.timestep),
@@ -120,12 +128,12 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
         Vec(model.qpos_spring[model.jnt_qposadr[joints]].tolist()),
         (*losses, *couplings),
         carrier,
-        rigid_program.point_in_link(links, home, carrier, point),
+        rigid_program.point_in_link(links, home_positions, carrier, tip_at_home),
     )
 
 
 def _require_known(model: mujoco.MjModel) -> None:
-    # A part of the model without equations here would be ignored silently, so it is refused.
+    # Refuses models with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
     solid = touching & (model.geom_contype | model.geom_conaffinity > 0)
@@ -181,8 +189,8 @@ def step(
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities a time step later.
 
-    torque: of motors or controller at this state, Nm or N. velocity_gain: by how much it falls for
-    each rad/s or m/s, not negative; None: 0.
+    torque: torques of motors or controller at this state, Nm or N. velocity_gain: decrease of the
+    torque for each rad/s or m/s, not negative; None: 0.
     """
     h, program = mechanism.timestep, functools.partial(_program, mechanism)
     rows, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *mechanism.gravity))
@@ -205,28 +213,33 @@ def _constraint_force(
     """Return the joint forces of friction loss and couplings."""
     rows: list[tuple[Vec, Scalar, Scalar]] = []
     for c in mechanism.constraints:
-        way, position = Vec(float(k == c.joint) for k in range(len(qpos))), 0.0
+        direction, position = Vec(float(k == c.joint) for k in range(len(qpos))), 0.0
         if not c.limit:
-            followed = slope = 0.0
+            target = slope = 0.0
             for coefficient in reversed(c.polynomial):
-                apart = qpos[c.leader] - mechanism.links[c.leader].reference
-                slope = add(mul(slope, apart), followed)
-                followed = add(mul(followed, apart), coefficient)
-            way = way.replace(c.leader, -slope) if c.leader >= 0 else way
-            position = qpos[c.joint] - mechanism.links[c.joint].reference - followed
-        rows.append((way, *c.wanted(position, dot(way, qvel), mechanism.timestep)))
+                offset = qpos[c.leader] - mechanism.links[c.leader].reference
+                slope = add(mul(slope, offset), target)
+                target = add(mul(target, offset), coefficient)
+            direction = direction.replace(c.leader, -slope) if c.leader >= 0 else direction
+            position = qpos[c.joint] - mechanism.links[c.joint].reference - target
+        rows.append((direction, *c.wanted(position, dot(direction, qvel), mechanism.timestep)))
     if not rows:
         return qpos.map(lambda _: 0.0)
-    ways = Vec(way for way, _, _ in rows)
-    free = matvec(ways, solve_spd(mass, force))
-    yielding = [solve_spd(mass, way) for way in ways]
-    pushes: list[Scalar] = [0.0] * len(rows)
+    directions = Vec(direction for direction, _, _ in rows)
+    free_acceleration = matvec(directions, solve_spd(mass, force))
+    responses = [solve_spd(mass, direction) for direction in directions]
+    magnitudes: list[Scalar] = [0.0] * len(rows)
     for _ in range(SWEEPS if len(rows) > 1 else 1):
-        for k, (way, wanted, soft) in enumerate(rows):
-            response = [dot(way, column) for column in yielding]
-            lacking = free[k] - wanted + dot(Vec(response), Vec(pushes)) + soft * pushes[k]
-            push = pushes[k] - lacking / (response[k] + soft)
+        for k, (direction, acceleration, soft) in enumerate(rows):
+            response = [dot(direction, column) for column in responses]
+            residual = (
+                free_acceleration[k]
+                - acceleration
+                + dot(Vec(response), Vec(magnitudes))
+                + soft * magnitudes[k]
+            )
+            magnitude = magnitudes[k] - residual / (response[k] + soft)
             if limit := mechanism.constraints[k].limit:
-                push = jnp.minimum(jnp.maximum(push, -limit), limit)
-            pushes[k] = push
-    return matvec(transpose(ways), Vec(pushes))
+                magnitude = jnp.minimum(jnp.maximum(magnitude, -limit), limit)
+            magnitudes[k] = magnitude
+    return matvec(transpose(directions), Vec(magnitudes))

@@ -32,7 +32,7 @@ TICK_S = 1e-3
 @describe_fields
 @record
 class HandParams:
-    """Hand parameters that a campaign may vary; the default is the hand above at grip 0.5."""
+    """Parameters of the hand that a campaign may vary; the default is a hand at half grip."""
 
     grip: Scalar = 0.5
     newtons_per_unit: Scalar = 3.3  # negative: pushes away from the model, for null models
@@ -64,31 +64,31 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
     momentum = 2.0 * params.mass / TICK_S
-    mean = force + state.velocity * momentum - state.displacement * stiffness
-    mean = mean * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
-    displacement = state.displacement + mean * TICK_S
+    mean_velocity = force + state.velocity * momentum - state.displacement * stiffness
+    mean_velocity = mean_velocity * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
+    displacement = state.displacement + mean_velocity * TICK_S
     peak = jnp.maximum(state.peak, norm(displacement))
-    after = HandState(displacement, mean * 2.0 - state.velocity, peak)
+    after = HandState(displacement, mean_velocity * 2.0 - state.velocity, peak)
     return cast_to_real(setup, after)
 
 
 def hand_impedance(params: HandParams) -> tuple[Scalar, Scalar]:
     """Return stiffness (N/m) and damping (N s/m) at the hand's grip."""
-    times = 1.0 + params.grip * (params.firm_times - 1.0)
-    return params.stiffness * times, params.damping * jnp.sqrt(times)
+    factor = 1.0 + params.grip * (params.firm_times - 1.0)
+    return params.stiffness * factor, params.damping * jnp.sqrt(factor)
 
 
 def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
-    """Return a force (x, y, z) turned about (1, 1, 1) by an angle; 120 degrees turn x into y."""
+    """Return a force (x, y, z) rotated by an angle about (1, 1, 1); 120 degrees move x to y."""
     if isinstance(angle_deg, float | np.floating) and angle_deg == 0.0:
         return force
     angle = angle_deg * (math.pi / 180.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
-    along = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
-    across = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
+    parallel = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
+    perpendicular = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
         sin / math.sqrt(3.0)
     )
-    return force * cos + across + along
+    return force * cos + perpendicular + parallel
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:

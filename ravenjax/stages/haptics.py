@@ -44,7 +44,7 @@ class HapticParams:
 
 @record
 class CueState:
-    """What one cue has done so far."""
+    """The forces of one cue so far."""
 
     first_tick: Scalar  # tick of the first non-zero force, -1 if none yet, int32
     peak_force: Scalar  # device units
@@ -78,10 +78,10 @@ class HapticOutput:
 def params(setup: Setup) -> HapticParams:
     """Return the parameters of the published cue, `setup.cues` times.
 
-    3 mm and cap 0.05 are published. kp is 4.5 per m, because Figure 5 shows about 0.0045 per mm. kd
-    is not published. The third pulse is 0.0296 at 5.0 mm, of which 0.0225 is spring. It rebounds by
-    6.7 degrees in 150 ms, about 80 mm/s at the 0.1 m between tip and shoulder axis. That gives 0.09
-    per m/s.
+    The threshold of 3 mm and the cap of 0.05 are published. kp is 4.5 per m, because Figure 5 shows
+    about 0.0045 per mm. kd is not published. Figure 5 has a third pulse of 0.0296 at 5.0 mm, of
+    which the spring contributes 0.0225. In this pulse the shoulder turns by 6.7 degrees in 150 ms.
+    The tip, 0.1 m from the shoulder's axis, moves at about 80 mm/s. This gives kd = 0.09 per m/s.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)
@@ -115,8 +115,8 @@ def step(
     distance = norm(error)
     inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
     direction = error * inverse
-    apart = signal.model_velocity - signal.robot_velocity
-    closing_speed = dot(apart, direction)
+    relative_velocity = signal.model_velocity - signal.robot_velocity
+    closing_speed = dot(relative_velocity, direction)
 
     forces, cues = [], []
     for cue, before in zip(params.cues, state.cues, strict=True):
@@ -137,7 +137,7 @@ def step(
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
-    """Return what each cue did so far, the worst of the arms, as columns of the result table."""
+    """Return the forces of each cue, for the worse arm, as columns of the result table."""
     out: dict[str, Scalar] = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]

@@ -19,7 +19,7 @@ from ravenjax.numbers import Scalar, as_int, jnp, record, where
 from ravenjax.numbers.counter_random import random_uniform
 
 _LENGTH = 0
-"""Index of the draw in the random stream of a packet."""
+"""Index of the random number for the length, among those that are drawn for a packet."""
 
 
 @record
@@ -37,7 +37,10 @@ def init() -> PacketClock:
 
 
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
-    """Return the clock after tick `now` (int32), with a packet of `cycles` (int32) if `fresh`."""
+    """Return the clock after tick `now` (int32).
+
+    fresh: whether a packet arrived in this tick, bool. cycles: length of this packet, int32.
+    """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
 
@@ -49,16 +52,18 @@ def packet_length(
     distributions: shares of packets that last 1, 2, 3, .. cycles; choice: index of one
     distribution; key: uint32, random key of the run.
     """
-    partial = [np.cumsum(shares[:-1]) for shares in distributions]
+    cumulative = [np.cumsum(shares[:-1]) for shares in distributions]
     if isinstance(choice, np.integer):  # the same distribution in all runs
-        partial, choice = [partial[choice]], np.int32(0)
-    number = random_uniform(key, packet, _LENGTH)
+        cumulative, choice = [cumulative[choice]], np.int32(0)
+    drawn = random_uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
-    for k in range(max(map(len, partial))):
-        # a sum of 1 is never reached
-        sums = [np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in partial]
-        bound = jnp.float32(sums[0])
-        for i, other in enumerate(sums[1:], start=1):
+    for k in range(max(map(len, cumulative))):
+        # `drawn` is below 1, so the bound 1 adds no cycle.
+        bounds = [
+            np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in cumulative
+        ]
+        bound = jnp.float32(bounds[0])
+        for i, other in enumerate(bounds[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)
-        cycles = cycles + as_int(number >= bound)
+        cycles = cycles + as_int(drawn >= bound)
     return cycles

@@ -72,8 +72,8 @@ class HostModule:
     """Compiled functions. They can be called as long as this object lives."""
 
     def __init__(self, code: bytes, names: Sequence[str]) -> None:
-        # JITLink places code and constants side by side. The older loader may not, and then aborts
-        # the process.
+        # JITLink puts code and constants next to each other. The older loader may not, and then
+        # aborts the process.
         self._jit = llvm.create_lljit_compiler(_machine(host_target()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
         for name in names:
@@ -101,8 +101,7 @@ def compile_functions(
 
 def emit_object(text: str, target: Host) -> bytes:
     """Compile a module's text to an object file of position-independent code."""
-    # This initialises LLVM.
-    host_target()
+    host_target()  # initialises LLVM
     return emit_for_machine(text, _machine(target))
 
 

@@ -56,7 +56,7 @@ class RecordKind:
         return RecordKind(record, BufferLayout.aligned(map(str, tree.tree_leaves(record))))
 
     def shapes(self) -> Any:
-        """Return the record of shapes that tracing takes."""
+        """Return the record of JAX's shapes, for tracing."""
         return traced.record_shapes(self.record)
 
     def row(self, value: Any) -> np.ndarray:
@@ -118,8 +118,9 @@ class StateTransition:
 
 
 class Memory(NamedTuple):
-    """The arrays of bytes that transitions read and write: fixed numbers, state (overwritten), rows
-    in and out; and the concatenated tables.
+    """The arrays of bytes that a transition reads and writes, and its concatenated tables.
+
+    The state is overwritten in each step. There is one row of inputs and outputs per step.
     """
 
     fixed: np.ndarray  # [bytes]
@@ -136,7 +137,7 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """See `Compiled`; without tables."""
+        """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
         transition = self._transitions[name]
 
         def take() -> None:
@@ -195,14 +196,14 @@ class BoundTransition:
             self._function(*self._arguments)
 
     def leave_at(self, address: int) -> None:
-        """Write the outputs to another address from now on."""
+        """Set the address for the outputs of later calls."""
         self._leaving.value = address
 
 
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR of each transition; see `STEPS`. features: of the CPU; None: this one's."""
+    """Return LLVM IR with a function for each transition. features: CPU features; None: host's."""
     features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():

@@ -23,7 +23,7 @@ _TYPES = _TEXTS["types"]
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the body of one function. A place is the text of an lvalue for a 32-bit word."""
+    """Prints the body of one function. A place is the C text of a 32-bit word in memory."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()
@@ -92,7 +92,11 @@ class CudaPrinter(Printing[str]):
 def _operation_text(
     name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any
 ) -> str:
-    """Return an operation on `x` of types `sources`. known: the first operand if a constant."""
+    """Return the C text of an operation.
+
+    x: texts of the operands. sources: their types. known: value of the first operand if it is a
+    constant, else None.
+    """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
         raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")

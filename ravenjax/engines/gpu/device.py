@@ -52,16 +52,16 @@ def visible_gpus() -> tuple[Device, ...]:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(
-            f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none"
+            f"engine 'cuda' finds no NVIDIA driver ({reason}). Engine 'simd' needs no GPU"
         ) from None
     if not gpus:
-        raise UserError("engine 'cuda' finds no NVIDIA GPU; engine 'simd' needs none")
+        raise UserError("engine 'cuda' finds no NVIDIA GPU. Use engine 'simd', which needs no GPU")
     return gpus
 
 
 @dataclasses.dataclass(frozen=True)
 class Device:
-    """One GPU, identified by its number among the visible ones."""
+    """One GPU, identified by its number among the visible GPUs."""
 
     number: int
 
@@ -130,8 +130,9 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
         ) from None
     if int(architecture[3:]) not in architectures:
         raise UserError(
-            f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} knows "
-            f"sm_{min(architectures)} to sm_{max(architectures)}; engine 'simd' needs no GPU"
+            f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} supports"
+            f" sm_{min(architectures)} to sm_{max(architectures)}. Use engine 'simd', which needs"
+            " no GPU"
         )
     return nvrtc, (major, minor)
 
@@ -178,11 +179,11 @@ class Function:
 
 
 class DeviceSession:
-    """One thread's work on one device: its streams, and memory that is freed at the end."""
+    """The streams and the memory of one thread on one device, which are freed at the end."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self._rooms: list[Any] = []
+        self._allocated: list[Any] = []
         self._events: list[Any] = []
 
     def __enter__(self) -> DeviceSession:
@@ -197,7 +198,7 @@ class DeviceSession:
     def __exit__(self, *_: object) -> None:
         for stream in (self.main, self.urgent):
             _call("cuStreamSynchronize", stream)
-        for room in self._rooms:
+        for room in self._allocated:
             _call("cuMemFreeAsync", room, self.main)
         for event in self._events:
             _call("cuEventDestroy", event)
@@ -205,18 +206,18 @@ class DeviceSession:
             _call("cuStreamSynchronize", stream)
             _call("cuStreamDestroy", stream)
 
-    def room(self, words: int) -> Any:
+    def allocate(self, words: int) -> Any:
         """Allocate zeroed memory for `words` 32-bit words, usable from both streams."""
         size = max(words, 4)
         address = _call("cuMemAllocAsync", 4 * size, self.main)
-        self._rooms.append(address)
+        self._allocated.append(address)
         _call("cuMemsetD32Async", address, 0, size, self.main)
         self.wait(self.urgent, self.mark(self.main))
         return address
 
     def upload(self, words: np.ndarray) -> Any:
-        """Return new device memory that holds an array."""
-        address = self.room(words.nbytes // 4)
+        """Return new device memory with a copy of an array."""
+        address = self.allocate(words.nbytes // 4)
         self.write(address, words, self.urgent)
         self.wait(self.main, self.mark(self.urgent))
         return address
@@ -235,7 +236,7 @@ class DeviceSession:
     def launch(
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
-        """Start a kernel. Integers are passed as ints, all else as addresses; None: null."""
+        """Start a kernel. Integer arguments become C ints, others addresses, and None null."""
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(
@@ -245,7 +246,7 @@ class DeviceSession:
         )
 
     def mark(self, stream: Any) -> Any:
-        """Return a mark of the point that a stream has reached in its work."""
+        """Return a mark that is reached when the work queued in a stream so far is done."""
         driver, _ = _bindings()
         event = _call("cuEventCreate", driver.CUevent_flags.CU_EVENT_DISABLE_TIMING)
         self._events.append(event)

@@ -31,7 +31,7 @@ from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers.setup import Precision
 
 WAVES = 4
-"""How many times a block of lanes fills the device, at most."""
+"""Most times that a block of lanes fills the device."""
 SEATS = 2
 """Threads per device: while the lanes of one thread run, the other packs and unpacks its lanes."""
 _KERNELS = itertools.count()
@@ -74,7 +74,7 @@ class CudaKernel(traced.PrintedKernel):
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
-            tables, given = traced.motion_tables(motion), _given(golden_run, places, True)
+            tables, given = traced.motion_tables(motion), _golden_series(golden_run, places, True)
             trunk = code.trunk(Lanes(inputs, given, tables, None), places, last)
         if len(ends):
             return trunk, self.run(_repeated(block, ends), motion).outcomes
@@ -96,31 +96,31 @@ class CudaKernel(traced.PrintedKernel):
             code = self._code(block, motion, grouped, device)
             ticks = self.program.ticks if block.reference is None else 0
             out = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
-            tables, given = traced.motion_tables(motion), _given(block, places, grouped)
+            tables, given = traced.motion_tables(motion), _golden_series(block, places, grouped)
             lanes = Lanes(inputs, given, tables, out if ticks else None)
             course = self._course(block, places, grouped, code)
-            outcomes = code.follow(lanes, places, course, progress)
+            outcomes = code.run_course(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
         return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32))
 
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
-        They do if the groups fit on the device at once, or if at most half of the threads are
-        wasted.
+        Lanes run by group if all groups fit on the device at the same time, or if at most half of
+        the threads have no lane.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
         warps = int((-(-np.bincount(group) // WARP)).sum())
-        at_once = device.multiprocessors * form.threads // WARP
-        grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
-        placed = place_lanes(group if grouped else np.zeros_like(group), form.threads)
-        return inputs, placed, grouped
+        resident_warps = device.multiprocessors * form.threads // WARP
+        grouped = warps <= max(resident_warps, 2 * -(-len(group) // WARP))
+        places = place_lanes(group if grouped else np.zeros_like(group), form.threads)
+        return inputs, places, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
-        # Plans the ticks of all threads, from the snapshots that they start from.
+        # Plans the ticks of all threads, and the snapshots from which they start.
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
-        # The outputs of each tick are needed, from the first tick on.
+        # Golden runs need the outputs of every tick, so they begin in tick 0.
         if block.reference is None or not grouped:
             return plan_course(places, code.form.threads, ends)
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
@@ -141,25 +141,28 @@ class CudaKernel(traced.PrintedKernel):
 
 
 def _repeated(block: Block, ends: np.ndarray) -> Block:
-    repeated = block.picked(np.zeros(len(ends), np.int64))
+    repeated = block.select_lanes(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
-    """Return the lanes of a block.
+    """Return the number of lanes of a block, for a campaign of `runs` runs.
 
-    Each device gets the same number of blocks. All lanes except the last ones fill it a whole
-    number of times.
+    Each device gets the same number of blocks, and each block fills the device a whole number of
+    times, if there are enough runs.
     """
-    wave = devices[0].multiprocessors * form_for(devices[0]).threads
+    resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
     share = -(-runs // len(devices))
-    blocks = -(-share // (wave * WAVES))
-    unit = wave if share > wave else WARP
+    blocks = -(-share // (resident_lanes * WAVES))
+    unit = resident_lanes if share > resident_lanes else WARP
     return -(-share // blocks // unit) * unit
 
 
-def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
-    """Return the golden runs' series as the code reads it; an empty series reads as zeros."""
+def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
+    """Return the reference series of the golden runs, in the layout that the code reads.
+
+    If lanes are not compared, the array is empty, and the code reads zeros.
+    """
     if not block.compared:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:

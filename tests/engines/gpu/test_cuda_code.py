@@ -48,7 +48,7 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
     finished = []
     course = plan_course(places, form.threads, np.full(lanes, ticks))
     moved = Lanes([gain, kick], entering, TABLE, out)
-    found = code.follow(moved, places, course, finished.append)
+    found = code.run_course(moved, places, course, finished.append)
 
     expected, leaving = in_numpy(loop(), gain, kick, given, ticks)
     for got, column in zip(found, expected, strict=True):
