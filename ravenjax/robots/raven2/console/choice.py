@@ -24,12 +24,12 @@ UNDECIDED = "undecided"
 
 
 class ProfileChoice:
-    """Reads packets as `PacketReader` does, under the profile that fits them."""
+    """Reads packets as `PacketReader` does, with the profile whose rules the packets follow."""
 
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
         """Prepare the choice among `profiles`.
 
-        profiles: one, which then is chosen, or several in order of preference for messages.
+        A single profile is chosen at once. Messages name the first of several profiles.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
@@ -44,7 +44,7 @@ class ProfileChoice:
         return self.readers[0].profile if len(self.readers) == 1 else None
 
     def begin(self) -> None:
-        """Begin another stream. A choice is kept."""
+        """Begin another stream. A choice that was made remains."""
         for reader in self.readers:
             reader.begin()
         self._restart()
@@ -77,17 +77,19 @@ class ProfileChoice:
                 self._last[name] = result
             elif reader.profile.jaw.form == "increments":
                 self._travel[name] = list(map(add, self._travel[name], result.grasp_mrad))
-        out = {
-            reader.profile.name: why
+        ruled_out = {
+            reader.profile.name: reason
             for reader in self.readers
-            if (why := self._complaint(reader.profile.name))
+            if (reason := self._complaint(reader.profile.name))
         }
-        left = [reader for reader in self.readers if reader.profile.name not in out]
-        if not left:
+        remaining = [reader for reader in self.readers if reader.profile.name not in ruled_out]
+        if not remaining:
             self._restart()
-        elif out:
-            self.readers = left
-            self.reason = "; ".join(f"Not profile {name}: {why}" for name, why in out.items())
+        elif ruled_out:
+            self.readers = remaining
+            self.reason = "; ".join(
+                f"Not profile {name}: {reason}" for name, reason in ruled_out.items()
+            )
 
     def _complaint(self, name: str) -> str:
         """Return why a profile is ruled out; "" if the packets so far do not rule it out."""

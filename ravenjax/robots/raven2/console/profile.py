@@ -15,7 +15,7 @@ Angle = Literal["mrad", "rad", "deg"]
 
 
 class ProfileTable(BaseModel):
-    """A table of a profile: frozen; unknown keys are refused; numbers must be numbers."""
+    """A table of a profile file. Unknown keys are refused, and text is not converted to numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -35,8 +35,8 @@ class SentPosition(ProfileTable):
 class SentOrientation(ProfileTable):
     """[orientation]: Qx, Qy, Qz, Qw."""
 
-    # increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation
-    # vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion
+    # increments: the rotation since the last packet, as a unit quaternion; vector: this rotation as
+    # a rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation
     form: Literal["increments", "vector", "quaternion"] = "increments"
     unit: Angle = "rad"  # Unit of a vector's length; quaternions have none
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for a vector
@@ -58,7 +58,7 @@ class SentOrientation(ProfileTable):
 class SentJaw(ProfileTable):
     """[jaw]: grasp."""
 
-    # increments: since the last packet; positions: where the console's jaw is
+    # increments: change since the last packet; positions: position of the console's jaw
     form: Literal["increments", "positions"] = "increments"
     unit: Angle = "mrad"  # Unit of one step
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for values
@@ -99,7 +99,7 @@ class SentStream(ProfileTable):
 
 
 class LargestSteps(ProfileTable):
-    """[largest]: largest motions that one packet may ask for. The robot has no such bounds."""
+    """[largest]: largest motions that one packet may command. The robot has no such bounds."""
 
     step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)  # Displacement, um
     turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)  # Rotation, rad

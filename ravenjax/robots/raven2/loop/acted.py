@@ -32,7 +32,7 @@ ACTIONS = ("pedal", "estop", "stop", "hold")
 
 @record
 class ActedState:
-    """A run's state, and the command that an action may hold."""
+    """A run's state, and the command that action `hold` keeps."""
 
     tick: TickState
     good: PerArm[Vec]  # int32 counts, on the boards before the fault's first effect
@@ -53,40 +53,43 @@ def advance(
     now: Scalar,
     *inputs: Any,
 ) -> tuple[ActedState, tuple[Scalar, ...], TickSignals]:
-    """Compute one tick as `run.advance`, with the action; see `ravenjax.engines.interface.Loop`."""
-    *struck, action = faults.slots
-    tick, assumed = state.tick, params.reaction
-    assert assumed is not None
+    """Compute one tick as `run.advance` does, with the action of the last fault slot.
 
-    def takes(name: str) -> Scalar:
+    Arguments and results are those of `ravenjax.engines.interface.Loop`.
+    """
+    *fault_slots, action = faults.slots
+    tick, reaction_params = state.tick, params.reaction
+    assert reaction_params is not None
+
+    def is_active(name: str) -> Scalar:
         return (action.code == ACTIONS.index(name) + 1) & (now >= action.start)
 
-    lifts, holds = takes("pedal"), takes("hold") & (tick.plc.runlevel == PEDAL_DOWN)
-    reacting = tick.stages["reaction"]
-    felt = jnp.where(lifts & (reacting.felt < 0), now, reacting.felt)
+    pedal_lifted, held = is_active("pedal"), is_active("hold") & (tick.plc.runlevel == PEDAL_DOWN)
+    reaction_state = tick.stages["reaction"]
+    felt = jnp.where(pedal_lifted & (reaction_state.felt < 0), now, reaction_state.felt)
     good = where(now <= action.duration, tick.boards.current_cmd, state.good)
     latest, *older = tick.commands
     tick = replace(
         tick,
-        commands=(where(holds, good, latest), *older),
-        stages={**tick.stages, "reaction": replace(reacting, felt=felt)},
+        commands=(where(held, good, latest), *older),
+        stages={**tick.stages, "reaction": replace(reaction_state, felt=felt)},
     )
-    drive, watchdog = params.control.overdrive, params.plc.watchdog_ticks
-    tripped = takes("stop") & (now == action.start)
-    limit = jnp.where(tripped, -1, drive.max_inst_dac)
+    overdrive, watchdog = params.control.overdrive, params.plc.watchdog_ticks
+    tripped = is_active("stop") & (now == action.start)
+    limit = jnp.where(tripped, -1, overdrive.max_inst_dac)
     params = replace(
         params,
         reaction=replace(
-            assumed,
-            action=jnp.where(lifts, RELEASE, assumed.action),
-            delay_ms=jnp.where(lifts, 0.0, assumed.delay_ms),
+            reaction_params,
+            action=jnp.where(pedal_lifted, RELEASE, reaction_params.action),
+            delay_ms=jnp.where(pedal_lifted, 0.0, reaction_params.delay_ms),
         ),
-        control=replace(params.control, overdrive=replace(drive, max_inst_dac=limit)),
-        plc=replace(params.plc, watchdog_ticks=jnp.where(takes("estop"), -1, watchdog)),
-        usb=replace(params.usb, command_delay=jnp.where(holds, 1, params.usb.command_delay)),
+        control=replace(params.control, overdrive=replace(overdrive, max_inst_dac=limit)),
+        plc=replace(params.plc, watchdog_ticks=jnp.where(is_active("estop"), -1, watchdog)),
+        usb=replace(params.usb, command_delay=jnp.where(held, 1, params.usb.command_delay)),
     )
     tick, series, signals = run.advance(
-        _without_action(setup), params, fault.Faults(tuple(struck)), tick, now, *inputs
+        _without_action(setup), params, fault.Faults(tuple(fault_slots)), tick, now, *inputs
     )
     return ActedState(tick, good), series, signals
 

@@ -17,7 +17,7 @@ from ravenjax.vocabulary.sites import PARAMETER
 
 
 class RavenInjector(injection.Injector):
-    """Injects faults by `inject(site, signal)` in one tick of a Raven-II."""
+    """Injects faults in one tick of a Raven-II; `inject(site, signal)` is the faulty signal."""
 
     def __init__(
         self,
@@ -33,25 +33,25 @@ class RavenInjector(injection.Injector):
             quats = tuple(
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
             )
-            faulty = super().__call__(site, quats, present)
+            faulty_quats = super().__call__(site, quats, present)
             rotations = []
-            for rotation, quat, struck in zip(signal, quats, faulty, strict=True):
-                # A rotation that no fault changed keeps every bit.
-                changed = reduce(or_, quat.map(ne, struck))
-                turned = narrow_numbers(self.setup, matrix_from_quat(struck))
-                rotations.append(where(changed, turned, rotation))
+            for rotation, quat, faulty_quat in zip(signal, quats, faulty_quats, strict=True):
+                # A rotation that no fault changes keeps its bits.
+                changed = reduce(or_, quat.map(ne, faulty_quat))
+                faulty_rotation = narrow_numbers(self.setup, matrix_from_quat(faulty_quat))
+                rotations.append(where(changed, faulty_rotation, rotation))
             return tuple(rotations)
         if site == PARAMETER and self.strikes(site):
             return self._strike_parameters(signal)
         return super().__call__(site, signal, present)
 
     def _strike_parameters(self, params: Any) -> Any:
-        """Return the parameters of the tick after faults: each channel is the path of a number."""
+        """Return the parameters of the tick after faults. A channel is the path of a parameter."""
         keys = [key for key in injection.channel_keys(self.setup) if key[0] == PARAMETER]
-        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
-        numbers = Vec(map(jnp.asarray, given))
+        values = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
+        numbers = Vec(map(jnp.asarray, values))
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
-            # The kind of a parameter's number is known only here.
+            # The type of a parameter is known only now.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self.paths = {**self.paths, key: ((i,), kind)}
         for key, number in zip(keys, super().__call__(PARAMETER, numbers), strict=True):
@@ -60,12 +60,12 @@ class RavenInjector(injection.Injector):
 
 
 def seeds_network(setup: RavenSetup, what: str) -> bool:
-    """Return whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
+    """Return whether a fault sets the seed of network losses ("bursts") or delays ("jitter")."""
     return ("network", "", what) in injection.channel_keys(setup)
 
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
-    """Return whether a fault on that channel may start a robot that has stopped."""
+    """Return whether a fault on a channel may start a robot that has stopped."""
     starters = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
     return site in starters or channel == "pins"
 
@@ -76,7 +76,7 @@ ROTATIONS = ("ori", "ori_d")
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """Return the declared paths. The setup decides the type of a DAC command after the checks."""
+    """Return channel -> path and type of its number. `setup.dac_words` sets the type at the USB."""
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == "usb_out" else kind)
