@@ -55,10 +55,10 @@ class ControlSoftware:
     The gold arm comes before the green one. Joints are in the order shoulder, elbow, insertion,
     tool_roll, wrist, grasp1, grasp2.
 
-    It starts at the home pose, or at the pose given by `jpos`, `encoders` or `state`, which the
-    first pedal-down then commands. For a robot in another pose, pass one of them. Otherwise its
-    jaws jump to the opening of the home pose: as in the original, a measured opening replaces the
-    desired one only if they differ by more than 45 deg.
+    The start pose is the home pose, or the pose given by `jpos`, `encoders` or `state`. The first
+    pedal-down commands the start pose. If the robot is in another pose, pass one of these
+    arguments. Otherwise its jaws jump to the opening of the home pose: as in the original, the
+    measured opening replaces the desired opening only if they differ by more than 45 deg.
     """
 
     def __init__(
@@ -80,15 +80,15 @@ class ControlSoftware:
     ) -> None:
         """Prepare the control software in its start state.
 
-        `tools`: one per arm, by default the software's own. `level`: an overdrive level
+        `tools`: one per arm, by default those of the software. `level`: an overdrive level
         ("beginner", "moderate", "advanced", "fork2015"). `enc_offset`: encoder counts at motor
         angle 0, a number, [7] or [arms, 7]. `runlevel`: the run level at the start, 0 to 3.
         `params`: changes any other parameter. `precision`: number widths other than the original's.
 
-        At most one of these gives the start. `jpos`: joints [arms, 7] in rad and m, rounded to
-        encoder counts. `encoders`: counts [arms, 7] as for `step`. `state`: the `state` of another
-        instance, which is continued bit for bit. `arithmetic`: "interpreted" gives the same bits,
-        100 times slower. Raises UserError.
+        At most one of these three sets the start pose. `jpos`: joints [arms, 7] in rad and m,
+        rounded to encoder counts. `encoders`: counts [arms, 7] as for `step`. `state`: the `state`
+        of another instance, which continues with the same bits. `arithmetic`: "interpreted" gives
+        the same bits, 100 times slower. Raises UserError.
         """
         checked.parse_word("software", software, DEFAULT_TOOLS)
         checked.parse_word("policy", policy, overdrive.POLICIES)
@@ -136,7 +136,7 @@ class ControlSoftware:
             )
             """The present parameters."""
             if params is not None:
-                self.params = _changed(self.params, params)
+                self.params = _change_params(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
         if jpos is not None:
             encoders = _encoders_at(setup, self.params, checked.parse_joints(jpos, len(names)))
@@ -147,12 +147,12 @@ class ControlSoftware:
         self.code = software_code(
             setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic
         )
-        """Its transitions and records, for code that prints them."""
+        """The programs of the software and their records, for the C library."""
         if encoders is not None:
             machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
             self._take_memory(replace(initial, state_machine=machine))
             output = self.step(encoders)
-            initial = _standing(initial, self.state, output.signals)
+            initial = _at_measured_pose(initial, self.state, output.signals)
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
@@ -221,18 +221,18 @@ class ControlSoftware:
             cycles,
             f"a list with one entry per cycle ({cycles}): a datagram, a Packet, a list or None",
         )
-        several: dict[int, list[Datagram | Packet | None]] = {}
+        earlier_packets: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
             *earlier, last = self._packets(packet)
             rows.enter(last, cycle)
             if earlier:
-                several[cycle] = earlier
+                earlier_packets[cycle] = earlier
         out = aligned_buffer(cycles, self.code.kinds["signals"].layout.bytes)
         begin = 0
-        for cycle in (*several, cycles):
-            part = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
-            self.code.machine.bind("cycle", part)()
-            self._receive_all(several.get(cycle, ()))
+        for cycle in (*earlier_packets, cycles):
+            memory = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
+            self.code.machine.bind("cycle", memory)()
+            self._receive_all(earlier_packets.get(cycle, ()))
             begin = cycle
         signals: control.ControlSignals = self.code.kinds["signals"].columns(out)
         dac = [np.stack(arm.current_cmd_written, axis=-1) for arm in signals.arms]
@@ -249,11 +249,11 @@ class ControlSoftware:
 
     @property
     def state(self) -> control.ControlState:
-        """The whole state, with the checks' histories; another instance may start with it."""
+        """The whole state, with the histories of checks. Another instance may start from it."""
         return self.code.kinds["state"].read(self._state)
 
     def _receive_all(self, packets: Sequence[Datagram | Packet | None]) -> None:
-        """Take packets that arrive before the last packet of a cycle."""
+        """Process packets that arrive before the last packet of a cycle."""
         for packet in packets:
             self._row.enter(packet)
             self._receive()
@@ -280,8 +280,8 @@ class ControlSoftware:
         return given
 
 
-def _changed(params: control.ControlParams, change: Any) -> control.ControlParams:
-    """Return the parameters from `change`, with each number in the type of its parameter."""
+def _change_params(params: control.ControlParams, change: Any) -> control.ControlParams:
+    """Return `change(params)`, with each number converted to the type of its parameter."""
     if not callable(change):
         raise UserError(
             f"params is {format_value(change)}, expected a function that gets the ControlParams"
@@ -319,18 +319,21 @@ def _encoders_at(
     return counts
 
 
-def _standing(
+def _at_measured_pose(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """Return `state` with the arms at rest where one cycle in E-stop measured them."""
-    places = tuple(arm.pos for arm in after.cartesian)
+    """Return `state` with the arms at rest in the pose that one cycle in E-stop measured.
+
+    after, signals: state and signals of that cycle.
+    """
+    poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
-    change = control.changed_arms
-    accumulated = change(after.teleoperation.arms, pose=places)
+    with_fields = control.changed_arms
+    accumulated = with_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,
         usb=after.usb,
-        cartesian=change(state.cartesian, pos=places, pos_d=places, jpos_d=joints),
+        cartesian=with_fields(state.cartesian, pos=poses, pos_d=poses, jpos_d=joints),
         teleoperation=replace(state.teleoperation, arms=accumulated),
-        motor_control=change(state.motor_control, mpos_d=motors),
+        motor_control=with_fields(state.motor_control, mpos_d=motors),
     )

@@ -50,7 +50,7 @@ def arm_names(given: Any) -> tuple[Any, ...]:
 
 
 def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...]:
-    """Return one tool per arm; None gives the software's own tools."""
+    """Return one tool per arm. given: names; None: the tools of the software."""
     if given is None:
         return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
     tools = require_list("tools", given, len(arms), f"a list with one tool per arm {list(arms)}")
@@ -110,8 +110,8 @@ def _integers(
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
         place = tuple(int(k) for k in np.argwhere((array < low) | (array > high))[0])
-        size = "a 32-bit integer" if limits == INT32 else f"a whole number {low}..{high}"
-        raise UserError(f"{what}{_index(place)} is {array[place]}, expected {size}")
+        expected = "a 32-bit integer" if limits == INT32 else f"a whole number {low}..{high}"
+        raise UserError(f"{what}{_index(place)} is {array[place]}, expected {expected}")
     return array
 
 
@@ -177,8 +177,8 @@ def record_like(what: str, given: Any, example: Any, finite: bool = False) -> An
             raise UserError(f"{what} is {format_value(given)}, expected a {kind.__name__}")
         return kind(
             *(
-                record_like(f"{what}.{name}", getattr(given, name), like, finite)
-                for name, like in vars(example).items()
+                record_like(f"{what}.{name}", getattr(given, name), example_value, finite)
+                for name, example_value in vars(example).items()
             )
         )
     if isinstance(example, tuple):

@@ -51,26 +51,26 @@ def row_type(setup: RavenSetup) -> np.dtype:
 def row_kind(setup: RavenSetup) -> RecordKind:
     """Return the record of a row, and the offsets of its numbers."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
-    place = _places(row)
-    packet = place["packet"]
+    offset_of = _places(row)
+    packet = offset_of["packet"]
     offsets = Inputs(
         Packet(
-            received=place["received"],
-            size=place["size"],
+            received=offset_of["received"],
+            size=offset_of["size"],
             sequence=packet["sequence"],
             delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
             quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
             grasp=tuple(packet["grasp"][slots]),
             surgeon_mode=packet["surgeon_mode"],
         ),
-        usb.UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
-        tuple(place["read_ok"]),
+        usb.UsbIn(tuple(map(Vec, offset_of["enc_val"])), tuple(offset_of["pins"])),
+        tuple(offset_of["read_ok"]),
     )
     read = usb.init(setup)
     record = RecordKind.of(Inputs(empty_packet(setup), read, read.pins)).record
     types = tuple(map(str, tree.tree_leaves(record)))
-    places = tuple(map(int, tree.tree_leaves(offsets)))
-    return RecordKind(record, BufferLayout(types, places, row.itemsize))
+    offsets_in_row = tuple(map(int, tree.tree_leaves(offsets)))
+    return RecordKind(record, BufferLayout(types, offsets_in_row, row.itemsize))
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
@@ -82,7 +82,7 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
 
 
 class InputRows:
-    """Rows of several cycles, to be filled; each must be filled completely before it is used."""
+    """Input rows of several cycles, which the caller fills before a cycle runs."""
 
     def __init__(self, setup: RavenSetup, cycles: int = 1) -> None:
         self.setup, dtype = setup, row_type(setup)
@@ -98,9 +98,9 @@ class InputRows:
         self._still["Qw"] = 1.0
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
-        """Write what arrives in a cycle: a datagram of any length, a checked packet, or nothing.
+        """Write the packet of a cycle: a datagram of any length, a checked packet, or none.
 
-        The missing end of a short datagram is 0; the software drops such a datagram.
+        The missing bytes of a short datagram become 0, and the software drops such a datagram.
         """
         if packet is None:
             self._packets[cycle] = self._still

@@ -62,7 +62,7 @@ class PlcState:
 
 @record
 class PlcSignal:
-    output_pins: tuple[Scalar, ...]  # output byte that each board presents to the PLC, int32
+    output_pins: tuple[Scalar, ...]  # output byte of each board to the PLC, int32
     estop_button: Scalar  # bool, pressed
     start_button: Scalar  # bool, pressed
 
@@ -76,7 +76,7 @@ class PlcOutput:
 def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
     """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
 
-    boards: number of boards whose pins may differ; 1 if all are written alike.
+    boards: number of boards whose pins may differ; 1 if all boards get the same pins.
     """
     zero = jnp.int32(0)
     return PlcState(
@@ -96,7 +96,7 @@ def input_pins(runlevel: Scalar) -> Scalar:
 
 
 def brakes_commanded(runlevel: Scalar) -> Scalar:
-    """Return 1 if the brakes hold the arm at this run level, int32."""
+    """Return 1 if the brakes are commanded on at this run level, int32."""
     return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
 
 
@@ -110,8 +110,8 @@ def step(
     watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
 
     quiet_ticks = tuple(
-        jnp.where(now != before, 0, quiet + 1)
-        for now, before, quiet in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
+        jnp.where(pin != pin_before, 0, ticks + 1)
+        for pin, pin_before, ticks in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
     )
     margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
     button = signal.estop_button
