@@ -37,7 +37,7 @@ _DEG = math.pi / 180.0
 @describe_fields
 @record
 class KinematicErrors:
-    """Kinematic errors of one arm. All but `scale` are 0 in the robot that its software assumes."""
+    """Kinematic errors of one arm. Without errors, all but `scale` are 0."""
 
     scale: Scalar
     joint_offset: Vec  # rad; m
@@ -72,7 +72,7 @@ def no_errors() -> KinematicErrors:
 
 
 def is_exact(errors: KinematicErrors) -> bool:
-    """Return whether all errors are known to be 0 in this trace."""
+    """Return whether all errors are 0 in all runs, so that the code needs no errors."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
@@ -80,19 +80,19 @@ def is_exact(errors: KinematicErrors) -> bool:
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
 
-    def true(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
-        moved = mul(mul(errors.scale, error), joint - home)
-        return add(joint, add(moved, mul(errors.scale, offset)))
+    def true_joint(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
+        scaled = mul(mul(errors.scale, error), joint - home)
+        return add(joint, add(scaled, mul(errors.scale, offset)))
 
-    return reported.map(true, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
+    return reported.map(true_joint, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
 
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
-    """Return the registration of the arm's frame 0; None: it is where the software assumes it."""
+    """Return the registration of the arm's frame 0; None: without errors or not registered."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
-    return where(errors.registered != 0, fit_registration(arm, true), _same())
+    return where(errors.registered != 0, fit_registration(arm, true), _no_motion())
 
 
 def true_tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
@@ -111,7 +111,7 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
 # --- registration ---
 
 STEPS = 4
-"""Gauss-Newton steps: from 20 degrees the fourth changes nothing in single precision."""
+"""Gauss-Newton steps. With 20 degrees of rotation, the fourth changes no bit of a float32."""
 
 _RANGES = (
     (20 * _DEG, 50 * _DEG),
@@ -120,7 +120,7 @@ _RANGES = (
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
 )
-"""Ranges of shoulder to wrist: where the arm of recording `camera_poses_left_arm` works."""
+"""Ranges of shoulder to wrist, rad and m: the workspace of recording `camera_poses_left_arm`."""
 POSES = tuple(
     Vec(
         (
@@ -131,7 +131,7 @@ POSES = tuple(
     )
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
-"""Eight of all 32 corners: any two joints have all four combinations of their ends."""
+"""Eight of the 32 corners of the ranges. Any two joints have all four combinations of ends."""
 
 
 def in_registered_frame(frame: Registration, point: Vec) -> Vec:
@@ -142,22 +142,22 @@ def in_registered_frame(frame: Registration, point: Vec) -> Vec:
 def fit_registration(arm: str, true: list[Vec]) -> Registration:
     """Return the registration from true tips (m) at POSES."""
     reported, solve = _normal_equations(arm)
-    frame = _same()
+    frame = _no_motion()
     for _ in range(STEPS):
         residual = Vec(
             x
             for p, r in zip(true, reported, strict=True)
             for x in Vec(r) - in_registered_frame(frame, p)
         )
-        small = Vec(dot(Vec(row), residual) for row in solve)
-        turn = mapping.matrix_from_quat(Vec((*(Vec(small[:3]) * 0.5), 1.0)))
+        correction = Vec(dot(Vec(row), residual) for row in solve)
+        turn = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
         frame = Registration(
-            matmul(turn, frame.rotation), matvec(turn, frame.translation) + small[3:]
+            matmul(turn, frame.rotation), matvec(turn, frame.translation) + correction[3:]
         )
     return frame
 
 
-def _same() -> Registration:
+def _no_motion() -> Registration:
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
     return Registration(
         matrix((one, zero, zero), (zero, one, zero), (zero, zero, one)), Vec((zero,) * 3)
