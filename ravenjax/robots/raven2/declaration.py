@@ -26,11 +26,11 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
     """Return (name, unit, path) of the channels that one table describes."""
     names, unit = table["names"], table["unit"]
-    several = str(names) in _NAMES
+    is_set = str(names) in _NAMES
     units = {"insertion": table.get("linear", unit)}
     channels = []
-    for place, name in enumerate(_NAMES[names] if several else names):
-        path = table.get("path", [ARM, "#"] if several else [name])
+    for place, name in enumerate(_NAMES[names] if is_set else names):
+        path = table.get("path", [ARM, "#"] if is_set else [name])
         indexed = tuple(place if step == "#" else step for step in path)
         channels.append((name, units.get(name, unit), indexed))
     return channels

@@ -30,21 +30,20 @@ if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link
 
 LEVERS = (138.0, 123.0, 2400.0, 5.4, 9.0, 9.0, 9.0)
-"""About how far a motor turns per joint, rad/rad (insertion: rad/m): scales of joints against each
-other, so that damping of pairs is not the small difference of large numbers.
+"""Approximate motor angle per joint, rad/rad (insertion: rad/m). The joints are scaled by these
+factors, so that the damping of pairs is no small difference of large numbers.
 """
 
 
 def mass_matrix_and_bias(
     arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
 ) -> tuple[tuple[Vec, ...], Vec]:
-    """Return (M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
+    """Return the mass matrix M (7 rows of 7) and the bias (7) at joints `qpos` and speeds `qvel`.
 
-    gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
-    insertion N), with the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
-    inertia. Both results are linear in it and are scaled at the end, except the armature (kg m^2)
-    of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
-    numbers among the arguments are folded as constants.
+    bias: Coriolis, centrifugal and gravity torques (Nm, insertion N), with the sign of MuJoCo's
+    qfrc_bias. gravity: m/s^2 in frame 0 of the arm. mass_scale: factor of every link's mass and
+    inertia, but not of the armature (kg m^2) of the tool spindles. Entries of M that are constant
+    are Python numbers. Arguments that are Python numbers become constants of the program.
     """
     program = functools.partial(arm_program, arm)
     mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
@@ -66,22 +65,22 @@ def solve_by_mjx(
     gravity: Vec,
     mass_scale: Scalar,
 ) -> Vec:
-    """Return x of system x = right, 7 speeds that joints gain, by one `mjx.step`.
+    """Return the solution x (7 speed gains of joints) of system x = right, by one `mjx.step`.
 
-    system: 7x7, its lower triangle, M / timestep + D; right: N m, insertion N. MuJoCo computes M
-    and bias. Dampers of joints, and tendons with a damper for each pair of joints, have damping D,
-    which MuJoCo's implicit integrator takes at the end of the step. `qfrc_applied` returns what
-    bias and dampers take at the start.
+    system: 7x7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
+    bias. The damping D is that of dampers on joints, and on a tendon for each pair of joints. The
+    implicit integrator evaluates dampers at the end of the step. `qfrc_applied` cancels the bias
+    and the damping at the start.
     """
     dtype = jnp.result_type(*right)
     real = functools.partial(jnp.array, dtype=dtype)
     mjx, model, data = _mjx_model(arm, str(dtype))
     mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
     joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
-    full = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
-    damping = full - real(mass) / timestep
-    shares = damping / jnp.outer(lever, lever)
-    # GPUs would otherwise multiply matrices with 10 bits
+    whole = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
+    damping = whole - real(mass) / timestep
+    pair_damping = damping / jnp.outer(lever, lever)
+    # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
         option = model.opt.replace(
             timestep=timestep, gravity=real(arm_model.frame_rotation(arm)) @ real(gravity)
@@ -90,18 +89,18 @@ def solve_by_mjx(
             opt=option,
             body_mass=model.body_mass * mass_scale,
             body_inertia=model.body_inertia * mass_scale,
-            tendon_damping=shares[np.tril_indices(len(right), -1)],
-            dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * shares.sum(axis=1),
+            tendon_damping=pair_damping[np.tril_indices(len(right), -1)],
+            dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * pair_damping.sum(axis=1),
         )
         applied = real(right + bias) + damping @ speed
         data = data.replace(qpos=real(qpos), qvel=speed, qfrc_applied=applied)
-        # MJX widens numbers if x64 is on
+        # MJX returns float64 if JAX's 64-bit numbers are enabled.
         return Vec((mjx.step(model, data).qvel - speed).astype(dtype))
 
 
 @functools.cache
 def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return `mjx`, the arm's model with a tendon per pair of joints, and its data, of `dtype`."""
+    """Return the module `mjx`, the arm's model with a tendon per pair of joints, and its data."""
     # The import takes half a second and prints a line for each optional backend that is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
