@@ -2,7 +2,6 @@
 
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,39 +13,27 @@ from ravenjax.campaign import compile_cache
 
 OTHER_VALUES = ("--set", "campaign.seed=7")
 """Options that draw other values for faults and parameters of the same form."""
-NOTHING, AGAIN, OTHERS = ", nothing cached", " again", " with other values"
-"""State of the cache for the form: neither traced nor compiled before; run with the same values;
-run with other values.
-"""
+LARGE_RUNS, LARGE_TICKS = 1_000_000, 10_000
+"""Runs of the large campaign, which take a GPU seconds, and their ticks."""
 
 
-def list_commands(folder: Path) -> dict[str, tuple[str, ...]]:
+def list_commands(folder: Path, large: bool = False) -> dict[str, tuple[str, ...]]:
     """Return a map from the name of a command to the words after `ravenjax`. Results go to
-    `folder`.
+    `folder`. `large`: run the large campaign instead of `quick`.
     """
-    run = ("run", "quick", "--no-report", "--out")
-    return {
-        f"run quick{NOTHING}": (*run, str(folder / "0")),
-        f"run quick{AGAIN}": (*run, str(folder / "1")),
-        f"run quick{OTHERS}": (*run, str(folder / "2"), *OTHER_VALUES),
-        "campaigns": ("campaigns",),
-        "--help": ("--help",),
+    campaign, name = "quick", "run quick"
+    if large:
+        (folder / "large.toml").write_text(
+            tomlkit.dumps(workload.campaign_keys(LARGE_RUNS, LARGE_TICKS))
+        )
+        campaign, name = str(folder / "large.toml"), f"run {LARGE_RUNS:,} runs of {LARGE_TICKS} ms"
+    run = ("run", campaign, "--no-report", "--out")
+    listed = {
+        f"{name}, nothing cached": (*run, str(folder / "0")),
+        f"{name} again": (*run, str(folder / "1")),
+        f"{name} with other values": (*run, str(folder / "2"), *OTHER_VALUES),
     }
-
-
-def list_large_commands(
-    folder: Path, runs: int = 1_000_000, ticks: int = 10_000
-) -> dict[str, tuple[str, ...]]:
-    """Return the commands for a campaign of a million ten-second runs, which takes a GPU
-    seconds.
-    """
-    file = folder / "large.toml"
-    file.write_text(tomlkit.dumps(workload.campaign_keys(runs, ticks)))
-    run, what = ("run", str(file), "--no-report", "--out"), f"run of {runs:,} runs of {ticks} ms"
-    return {
-        f"{what}{NOTHING}": (*run, str(folder / "large0")),
-        f"{what}{OTHERS}": (*run, str(folder / "large1"), *OTHER_VALUES),
-    }
+    return listed if large else listed | {"campaigns": ("campaigns",), "--help": ("--help",)}
 
 
 def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
@@ -59,28 +46,17 @@ def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
         raise RuntimeError(f"ravenjax {' '.join(tokens)}: {error}") from None
 
 
-def measure(seconds: float) -> list[dict[str, Any]]:
+def measure(seconds: float, large: bool = False) -> list[dict[str, Any]]:
     """Time `ravenjax run` with an empty cache, again, and with other values of the same form; and
-    the command that lists campaigns.
+    the commands that list campaigns and print help.
 
     The commands run in rounds, each with a separate cache, as many as fit into `seconds`.
     """
-    return _measure(seconds, list_commands)
-
-
-def measure_large(seconds: float) -> list[dict[str, Any]]:
-    """Time the large campaign with an empty cache, and with other values."""
-    return _measure(seconds, list_large_commands)
-
-
-def _measure(
-    seconds: float, list_commands: Callable[[Path], dict[str, tuple[str, ...]]]
-) -> list[dict[str, Any]]:
     runs: dict[str, list[Finished]] = {}
 
     def run_all() -> None:
         with tempfile.TemporaryDirectory() as folder:
-            for what, tokens in list_commands(Path(folder)).items():
+            for what, tokens in list_commands(Path(folder), large).items():
                 runs.setdefault(what, []).append(run_command(Path(folder), *tokens))
 
     workload.repeat(run_all, seconds)

@@ -3,8 +3,7 @@ with one golden run for all.
 """
 
 import functools
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from bench import workload
@@ -45,7 +44,7 @@ def measure_batches(
     kernels: dict[int, Kernel] = {}
     rows: list[dict[str, Any]] = []
     for runs in sizes:
-        compiled = engine.compile(work.program, runs)
+        compiled = engine.compile(work.plan.program, runs)
         kernel = kernels.setdefault(compiled.lanes, compiled)
         start = {} if rows else _time_start(engine, kernel, work, runs)
         run = functools.partial(
@@ -83,30 +82,26 @@ def count_operations(kernel: Any, work: Workload) -> float:
         return float((compiled.cost_analysis() or {}).get("flops", 0.0)) / lanes
     if not isinstance(kernel, traced.PrintedKernel):
         return 0.0
-    loop = kernel.forms(work.golden_runs(kernel.lanes), work.motion).traced.without_signals()
-    return float(by_stage(split_lanes(loop, len(work.program.varied), True))["lane"].total())
+    loop = kernel.forms(work.golden_runs(kernel.lanes), work.plan.columns).traced.without_signals()
+    return float(len(list_operations(split_lanes(loop, len(work.plan.program.varied), True))[0]))
 
 
-def by_stage(parted: Split, stages: Mapping[int, str] | None = None) -> Mapping[str, Counter[str]]:
-    """Return operations by stage of the "lane" part and of the "shared" part.
+def list_operations(parted: Split) -> tuple[list[int], list[int]]:
+    """Return the numbers of the operations of each run, and of those that runs share.
 
-    Operations without cost, and lane operations that only some ticks need, are left out. stages: of
-    each operation; None: "" for all.
+    Operations without cost, and operations that only some ticks need, are left out.
     """
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
     of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]
-    lane = arrange_regions(step.operations, parted.lane, leaving)
-    shared = arrange_regions(step.operations, parted.shared, of_groups)
-    parts = {
-        "lane": [i for i in lane if not isinstance(i, Region)],
-        "shared": [i for i in shared if not isinstance(i, Region)],
-    }
-    stages = {} if stages is None else stages
-    return {
-        part: Counter(stages.get(i, "") for i in numbers if step.operations[i].name not in _FREE)
-        for part, numbers in parts.items()
-    }
+    lane, shared = (
+        [i for i in numbers if not isinstance(i, Region) and step.operations[i].name not in _FREE]
+        for numbers in (
+            arrange_regions(step.operations, parted.lane, leaving),
+            arrange_regions(step.operations, parted.shared, of_groups),
+        )
+    )
+    return lane, shared
 
 
 def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> dict[str, float]:
@@ -114,11 +109,11 @@ def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> di
     already traced.
     """
     block = work.golden_runs(kernel.lanes)
-    start = {"start_s": workload.measure_once(lambda: kernel.prepare(block, work.motion))}
+    start = {"start_s": workload.measure_once(lambda: kernel.prepare(block, work.plan.columns))}
     if engine.name in PRINTING:
         # Kernels of code-generating engines name the program that they compile.
-        again: Any = engine.compile(work.program, runs)
+        again: Any = engine.compile(work.plan.program, runs)
         traced.forget_traces()
-        traced.traced_forms(again.program, block, work.motion)
-        start["ready_s"] = workload.measure_once(lambda: again.prepare(block, work.motion))
+        traced.traced_forms(again.program, block, work.plan.columns)
+        start["ready_s"] = workload.measure_once(lambda: again.prepare(block, work.plan.columns))
     return start

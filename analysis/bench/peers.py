@@ -14,10 +14,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import joblib
 import mujoco
 import numpy as np
 
-from bench import machine, workload
+from bench import workload
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
@@ -40,7 +41,7 @@ def measure_rollout(
     """Time C MuJoCo's `mujoco.rollout` with one thread per CPU, by number of robots."""
     from mujoco import rollout
 
-    threads = machine.count_usable_cpus()
+    threads = joblib.cpu_count()
     model, kind = make_arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
     data = [mujoco.MjData(model) for _ in range(threads)]
     rows: list[dict[str, Any]] = []
@@ -60,31 +61,19 @@ def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[st
     float64, on one core.
     """
     import jax
-    import jax.numpy as jnp
 
-    from ravenjax.numbers.vec import Vec
     from validation import authors
 
-    def advance(start: authors.AuthorsState) -> authors.AuthorsState:
-        command = Vec.full(3, jnp.float64(0.0))
-        return jax.lax.fori_loop(
-            0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start
-        )
-
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
-        rest = authors.initial(
-            Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
-        )
-        return _measure_jax(PUBLISHED, 1, steps, advance, rest, seconds)
+        return _measure_jax(PUBLISHED, 1, steps, *authors.list_steps(steps), seconds)
 
 
 def measure_mjx_step(
     seconds: float, implementation: str = "jax", batches: Sequence[int] = (), steps: int = 100
 ) -> list[dict[str, Any]]:
-    """Time MJX: `jax.vmap(mjx.step)` by number of robots, with the loop over steps inside `jit`.
+    """Time `jax.vmap(mjx.step)` by number of robots, with the loop over steps inside `jit`.
 
-    `implementation`: MJX's own in `jax`, or MuJoCo Warp (`warp`), which needs the package
-    warp-lang.
+    `implementation`: `jax`, or MuJoCo Warp (`warp`), which needs the package warp-lang.
     """
     import jax
     import jax.numpy as jnp
@@ -146,9 +135,7 @@ def _measure(
     seconds: float,
     settings: int = 1,
 ) -> list[dict[str, Any]]:
-    """Time one setting. `steps`: of all robots in one call of `work`. `settings`: number of
-    settings that share the seconds.
-    """
+    """Time one of `settings` settings. `steps`: of all robots in one call of `work`."""
     work()
     times = workload.repeat(work, seconds / settings)
     rates = {"steps_per_s": steps / min(times), "us_per_step": 1e6 * min(times) / steps}

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 """Folder of the package that runs."""
-LONGEST_REASON = 300
-"""Characters; compilers write pages."""
 # ru_maxrss starts with the memory of the forking process, so a small process starts the command.
 _LAUNCHER = """
 import json, os, subprocess, sys, time
@@ -83,7 +81,8 @@ def run_command(
     if code:
         lines = [line.strip() for line in errors if line.strip()] or ["it said nothing"]
         ending = f"exit code {code}" if code > 0 else f"ended by {signal.Signals(-code).name}"
-        raise RuntimeError(f"{ending}: {lines[-1]}"[:LONGEST_REASON])
+        # Compilers write pages.
+        raise RuntimeError(f"{ending}: {lines[-1]}"[:300])
     unit = 1024 if sys.platform == "linux" else 1
     return Finished(output, seconds, cpu_s, peak * unit / 1e6)
 

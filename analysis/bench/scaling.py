@@ -9,6 +9,8 @@ import functools
 import os
 from typing import Any, NamedTuple
 
+import joblib
+
 from bench import machine, workload
 from bench.workload import Workload
 from ravenjax.campaign import compile_cache, runner
@@ -35,20 +37,14 @@ def count_up(total: int) -> list[int]:
     return sorted({2**k for k in range(total.bit_length())} | {total})
 
 
-def count_cores(real: int, threads: int, usable: int) -> list[int]:
-    """Return 1, 2, 4 .. real cores, all real cores, and all hyper-threads, limited to what is
-    usable.
-    """
-    return sorted({n for n in (*count_up(real), threads) if n <= usable} | {min(usable, threads)})
-
-
 def measure_cores(seconds: float, work: Work | None = None) -> list[dict[str, Any]]:
     """Measure each number of cores, for about `seconds` in total. This process stays on the last
     one.
     """
     order = machine.order_cpus(os.sched_getaffinity(0))
     real = sum(not shared for _, shared in order)
-    numbers = count_cores(real, len(order), machine.count_usable_cpus())
+    usable = min(joblib.cpu_count(), len(order))
+    numbers = [n for n in count_up(real) if n < usable] + [usable]
     engine = selection.select_engine("simd", CAMPAIGN, compile_cache.object_cache())
     rows = []
     for number in numbers:
@@ -72,7 +68,7 @@ def _measure(
 ) -> dict[str, Any]:
     """Return full ticks per second of `blocks` blocks of the bare kernel, and of a campaign."""
     load = Workload(work.kernel_ticks)
-    kernel = engine.compile(load.program, work.lanes * number)
+    kernel = engine.compile(load.plan.program, work.lanes * number)
     lanes = min(kernel.size(work.lanes * number // blocks), kernel.lanes)
     ready = load.blocks(kernel, lanes * blocks, lanes)
     run_kernel = functools.partial(load.run, kernel, ready, min(engine.threads, blocks))
@@ -81,10 +77,7 @@ def _measure(
     run_campaign = functools.partial(runner.run_campaign, config, None, engine.name)
     run_kernel()
     run_campaign()
-    kernel_s, campaign_s = (
-        workload.repeat(run_kernel, 0.4 * seconds),
-        workload.repeat(run_campaign, 0.4 * seconds),
-    )
+    kernel_s, campaign_s = (workload.repeat(w, 0.4 * seconds) for w in (run_kernel, run_campaign))
     return {
         "kernel_ticks_per_s": lanes * blocks * work.kernel_ticks / min(kernel_s),
         "campaign_ticks_per_s": runs * work.ticks / min(campaign_s),

@@ -17,7 +17,7 @@ import numpy as np
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines.interface import Block, Kernel, TickProgram
+from ravenjax.engines.interface import Block, Kernel
 from ravenjax.faults.fault import Faults
 from ravenjax.numbers.vec import replace
 
@@ -64,16 +64,6 @@ class Workload:
         """Return the planned campaign."""
         return plan.make_plan(campaign(PATTERN_RUNS, self.ticks))
 
-    @property
-    def program(self) -> TickProgram:
-        """Return the settings that select code."""
-        return self.plan.program
-
-    @property
-    def motion(self) -> tuple[np.ndarray, ...]:
-        """Return the columns of the operator's motion."""
-        return self.plan.columns
-
     def golden_runs(self, lanes: int) -> Block:
         """Return a block without faults."""
         return Block(*self.plan.lanes([0], lanes, harmless=True), None)
@@ -91,14 +81,14 @@ class Workload:
 
     def blocks(self, kernel: Kernel, runs: int, lanes: int) -> list[Block]:
         """Return `runs` runs in blocks of at most `lanes` lanes. Their golden run is computed."""
-        golden = kernel.run(self.golden_runs(kernel.size(1)), self.motion).reference[:, :, 0]
+        golden = kernel.run(self.golden_runs(kernel.size(1)), self.plan.columns).reference[:, :, 0]
         sizes = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]
         return [self.block(first, rows, kernel.size(rows), golden) for first, rows in sizes]
 
     def run(self, kernel: Kernel, blocks: Sequence[Block], threads: int) -> None:
         """Run the blocks, `threads` at a time."""
         with ThreadPoolExecutor(threads) as pool:
-            for _ in pool.map(lambda block: kernel.run(block, self.motion), blocks):
+            for _ in pool.map(lambda block: kernel.run(block, self.plan.columns), blocks):
                 pass
 
 

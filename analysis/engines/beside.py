@@ -16,6 +16,8 @@ from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
+import joblib
+
 from bench import commands, machine, process, suite, workload
 from ravenjax.campaign import compile_cache
 
@@ -65,7 +67,7 @@ def _measure_once(root: Path, folder: Path) -> dict[str, float]:
         for what, tokens in commands.list_commands(folder).items()
     }
     order = [cpu for cpu, _ in machine.order_cpus(os.sched_getaffinity(0))]
-    for count in sorted({1, machine.count_usable_cpus()}):
+    for count in sorted({1, joblib.cpu_count()}):
         keys = workload.campaign_keys(BESIDE_RUNS, BESIDE_TICKS)
         done = process.run_command(
             [sys.executable, "-c", _RUN_TWICE, json.dumps([order[:count], keys])],

@@ -90,11 +90,11 @@ def prepared(text: str, folder: Path) -> Prepared:
             raw | {"detector": [{"name": "own", "file": str(file), "threshold": [1.0]}]}
         )
         work.__dict__["plan"] = plan.make_plan(watched)  # replaces the cached property
-    kernel = SimdEngine().compile(work.program, PATTERN_RUNS)
-    kernel.prepare(work.golden_runs(kernel.lanes), work.motion)
-    reference = kernel.run(work.golden_runs(kernel.size(1)), work.motion).reference[:, :, 0]
+    kernel = SimdEngine().compile(work.plan.program, PATTERN_RUNS)
+    kernel.prepare(work.golden_runs(kernel.lanes), work.plan.columns)
+    reference = kernel.run(work.golden_runs(kernel.size(1)), work.plan.columns).reference[:, :, 0]
     block = work.block(0, kernel.lanes, kernel.size(kernel.lanes), reference)
-    return Prepared(operations.count(work).per_lane, kernel, block, work.motion)
+    return Prepared(operations.count(work).per_lane, kernel, block, work.plan.columns)
 
 
 def timed(variants: dict[str, Prepared], rounds: int) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ find the stages worth optimising.
 
 import dataclasses
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any
@@ -15,7 +16,7 @@ from jax.extend import core
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from bench.engines import by_stage
+from bench.engines import list_operations
 from bench.workload import Workload
 from ravenjax.engines import traced
 from ravenjax.ir import builder, lowering
@@ -43,22 +44,17 @@ class Operations:
 
 def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
-    program = workload.program
+    program = workload.plan.program
     with (
         mock.patch.object(lowering, "Builder", _NotingBuilder),
         mock.patch.object(builder, "Builder", _NotingBuilder),
         mock.patch.object(lowering._Walk, "_equation", _noting_equation),
         mock.patch.object(traced, "contract_to_fma", _noting_contraction),
     ):
-        trace = traced.trace_tick(program, workload.golden_runs(1), workload.motion)
+        trace = traced.trace_tick(program, workload.golden_runs(1), workload.plan.columns)
     stages = dict(enumerate(_STAGES_OF[id(trace.loop.step.operations)]))
-    parts = by_stage(split_lanes(trace.without_signals(), len(program.varied), True), stages)
-    return Operations(
-        *(
-            {name or "tick.glue": n for name, n in parts[k].most_common()}
-            for k in ("lane", "shared")
-        )
-    )
+    parts = list_operations(split_lanes(trace.without_signals(), len(program.varied), True))
+    return Operations(*(Counter(stages.get(i) or "tick.glue" for i in part) for part in parts))
 
 
 _STAGES_OF: dict[int, list[str]] = {}

@@ -8,7 +8,7 @@ default). It is not part of the virtual robot: see `robot`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ravenjax.numbers.algebra import solve_spd
 from ravenjax.numbers.lazy import jnp
@@ -186,6 +186,19 @@ def rates(
     mdd = Vec((-torque[i] - friction[i] - reaction[i]) / motor.inertia[i] for i in range(3))
     detail = Detail(Vec(tension), reaction, Vec(friction), Vec(torque), link_torque, bias)
     return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
+
+
+def list_steps(steps: int) -> tuple[Callable[[AuthorsState], AuthorsState], AuthorsState]:
+    """Return a function that makes this many Euler steps at 1 ms, as published, and a start."""
+    from jax import lax
+
+    command = Vec.full(3, jnp.float64(0.0))
+    rest = Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
+
+    def advance(start: AuthorsState) -> AuthorsState:
+        return lax.fori_loop(0, steps, lambda _, now: euler(now, command, tension_bug=True), start)
+
+    return advance, initial(*rest)
 
 
 def euler(

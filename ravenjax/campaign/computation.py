@@ -152,12 +152,18 @@ class Computation:
         halted = runs.get("halted_ms", np.zeros(0))
         still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
+            tripped = [
+                name.removeprefix("check_").removesuffix("_count")
+                for name, count in runs.items()
+                if name.startswith("check_") and name.endswith("_count") and count[still].any()
+            ]
             self.progress.note(
                 f"{still.sum()} of {len(still)} golden runs stand still for up to"
                 f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms while the operator"
                 " holds the pedal down: the robot stops without a fault, and faults after that do"
-                " nothing. Column golden_halted_ms has the time of each; take a shorter"
-                " campaign.duration_s, another motion or a smaller operator.scale"
+                " nothing. Column golden_halted_ms has the time of each. Checks that tripped in"
+                f" these runs: {', '.join(tripped) or 'none'}. Take another motion, a shorter"
+                " campaign.duration_s, or a check that permits more"
             )
         config = self.plan.config
         watching = {

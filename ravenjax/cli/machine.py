@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Engine, Listing, Switch, load_module
 
-TableName = Literal["engines", "shell", "cores", "devices", "fault_times", "campaigns", "peers"]
+TableName = Literal["engines", "shell", "cores", "devices", "peers"]
 
 
 def bench(

@@ -23,8 +23,12 @@ tests/mechanics/test_mechanism.py.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
+import contextlib
+import copy
 import dataclasses
 import functools
+import io
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,8 +36,9 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.ir.program import Program
 from ravenjax.mechanics import rigid_program, rigid_tree
-from ravenjax.numbers import Scalar, Vec, jnp
+from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, dot, matvec, minus, mul, plus, scale, solve_spd, transpose
+from ravenjax.numbers.lazy import jax, jnp
 
 SWEEPS = 10
 """Sweeps over the constraints of a step."""
@@ -82,6 +87,8 @@ class Mechanism:
     constraints: tuple[Constraint, ...]
     carrier: int  # link that carries the tip; -1: the base
     tip: Vec  # in the frame of that link, m
+    # The model without actuators and ranges of joints, for `step_by_mjx`.
+    model: mujoco.MjModel
 
 
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
@@ -114,11 +121,13 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     for k in np.flatnonzero(model.eq_active0):
         pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         weight_sum = float(sum(weight[dofs[joint]] for joint in pair if joint >= 0))
-        softness = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
+        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
         polynomial = tuple(model.eq_data[k, : 5 if pair[1] >= 0 else 1].tolist())
-        couplings.append(
-            Constraint(index_of[pair[0]], 0.0, index_of[pair[1]], polynomial, *softness)
-        )
+        couplings.append(Constraint(index_of[pair[0]], 0.0, index_of[pair[1]], polynomial, *soft))
+    bare = copy.copy(model)
+    bare.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    bare.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    bare.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     return Mechanism(
         links,
         float(model.opt.timestep),
@@ -129,6 +138,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
         (*losses, *couplings),
         carrier,
         rigid_program.point_in_link(links, home_positions, carrier, tip_at_home),
+        bare,
     )
 
 
@@ -205,6 +215,49 @@ def step(
         rows[k][k] = add(rows[k][k], mul(h, rate))
     after = qvel + scale(h, solve_spd(tuple(map(Vec, rows)), force))
     return qpos + scale(h, after), after
+
+
+def step_by_mjx(
+    mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec
+) -> tuple[Vec, Vec]:
+    """Return what `step` returns, by a step of MuJoCo MJX, which solves the constraints, too."""
+    applied = plus(torque, velocity_gain.map(mul, qvel))
+    damping = jnp.array(plus(mechanism.damping, velocity_gain))
+    option = {"timestep": mechanism.timestep}
+    places, speeds = advance_by_mjx(
+        mechanism.model, qpos, qvel, applied, option, dof_damping=damping
+    )
+    dtype = jnp.result_type(*qpos)
+    return Vec(places.astype(dtype)), Vec(speeds.astype(dtype))
+
+
+def advance_by_mjx(
+    model: mujoco.MjModel, qpos: Vec, qvel: Vec, applied: Any, option: Any, **numbers: Any
+) -> tuple[Any, Any]:
+    """Return positions and velocities after one `mjx.step`, arrays of at least these types.
+
+    applied: `qfrc_applied`, Nm or N. option, numbers: fields of `model.opt` and of the model that
+    this step replaces. A model whose integrator is implicit takes damping at the end of the step.
+    """
+    dtype = jnp.result_type(*qpos)
+    real = functools.partial(jnp.array, dtype=dtype)
+    mjx, there, data = _put_model(model, str(dtype))
+    # GPUs would otherwise multiply matrices with 10 bits
+    with jax.default_matmul_precision("highest"):
+        there = there.replace(opt=there.opt.replace(**option), **numbers)
+        data = data.replace(qpos=real(qpos), qvel=real(qvel), qfrc_applied=real(applied))
+        data = mjx.step(there, data)
+    return data.qpos, data.qvel
+
+
+@functools.lru_cache(maxsize=64)
+def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
+    """Return `mjx`, and the model and its data for JAX, of `dtype`."""
+    # The import takes half a second and prints a line for each optional backend that is missing.
+    with contextlib.redirect_stdout(io.StringIO()):
+        from mujoco import mjx
+    with jax.ensure_compile_time_eval():
+        return mjx, mjx.put_model(model), mjx.make_data(model)
 
 
 def _constraint_force(

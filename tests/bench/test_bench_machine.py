@@ -1,7 +1,5 @@
 """The machine is described by what the system tells, also where it tells little."""
 
-import math
-
 import pytest
 
 from bench import machine
@@ -24,16 +22,3 @@ def test_real_cores_come_first(cpus):
     assert machine.order_cpus([2, 3], cpus) == [(2, False), (3, False)]
     assert machine.order_cpus([2, 0], cpus) == [(0, False), (2, True)]
     assert machine.order_cpus([7, 5], cpus / "nothing") == [(5, False), (7, False)]
-
-
-def test_time_of_control_groups_is_the_least_of_all_above(tmp_path):
-    own = tmp_path / "own"
-    own.write_text("0::/outer/inner\n")
-    (tmp_path / "outer/inner").mkdir(parents=True)
-    assert machine.read_quota(tmp_path, own) == math.inf
-    (tmp_path / "outer/inner/cpu.max").write_text("max 100000\n")
-    assert machine.read_quota(tmp_path, own) == math.inf
-    (tmp_path / "outer/cpu.max").write_text("150000 100000\n")
-    assert machine.read_quota(tmp_path, own) == 1.5
-    (tmp_path / "outer/inner/cpu.max").write_text("50000 100000\n")
-    assert machine.read_quota(tmp_path, own) == 0.5

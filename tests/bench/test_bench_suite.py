@@ -35,10 +35,10 @@ def test_a_part_that_breaks_spoils_no_other(some):
         60.0,
         Part("a", "cores", bench_work.ends_without_an_answer, 0.1, 1.0),
         Part("b", "cores", bench_work.raises, 0.1, 1.0),
-        Part("c", "campaigns", bench_work.answers, 0.1, 1.0, ("x", 2)),
+        Part("c", "devices", bench_work.answers, 0.1, 1.0, ("x", 2)),
     )
     assert absent["a"].startswith("exit code 9") and "out of memory" in absent["b"]
-    assert found["campaigns"] == [{"seconds": 1.0, "arguments": ["x", 2]}]
+    assert found["devices"] == [{"seconds": 1.0, "arguments": ["x", 2]}]
     assert "cores" not in found and [row["part"] for row in found["clocks"]] == ["a", "b", "c"]
     assert found["clocks"][2]["peak_mb"] > 5.0
 
@@ -49,10 +49,10 @@ def test_a_part_that_hangs_is_ended_in_time(some, monkeypatch):
     found, absent = some(
         3.0,
         Part("a", "cores", bench_work.sleeps, 0.1, 1.0),
-        Part("b", "campaigns", bench_work.answers, 0.1, 1.0),
+        Part("b", "devices", bench_work.answers, 0.1, 1.0),
     )
     assert time.perf_counter() - began < 30.0 and "not finished within" in absent["a"]
-    assert "--seconds" in absent["b"] and "campaigns" not in found
+    assert "--seconds" in absent["b"] and "devices" not in found
 
 
 def test_a_signal_is_named():
@@ -63,13 +63,13 @@ def test_a_signal_is_named():
 
 def test_quick_runs_say_what_they_leave_out(some):
     listed = (
-        Part("a", "campaigns", bench_work.answers, 0.1, 1.0),
+        Part("a", "devices", bench_work.answers, 0.1, 1.0),
         Part("b", "shell", bench_work.answers, 0.1, 1.0, quick=True),
     )
     found, absent = some(60.0, *listed, quick=True)
     assert absent == {"a": "left out of a quick run"} and "shell" in found
-    found, absent = some(60.0, *listed, quick=True, only=["campaigns"])
-    assert absent == {} and "campaigns" in found and "shell" not in found
+    found, absent = some(60.0, *listed, quick=True, only=["devices"])
+    assert absent == {} and "devices" in found and "shell" not in found
 
 
 def test_ratios_are_those_of_the_best():
@@ -83,8 +83,6 @@ def test_ratios_are_those_of_the_best():
     }
     ratios = {(r["engine"], r["over"]): r["times"] for r in suite.compute_ratios(found)}
     assert ratios == {("simd", "mjx"): 1000.0, ("simd", "mujoco.rollout"): 5.0}
-    # a million runs of 10 s are 1e10 ticks: 1000 s on the faster one
-    assert suite.compute_cents(3.6, 1e7) == pytest.approx(100.0)
 
 
 @pytest.mark.slow

@@ -69,11 +69,6 @@ def tables(file):
     return {engine: rj.run(file, engine=engine) for engine in ("simd", "xla")}
 
 
-def test_engine_mjx_refuses_it(file):
-    with pytest.raises(UserError, match="moves the links of the Raven-II only"):
-        rj.run(file, engine="mjx")
-
-
 def test_two_engines_agree(tables):
     simd, xla = tables["simd"], tables["xla"]
     assert len(simd) == 28 and (simd["run_id"] == xla["run_id"]).all()

@@ -41,6 +41,10 @@ results were wrong.
 """
 LANE_BYTES = 2**14
 """Device memory of each lane in bytes: its state and the intermediate results of a tick."""
+MJX_ON_CPU: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
+"""XLA options of engine mjx on a CPU. With these emitters the code of a fusion computes the pose of
+a body again for each body behind it, so a tick takes up to a hundred times as long.
+"""
 LANE_MULTIPLE = 16
 """Lanes come in multiples of the widest float32 vector, so that every lane is in a full vector."""
 
@@ -136,7 +140,10 @@ class ScanKernel:
         with self._locks[lanes]:
             if lanes not in self.compiled:
                 function = jax.jit(self.segment, donate_argnums=(3,))
-                self.compiled[lanes] = function.lower(*arguments).compile()
+                by_mjx = getattr(self.program.setup, "link_dynamics", "") == "mjx"
+                options = MJX_ON_CPU if by_mjx and not _accelerators() else None
+                lowered = function.lower(*arguments)
+                self.compiled[lanes] = lowered.compile(compiler_options=options)
         return self.compiled[lanes]
 
     def prepare(self, block: Block, motion: Motion) -> None:
@@ -234,8 +241,8 @@ class ScanEngine:
             return program
         if not hasattr(program.setup, "link_dynamics"):
             raise UserError(
-                "engine 'mjx' moves the links of the Raven-II only, not those of this robot:"
-                " use engine xla, or auto"
+                "engine 'mjx' moves the links of the Raven-II and of MJCF files, not those of this"
+                " robot: use engine xla, or auto"
             )
         return dataclasses.replace(
             program, setup=dataclasses.replace(program.setup, link_dynamics="mjx")

@@ -14,7 +14,7 @@ import copy
 import dataclasses
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from ravenjax.faults import fault
 from ravenjax.faults.injection import Injector, channel_paths, read_channel
@@ -34,6 +34,8 @@ class ArmSetup(setup.Setup):
     """Everything that selects the code of the tick."""
 
     robot: Any = None  # ArmRobot
+    # what moves the links: printed equations, or in engine mjx a step of MuJoCo MJX
+    link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
 
     @property
     def joints(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -149,7 +151,8 @@ def advance(
         jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
         for x, t, y, d in zip(exerted, torque, more, arm.damping, strict=True)
     )
-    jpos, jvel = mechanism.step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
+    step = mechanism.step if setup.link_dynamics == "unrolled" else mechanism.step_by_mjx
+    jpos, jvel = step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
     slower = state.jvel * params.coasting
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * 1e-3, jpos)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
+from ravenjax.bundled import resources
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.engines.cpu.engine import SimdEngine
-from ravenjax.engines.interface import Block
+from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.xla import engine as scan
 from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine
-from ravenjax.numbers.setup import REFERENCE
+from ravenjax.errors import UserError
+from ravenjax.numbers.setup import REFERENCE, Setup
 from ravenjax.robots.raven2.campaign import hands
 
 compile_cache.enable_cache()
@@ -86,6 +88,47 @@ def test_whole_ticks_of_mjx_are_those_of_simd(arm):
     for name, values in simd.outcomes.items():
         if values.dtype.kind != "f":
             np.testing.assert_allclose(values, mjx.outcomes[name], rtol=0, atol=2, err_msg=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arm", "joint", "force"),
+    [("ur5e", "elbow", 20.0), ("psm", "pitch", 3.0), ("iiwa14", "joint_2", 20.0)],
+)
+def test_whole_ticks_of_mjx_are_those_of_simd_for_the_arm_of_an_mjcf_file(arm, joint, force):
+    """In float32, with servos, gravity, friction loss and springs, and faults of each of them."""
+    groups = [{"name": "free"}]
+    for site, effect, value in (
+        ("torque", "offset", force),
+        ("actuator", "overwrite", force),
+        ("actuator", "scale", 0.5),
+        ("encoder", "offset", 0.1),
+        ("command", "drift", 0.02),
+    ):
+        fault = {"site": site, "channel": joint, "effect": effect, "value": value}
+        fault |= {"start_ms": 30, "duration_ms": 40}
+        groups.append({"name": f"{site} {effect}", "fault": [fault]})
+    robot = str(resources.find_model(f"{arm}/{arm}.xml"))
+    content = {
+        "campaign": {"name": "arm", "robot": robot, "duration_s": 0.2},
+        "operator": {"hz": 2.0},
+        "parameters": {"tracking": 0.5},
+        "group": groups,
+    }
+    ready = plan.make_plan(rj.load_campaign(content))
+    runs = [run_on(engine, ready, ready.columns) for engine in (SimdEngine(), ScanEngine("mjx"))]
+    (simd, mjx), rows = runs, slice(ready.runs)
+    tips, others = (found.reference[:, :3, rows] for found in runs)
+    np.testing.assert_allclose(tips, others, rtol=0, atol=1e-6)
+    assert np.ptp(tips, axis=0).max() > 1e-3, "the robot moved, m"
+    for name, values in simd.outcomes.items():
+        if values.dtype.kind != "f":
+            np.testing.assert_array_equal(values[rows], mjx.outcomes[name][rows], err_msg=name)
+
+
+def test_engine_mjx_refuses_a_robot_without_a_model():
+    with pytest.raises(UserError, match="moves the links of the Raven-II and of MJCF files"):
+        ScanEngine("mjx").compile(TickProgram("own_arm", Setup(), None, (), 1), 1)
 
 
 TICKS = 1013  # a prime: no segment but one tick divides it

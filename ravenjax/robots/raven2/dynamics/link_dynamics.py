@@ -10,9 +10,7 @@ A straight-line program, derived from the compiled model, computes M and bias. W
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -72,9 +70,11 @@ def solve_by_mjx(
     implicit integrator evaluates dampers at the end of the step. `qfrc_applied` cancels the bias
     and the damping at the start.
     """
-    dtype = jnp.result_type(*right)
-    real = functools.partial(jnp.array, dtype=dtype)
-    mjx, model, data = _mjx_model(arm, str(dtype))
+    # imports MuJoCo
+    from ravenjax.mechanics.mechanism import advance_by_mjx
+
+    real = functools.partial(jnp.array, dtype=jnp.result_type(*right))
+    model = _mjx_model(arm)
     mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
     joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
     whole = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
@@ -82,28 +82,23 @@ def solve_by_mjx(
     pair_damping = damping / jnp.outer(lever, lever)
     # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
-        option = model.opt.replace(
-            timestep=timestep, gravity=real(arm_model.frame_rotation(arm)) @ real(gravity)
-        )
-        model = model.replace(
-            opt=option,
-            body_mass=model.body_mass * mass_scale,
-            body_inertia=model.body_inertia * mass_scale,
-            tendon_damping=pair_damping[np.tril_indices(len(right), -1)],
-            dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * pair_damping.sum(axis=1),
-        )
+        gravity_in_world = real(arm_model.frame_rotation(arm)) @ real(gravity)
         applied = real(right + bias) + damping @ speed
-        data = data.replace(qpos=real(qpos), qvel=speed, qfrc_applied=applied)
-        # MJX returns float64 if JAX's 64-bit numbers are enabled.
-        return Vec((mjx.step(model, data).qvel - speed).astype(dtype))
+    _, after = advance_by_mjx(
+        *(model, qpos, qvel, applied),
+        {"timestep": timestep, "gravity": gravity_in_world},
+        body_mass=real(model.body_mass) * mass_scale,
+        body_inertia=real(model.body_inertia) * mass_scale,
+        tendon_damping=pair_damping[np.tril_indices(len(right), -1)],
+        dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * pair_damping.sum(axis=1),
+    )
+    # MJX returns float64 if JAX's 64-bit numbers are enabled.
+    return Vec((after - speed).astype(speed.dtype))
 
 
 @functools.cache
-def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
-    """Return the module `mjx`, the arm's model with a tendon per pair of joints, and its data."""
-    # The import takes half a second and prints a line for each optional backend that is missing.
-    with contextlib.redirect_stdout(io.StringIO()):
-        from mujoco import mjx
+def _mjx_model(arm: ArmName) -> Any:
+    """Return the arm's model with a tendon for each pair of joints."""
     import mujoco
 
     spec, names = arm_model.one_arm_spec(arm), arm_model.joint_names(arm)
@@ -113,9 +108,7 @@ def _mjx_model(arm: ArmName, dtype: str) -> tuple[Any, Any, Any]:
         tendon.wrap_joint(names[j], LEVERS[j])
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    compiled = spec.compile()
-    with jax.ensure_compile_time_eval():
-        return mjx, mjx.put_model(compiled), mjx.make_data(compiled)
+    return spec.compile()
 
 
 @functools.cache
