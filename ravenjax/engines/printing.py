@@ -100,6 +100,7 @@ class Printing(ABC, Generic[Where]):
         outside = set(filter(is_given, targets))
 
         def compute(i: int) -> None:
+            # Prints one operation, and stores its result if it is a result of the function.
             if is_given(i):
                 return
             operation = program.operations[i]

@@ -66,6 +66,7 @@ class Builder:
         return Program(operations, inputs, tuple(outputs), tuple(self.tables))
 
     def _write(self, operation: Operation) -> int:
+        # Returns the number of an operation. An equal operation is added only once.
         place = self._numbers.get(operation)
         if place is None:
             place = self._numbers[operation] = len(self.operations)
@@ -165,6 +166,7 @@ def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
+    # Simplifies max and min of floats.
     if x == y:
         return x
     # The constant comes first. It is no NaN, so the result keeps its bits.

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 def _sign(b: Builder, dtype: str, x: int) -> int:
+    # Emits the sign of a number: -1, 0 or 1, and NaN for NaN.
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
         return b.emit("min", dtype, x, one)
@@ -100,6 +101,7 @@ class _Walk:
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
 
     def _dtype(self, aval: Any) -> str:
+        # Returns the name of a type. Raises UnknownPrimitive for an unsupported type.
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
             raise UnknownPrimitive(
@@ -108,6 +110,7 @@ class _Walk:
         return name
 
     def input(self, aval: Any) -> _Value:
+        # Adds an input of the program: a single number, or a table for a 1-D array.
         if len(aval.shape) > 1:
             raise UnknownPrimitive(
                 f"an input has shape {aval.shape}; expected single numbers or 1-D arrays"
@@ -118,6 +121,7 @@ class _Walk:
         return self.builder.input(self._dtype(aval))
 
     def constant(self, value: Any) -> _Value:
+        # Adds a constant: a single number, or a table of constants for a 1-D array.
         value = np.asarray(value)
         dtype = self._dtype(value)
         if value.size == 1:
@@ -129,6 +133,7 @@ class _Walk:
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
+        # Emits the number of a constant table at an index, by one select for each number.
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
             is_index = b.emit("eq", "bool", index, b.constant("int32", k))
@@ -183,6 +188,7 @@ class _Walk:
         ]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
+        # Emits one equation of the jaxpr. Returns the number of its result.
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:

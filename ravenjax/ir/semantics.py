@@ -34,6 +34,7 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
+    # Computes an operation; `evaluate_operation` also silences NumPy's warnings.
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
@@ -46,6 +47,7 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
     """Return the results of `program`. inputs: NumPy numbers, or arrays of one shape."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
+        # Computes one operation of the program.
         name, dtype, _, detail = operation
         if name == "input":
             return np.asarray(inputs[detail], dtype)[()]
@@ -90,6 +92,7 @@ def _remainder(a: Array, b: Array) -> Array:
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
+    # Converts numbers to another type. Floats saturate at the ends of integer types.
     if dtype.kind == "b":
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":

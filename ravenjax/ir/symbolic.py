@@ -32,6 +32,7 @@ class Term:
         return Term(self.builder, self.number, -self.sign)
 
     def __add__(self, other: Term | float) -> Term | float:
+        # Returns the sum, simplified where the terms are 0, equal, or have a common factor.
         if not isinstance(other, Term):
             if other == 0.0:
                 return self
@@ -53,6 +54,7 @@ class Term:
         return (-self) + other
 
     def __mul__(self, other: Term | float) -> Term | float:
+        # Returns the product, with constant factors merged.
         if isinstance(other, Term):
             return self._operation("mul", other.number, self.sign * other.sign)
         if other == 0.0:
@@ -121,6 +123,7 @@ def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of a program of `build_program`, on numbers or on JAX's tracers."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
+        # Computes one operation of the program with JAX's functions or Python's operators.
         name, dtype, _, detail = operation
         if name == "input":
             return inputs[detail]

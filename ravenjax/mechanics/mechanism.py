@@ -241,12 +241,12 @@ def advance_by_mjx(
     """
     dtype = jnp.result_type(*qpos)
     real = functools.partial(jnp.array, dtype=dtype)
-    mjx, there, data = _put_model(model, str(dtype))
-    # GPUs would otherwise multiply matrices with 10 bits
+    mjx, mjx_model, data = _put_model(model, str(dtype))
+    # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
-        there = there.replace(opt=there.opt.replace(**option), **numbers)
+        mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(**option), **numbers)
         data = data.replace(qpos=real(qpos), qvel=real(qvel), qfrc_applied=real(applied))
-        data = mjx.step(there, data)
+        data = mjx.step(mjx_model, data)
     return data.qpos, data.qvel
 
 

@@ -235,6 +235,7 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
 
 
 def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
+    # Returns U = [alpha]x + [omega]x^2, the acceleration of a point r relative to r.
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     return matrix(

@@ -151,6 +151,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
 
 
 def _describe_origin(record: Manifest) -> dict[str, Any]:
+    # Returns the engine, device and versions with which a result was computed.
     return {
         "engine": record.engine,
         "device": record.device,
@@ -198,6 +199,7 @@ def _keys(table: ResultTable) -> tuple[str, str]:
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
     def key_part(name: str, columns: dict[str, str]) -> str:
+        # Returns SQL for one column of the key. Absent and NaN values are equal.
         text = quote_name(name)
         # A fault slot that this campaign does not have counts as empty.
         if name not in columns:

@@ -53,6 +53,7 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     }
 
     def body(section: Section) -> Markup | None:
+        # Returns the HTML of one section, or None if the section has no content.
         content = section.content(runs, folder)
         if content is None:
             return None
@@ -67,9 +68,10 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
+    # Returns Jinja's environment, which also finds templates next to the sections' modules.
     environment = html.template_environment("ravenjax.report")
-    beside_modules = jinja2.PackageLoader("ravenjax.report", "sections")
-    environment.loader = jinja2.ChoiceLoader([beside_modules, environment.loader])  # pyright: ignore[reportArgumentType]
+    section_templates = jinja2.PackageLoader("ravenjax.report", "sections")
+    environment.loader = jinja2.ChoiceLoader([section_templates, environment.loader])  # pyright: ignore[reportArgumentType]
     environment.filters |= wording.FILTERS | {
         "as_json": json.dumps,
         "csv": downloads.format_csv,

@@ -45,6 +45,7 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
 
 @functools.cache
 def _find_declared(name: str, folder: Path | None) -> Robot:
+    # Imports the module of a bundled or a user's robot. Returns its ROBOT.
     places = () if name == DEFAULT else (folder or Path(), Path())
     places = list(dict.fromkeys(str(place.resolve()) for place in places))
     for module in (f"{__name__}.{name}", name):

@@ -243,11 +243,13 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 def _arm(
     setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
+    # Computes the scores of all kinds of detectors for one arm. Returns its new state, scores.
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)
 
     def largest(field: str, now: Vec, before: Vec) -> Scalar:
+        # Returns the largest step of the joints within 1 ms, divided by their learned steps.
         steps = [
             jnp.abs(a - b) / getattr(step, field)
             for a, b, step in zip(now, before, learned, strict=True)
@@ -275,6 +277,7 @@ def _arm(
 
 
 def _score(detector: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
+    # Selects a detector's score, or fuses the three scores of detector `steps`.
     if detector.kind != "steps":
         return scores[detector.kind]
     if detector.fusion in scores:

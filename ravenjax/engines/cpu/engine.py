@@ -154,6 +154,7 @@ class SimdKernel(traced.PrintedKernel):
         return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
+        # Returns the compiled code for this block, from the cache if it was compiled before.
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 

@@ -182,6 +182,7 @@ class _LlvmModule(LoopPrinting[Place]):
     # --- functions ---
 
     def _function(self, name: str, printer: LlvmPrinter) -> None:
+        # Adds a function without a loop, whose body is the lines of the printer.
         body = "\n".join(f"  {line}" for line in printer.lines)
         self.functions.append(
             f"define void @{name}({_noalias(name)}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -253,6 +254,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._loop("lane_run", printer, steps)
 
     def _lane_finish(self) -> None:
+        # Prints the results of the lanes from their last state.
         printer, buffers = LlvmPrinter(self.width, self.features), self.buffers
         state = self._lane_places() | self._group_places("%group", splat=True)
         results = buffers.results.places("%results")

@@ -113,6 +113,7 @@ class LlvmPrinter(Printing[Place]):
         return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
+        # Returns a constant as text, with the same value in each lane.
         if dtype == "bool":
             text = "true" if value else "false"
         elif dtype.startswith("float"):
@@ -249,6 +250,7 @@ class LlvmPrinter(Printing[Place]):
         return best
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
+        # Converts an integer to an integer of another width.
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
             return x

@@ -141,6 +141,7 @@ class Interpreted:
         transition = self._transitions[name]
 
         def take() -> None:
+            # Makes one transition for each row of inputs.
             fixed = read_row(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
                 state = read_row(transition.state, memory.state)
@@ -214,6 +215,7 @@ def print_module(
 
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
+    # Prints the loop over the steps of one transition.
     program = transition.program
     state = transition.state.places("%state")
     given = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]

@@ -38,6 +38,7 @@ class CudaPrinter(Printing[str]):
         return "".join(f"{line}\n" for line in self.lines)
 
     def _constant(self, dtype: str, value: Any) -> str:
+        # Returns a constant as C text, exact to the bit.
         if dtype == "bool":
             return "true" if value else "false"
         if dtype == "int32":
@@ -57,6 +58,7 @@ class CudaPrinter(Printing[str]):
         self.line(f"{place} = {_TEXTS['words'][dtype][1].format(value)};")
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
+        # Prints one operation. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
         first = program.operations[operands[0]]
         if name == "lookup":
@@ -67,6 +69,7 @@ class CudaPrinter(Printing[str]):
         return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
+        # Prints the beginning of an `if`, with variables for the results of its block.
         names = [self._name() for _ in types]
         for dtype, name in zip(types, names, strict=True):
             self.line(f"{_TYPES[dtype]} {name} = 0;")

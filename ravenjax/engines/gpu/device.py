@@ -22,6 +22,7 @@ INSTALL = "pip install 'ravenjax[cuda]'"
 
 
 def _bindings() -> tuple[Any, Any]:
+    # Returns the modules of the driver and of the compiler. Raises UserError without them.
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:
@@ -138,6 +139,7 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
 
 
 def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
+    # Compiles CUDA C to machine code of one GPU architecture.
     _, program = nvrtc.nvrtcCreateProgram(text.encode(), b"tick.cu", 0, [], [])
     try:
         (code,) = nvrtc.nvrtcCompileProgram(program, len(flags), [flag.encode() for flag in flags])
@@ -187,6 +189,7 @@ class DeviceSession:
         self._events: list[Any] = []
 
     def __enter__(self) -> DeviceSession:
+        # Creates two streams: `urgent` computes rows and copies, `main` runs lanes.
         driver, _ = _bindings()
         _call("cuCtxSetCurrent", self.device.context)
         lowest, highest = _call("cuCtxGetStreamPriorityRange")
@@ -196,6 +199,7 @@ class DeviceSession:
         return self
 
     def __exit__(self, *_: object) -> None:
+        # Waits for all work, and frees memory, events and streams.
         for stream in (self.main, self.urgent):
             _call("cuStreamSynchronize", stream)
         for room in self._allocated:

@@ -83,6 +83,7 @@ class CudaKernel(traced.PrintedKernel):
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
+        # Yields a device that has a free thread, and waits for one if necessary.
         device = self._seats.get()
         try:
             yield device
@@ -127,6 +128,7 @@ class CudaKernel(traced.PrintedKernel):
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
     def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
+        # Returns the compiled code for this block, from the cache if it was compiled before.
         forms, form = self.forms(block, motion), form_for(device)
 
         def printed() -> KernelSource:

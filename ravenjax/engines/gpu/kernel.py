@@ -99,6 +99,7 @@ class _CudaModule(LoopPrinting[str]):
                 )
 
     def source(self) -> KernelSource:
+        # Returns the module's text with the sizes of its buffers.
         text = render_template(
             "gpu/kernel.cu.j2",
             # Registers are limited to what a block of this many threads may have.

@@ -242,6 +242,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
+    # Returns the different words in columns of text, which become enumerated types.
     first = {
         name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
     }

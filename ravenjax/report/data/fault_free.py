@@ -122,6 +122,7 @@ def make_fault_free_table(
 
 
 def _beside(name: str, available: set[str]) -> str:
+    # Returns SQL for a `golden_` column from a fault-free run's own column.
     own = name.removeprefix("golden_")
     if name not in available and own in available:
         return quote_name(own)

@@ -154,7 +154,7 @@ class Runs:
         }
         return by_name if by or by_name else {"": NONE}
 
-    def those(self, where: str) -> str:
+    def matching(self, where: str) -> str:
         """Return a query for the rows of `results` whose facts fulfil a condition."""
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
@@ -162,7 +162,7 @@ class Runs:
         """Return the different fault-free motions: golden runs, and those added to the folder."""
         return self.once(_fault_free_motions)
 
-    def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
+    def whole_rows(self, rows: list[int]) -> list[dict[str, Any]]:
         """Return these rows in their order, with all columns of `results` and of `facts`."""
         if not rows:
             return []
@@ -189,6 +189,7 @@ class Runs:
 
 
 def _count_cube(runs: Runs) -> pd.DataFrame:
+    # Counts the runs for each combination of words and flags, in one query.
     words = ("group", "response", "hazard", "outcome")
     names = ", ".join(
         map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
@@ -198,7 +199,7 @@ def _count_cube(runs: Runs) -> pd.DataFrame:
 
 
 def _fault_free_motions(runs: Runs) -> Motions:
-    source = runs.those("plain") if runs.count("NOT plain") else RESULTS
+    source = runs.matching("plain") if runs.count("NOT plain") else RESULTS
     return make_fault_free_table(runs.table, runs.names, source, runs.end, runs.beside)
 
 

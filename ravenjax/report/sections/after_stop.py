@@ -66,7 +66,7 @@ def _count_stops(runs: Runs, by: str) -> list[StopRow]:
             n,
             Quantiles(*took),
             Quantiles(*off_mm),
-            *(tables.of_faults(runs, k, n, groups) for k in hits),
+            *(tables.fault_share(runs, k, n, groups) for k in hits),
         )
         for cause, groups, n, took, off_mm, *hits in counts
     ]

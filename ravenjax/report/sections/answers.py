@@ -124,10 +124,10 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
         before = latency.lead_time(lags.get(name, NONE)).before
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
-        evaded, unintended, loss = (tables.of_faults(runs, k, n, groups) for k in hits)
+        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)
         rates = evaded, unintended, loss, before
         rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, farthest))
-    return sorted(rows, key=lambda row: [*map(tables.least_last, (row.evaded, row.unintended))])
+    return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:
@@ -155,12 +155,13 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
     return Announced(
         runs.manifest.cues[k],
         tables.event_times(runs, after_onset(f"warned{k}_ms"), where=condition),
-        tables.rate_of(motions.came(f"golden_cue{k}_first_ms"), motions.count),
+        tables.wilson_share(motions.came(f"golden_cue{k}_first_ms"), motions.count),
         motions.cue_rate(k),
     )
 
 
 def _changed_groups(runs: Runs) -> dict[str, list[str]]:
+    # Returns group -> paths of the parameters that only this group changes.
     paths = {
         group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
@@ -171,6 +172,7 @@ def _changed_groups(runs: Runs) -> dict[str, list[str]]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
+    # Returns the variables of the first page's template.
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,

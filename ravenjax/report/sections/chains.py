@@ -117,6 +117,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without explained runs.
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -146,7 +147,7 @@ def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
     )
     by_row = ticks.set_index("index", drop=False)
     out = []
-    for row in runs.numbered([row for (row,) in rows]):
+    for row in runs.whole_rows([row for (row,) in rows]):
         ticks_row = by_row.loc[int(row["index"])].to_dict()
         arms, cue = manifest.shape.arms, manifest.rules.cue
         link = chain.trace_chain(row, ticks_row, manifest.robot, arms, cue)  # type: ignore[arg-type]

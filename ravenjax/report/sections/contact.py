@@ -50,7 +50,7 @@ def _contact_by(runs: Runs, by: str) -> list[ContactRow]:
     )
     rows = []
     for name, groups, n, peak, impulse, *numbers in tables.class_counts(runs, by, columns):
-        harder, vessel, *pressed = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
+        harder, vessel, *pressed = (tables.fault_share(runs, k, n, groups) for k in numbers[::2])
         row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
         rows.append(
             row._replace(instruments=pressed[0], instruments_n=numbers[5]) if pressed else row

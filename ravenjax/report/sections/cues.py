@@ -108,16 +108,16 @@ def cue_rows(runs: Runs) -> list[CueRow]:
             CueRow(
                 k,
                 cue,
-                tables.of_faults(runs, hazards - times.alarmed, hazards),
-                tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
+                tables.fault_share(runs, hazards - times.alarmed, hazards),
+                tables.wilson_share(free.came(f"golden_cue{k}_first_ms"), free.count),
                 free.cue_rate(k),
-                tables.of_faults(runs, felt[k], harmless),
+                tables.fault_share(runs, felt[k], harmless),
                 False,
                 cue_leads(runs.manifest, k),
                 times.half_ms,
                 times.before,
                 times.lead_ms,
-                *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
+                *runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}"),
             )
         )
     best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
@@ -153,6 +153,7 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
+    # Counts missed hazards and false cues of the haptic sets, for the choice of a threshold.
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
     # Count joint patterns: each set's own misses do not show which hazards one set misses and
     # another catches.
@@ -229,6 +230,7 @@ def _choice(
 
 
 def _words(thresholds: Sequence[float]) -> str:
+    # Lists thresholds in words: 2, 3 or 4 mm, or a range if there are many.
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"
@@ -273,6 +275,7 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
+    # Returns marks for some haptic sets: false cues per hour, missed hazards, intervals.
     missed = np.array([row.missed[-3:] for row, _ in pairs]).T
     hourly = np.array([one[-3:] for _, one in pairs]).T
     # Sets that differ only in gains have the same mark, which gets only one label.
@@ -292,6 +295,7 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
 
 
 def _words_of(row: CueRow) -> str:
+    # Describes a haptic set's results in words, for its mark in the chart.
     interval = (
         wording.format_interval(row.missed)
         or f"{wording.format_count(row.missed.k)} of {wording.format_count(row.missed.n)}"
@@ -303,6 +307,7 @@ def _words_of(row: CueRow) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of the section's template.
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
     hours = hours_to_offer(chosen)

@@ -151,6 +151,7 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without deadlines.
     try:
         table = explained.read_rows(folder / explained.DEADLINES, runs.manifest, "deadline")
     except StoreError as error:

@@ -160,9 +160,9 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
             DetectorThreshold(
                 alarms.name,
                 alarms.threshold,
-                tables.of_faults(runs, caught, unintended),
-                tables.of_faults(runs, harmless, others),
-                tables.of_faults(runs, caught, caught + harmless),
+                tables.fault_share(runs, caught, unintended),
+                tables.fault_share(runs, harmless, others),
+                tables.fault_share(runs, caught, caught + harmless),
                 alarms.false,
                 times.half_ms,
                 times.before,
@@ -188,6 +188,7 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
 
 
 def _what(detector: DetectorRecord) -> str:
+    # Describes the kind and the settings of a detector in words.
     words = [detector.kind.replace("_", " ")]
     if detector.kind == "steps":
         words.append(f"fused: {detector.fusion}")
@@ -271,6 +272,7 @@ def _chart(
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without detectors.
     if not runs.manifest.detectors:
         return None
     detectors = detector_rows(runs)

@@ -216,6 +216,7 @@ def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = Fa
 
 
 def _edges(lowest: float, highest: float, bins: int) -> np.ndarray:
+    # Returns round edges of bins; powers of two if the range is wide.
     if lowest > 0 and highest / lowest > 30:
         step = math.ceil(math.log2(highest / lowest) / (bins + 2))
         return 2.0 ** np.arange(
@@ -296,7 +297,7 @@ def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
         for pair in ranked[:2]
         if math.isfinite(share := explained_share(pair))
     ]
-    rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
+    rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
     n, rates, panels = len(sweep.faults), [], []
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})

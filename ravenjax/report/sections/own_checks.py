@@ -58,8 +58,8 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
                 str(section.get("at", "")),
                 checks[number].does,
                 _threshold(runs, section, alarms.detector),
-                tables.of_faults(runs, tripped, total),
-                tables.of_faults(runs, alone_count, tripped),
+                tables.fault_share(runs, tripped, total),
+                tables.fault_share(runs, alone_count, tripped),
                 alarms,
             )
         )
@@ -67,11 +67,12 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
 
 
 def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
+    # Describes the threshold of a check in words. A campaign may vary the threshold.
     name, value = f"param:checks.threshold.{check}", float(section.get("threshold", 1.0))
     lowest, highest = value, value
     if name in runs.names:
         lowest, highest = runs.table.row(
-            f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}'
+            f'SELECT min("{name}"), max("{name}") FROM {runs.matching("sample AND faulty")}'
         )
     words = f"above {lowest:g}" + (f" to {highest:g}, together" if highest != lowest else "")
     in_a_row = section.get("consecutive", 1)

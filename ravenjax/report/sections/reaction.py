@@ -233,7 +233,7 @@ def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
         result.append(
             Idle(
                 MEANINGS[action],
-                tables.rate_of(acted, len(motions)),
+                tables.wilson_share(acted, len(motions)),
                 alarm_rate(acted, hours) if hours else None,
                 float(lost.mean()) if len(lost) else math.nan,
             )
@@ -247,6 +247,7 @@ def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
+    # Returns the columns of parameters that differ between the runs of a pair.
     names = [name for name in frame if name.startswith("param:") and name != ACTION]
     pair = frame["pair"]
     return [
@@ -303,6 +304,7 @@ def compare_actions(runs: Runs) -> list[Difference]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of section "Reaction"; None if no operator reacts.
     if not runs.manifest.shape.reacts:
         return None
     sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
@@ -316,6 +318,7 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
 
 
 def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of section "Crossed parameters"; None without such parameters.
     config = runs.manifest.config
     paths = {
         path for table in (config, *config.get("group", ())) for path in table.get("cross", ())

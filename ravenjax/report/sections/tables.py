@@ -31,14 +31,14 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 
 @functools.lru_cache(maxsize=10_000)
-def rate_of(k: int, n: int) -> Rate:
+def wilson_share(k: int, n: int) -> Rate:
     """Return the share k of n with its Wilson interval, cached because tables repeat counts."""
     return wilson_interval(k, n)
 
 
-def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
+def fault_share(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
     """Return the share k of n distinct faults, without an interval if they were enumerated."""
-    return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
+    return wilson_share(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
 def without_interval(value: _Interval) -> _Interval:
@@ -129,7 +129,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     return {
         **n,
         **{
-            name: of_faults(runs, n[name], total)
+            name: fault_share(runs, n[name], total)
             for name in ("evaded", "unintended", "loss", "misreport")
         },
         "inactive": inactive,
@@ -138,11 +138,13 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "faulty": faulty,
         "failed": failed,
         "outcomes": {
-            name: of_faults(runs, n[name], total) for name in OUTCOMES if name != "failed"
+            name: fault_share(runs, n[name], total) for name in OUTCOMES if name != "failed"
         },
-        "cue_first": of_faults(runs, n["cue_first"], n["both"]),
+        "cue_first": fault_share(runs, n["cue_first"], n["both"]),
         "lead_ms": lead_ms,
-        "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
+        "false_cue": wilson_share(
+            free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count
+        ),
     }
 
 
@@ -153,7 +155,8 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    rate = rate_of if sampled else share_of_cells
+    # Returns the number of faults by response (rows), hazard and cue (cells).
+    rate = wilson_share if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
     counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
@@ -194,7 +197,7 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
         source = f"{RESULTS} JOIN {FACTS} USING (row)"
         n, k, *hazards = runs.counts(conditions, source, "sample AND faulty")
         hazard = dict(zip(("unintended", "misreport"), hazards, strict=True))
-        rows.append({"rule": words, "rate": of_faults(runs, k, n), **hazard})
+        rows.append({"rule": words, "rate": fault_share(runs, k, n), **hazard})
     return rows
 
 
@@ -222,19 +225,19 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
+                    key: fault_share(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
                     for key in OUTCOMES
                     if key != "failed"
                 },
-                "evaded": of_faults(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
+                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
                 "matrix": _matrix(counted, runs.sampled([str(name)])),
                 "failed": _count(part.loc[part["failed"]]),
             }
         )
-    return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))
+    return sorted(rows, key=lambda row: (not row["faulty"], *rate_order(row["evaded"])))
 
 
-def least_last(rate: Rate) -> tuple[bool, float]:
+def rate_order(rate: Rate) -> tuple[bool, float]:
     """Return a sort key that puts the largest rate first and a rate of zero runs last."""
     return not rate.n, -rate.value if rate.n else 0.0
 
@@ -266,7 +269,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
         for name in names
     ]
     total, *numbers = runs.table.row(
-        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.those('sample AND faulty')}"
+        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.matching('sample AND faulty')}"
     )
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
@@ -276,7 +279,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
                 "name": check,
                 "what": definition.meaning,
                 "does": definition.does,
-                "tripped": of_faults(runs, tripped, total),
+                "tripped": fault_share(runs, tripped, total),
                 "closest": math.nan if margin is None else float(margin),
                 "unit": "" if definition.unit == "1" else definition.unit,
             }
@@ -288,8 +291,9 @@ def cause_rows(runs: Runs) -> list[dict[str, Any]]:
     """Return for each check how often it stopped, flagged or limited, most frequent first."""
     counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
     rows = runs.table.rows(
-        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
-        "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
+        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM"
+        f" {runs.matching('sample AND faulty')} WHERE response <> 'silent' GROUP BY cause"
+        " ORDER BY count(*) DESC, cause"
     )
     return [
         {"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))}
@@ -329,7 +333,7 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     )
     every, sites = (
         [
-            OverloadRow(site, n, of_faults(runs, k, n, groups), *rest)
+            OverloadRow(site, n, fault_share(runs, k, n, groups), *rest)
             for site, groups, n, k, *rest in class_counts(runs, by, columns)
         ]
         for by in (f"'{EVERY_SITE}'", "site::VARCHAR")
@@ -356,6 +360,7 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of section "Verdicts".
     manifest = runs.manifest
     return {
         "matrix_rows": verdict_matrix(runs),

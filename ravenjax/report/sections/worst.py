@@ -35,12 +35,12 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             continue
         far = kind["far"].format(cue=manifest.verdict_cue)
         cases = (
-            runs.those(f"sample AND faulty AND ({kind['where']})")
+            runs.matching(f"sample AND faulty AND ({kind['where']})")
             + f" WHERE NOT isnan(({far})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
         worst = rank_runs(runs.table, cases, far, MOST)
-        numbered = runs.numbered([one.row for one in worst])
+        numbered = runs.whole_rows([one.row for one in worst])
         lines = [
             _row(manifest.robot, row, one.value, folder)
             for row, one in zip(numbered, worst, strict=True)
@@ -50,6 +50,7 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+    # Returns one run of the table: fault, response, times after the first effect, command.
     active = row["first_active_ms"]
     return {
         "run_id": row["run_id"],
@@ -67,6 +68,7 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of the section's template.
     worst = worst_rows(runs, folder)
     every_row = [
         {"kind": kind["title"], "measured": kind["measured"], **row}

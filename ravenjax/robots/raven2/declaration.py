@@ -37,6 +37,7 @@ def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ..
 
 
 def _site(name: str, table: dict[str, Any]) -> Site:
+    # Returns a fault site from its table in declaration.toml.
     channels = tuple(
         Channel(
             *(channel, path, group["kind"], unit),
@@ -49,6 +50,7 @@ def _site(name: str, table: dict[str, Any]) -> Site:
 
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
+    # Returns a seam from its table in declaration.toml.
     channels = tuple(
         SeamChannel(channel, unit, group.get("site", name), path)
         for group in table.pop("channels")
@@ -58,6 +60,7 @@ def _seam(name: str, table: dict[str, Any]) -> Seam:
 
 
 def _signal(name: str, table: dict[str, Any]) -> Signal:
+    # Returns a recorded signal from its table in declaration.toml.
     names, linear = table.pop("names", ""), table.pop("linear", "")
     return Signal(
         name,

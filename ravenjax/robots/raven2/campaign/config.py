@@ -171,6 +171,7 @@ class RavenConfig(CampaignConfig):
         yield "operator", f"{what}{hands}{scale}{timing}{self._reaction()}{yields}"
 
     def _reaction(self) -> str:
+        # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
         axes = [self.parameters, self.cross]
@@ -275,6 +276,7 @@ class RavenConfig(CampaignConfig):
     def _reaction_notices(
         self, plan: Any, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
+        # Yields (key, runs, message) for values of [reaction] without effect.
         written = {
             "correct_speed" if name == "correct_mm_s" else name
             for name, field in Reaction.model_fields.items()
@@ -510,6 +512,7 @@ def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:
+    # Returns the age of the oldest packet that the faults of one run may send again, ms.
     network = [fault for fault in faults if fault.site == "network"]
     counts = [count for fault in network if (count := _packets(fault)) is not None]
     late = any("jitter" in _channels(fault) for fault in network)
@@ -538,6 +541,7 @@ def _packets(fault: Fault) -> float | None:
 
 
 def _channels(fault: Fault) -> set[str]:
+    # Returns the channels of a fault. An effect on packets names its channel itself.
     bound = {
         NETWORK_EFFECTS[name].channel for name in fault.effect.listed if name in NETWORK_EFFECTS
     }

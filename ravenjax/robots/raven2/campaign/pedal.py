@@ -135,6 +135,7 @@ class DrawnPackets:
     ticks: int
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+        # Returns the arrival ticks of packets (numbers from 1) in the runs `rows`, int64.
         wanted = np.minimum(packets, self.ticks + 1)
         result = np.empty(len(rows), np.int64)
         for indices, begin, ticks in self._drawn(rows, int(wanted.max(initial=1))):

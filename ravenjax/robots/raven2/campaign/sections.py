@@ -121,6 +121,7 @@ class RavenCampaign(CampaignSection):
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
+        # Refuses combinations of keys that contradict each other.
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
                 f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"
@@ -266,6 +267,7 @@ class Operator(Section):
     @model_validator(mode="before")
     @classmethod
     def _one_source(cls, raw: Any) -> Any:
+        # Accepts a Python file as `file`, and refuses two sources of the motion.
         if not isinstance(raw, dict):
             return raw
         if str(raw.get("file")).endswith(".py"):

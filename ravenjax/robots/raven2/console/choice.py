@@ -106,6 +106,7 @@ class ProfileChoice:
         return ""
 
     def _restart(self) -> None:
+        # Forgets all evidence about the profiles.
         names = [reader.profile.name for reader in self.readers]
         self._misfits = dict.fromkeys(names, 0)
         # counts of packets of the stream so far, and of those that profiles read differently

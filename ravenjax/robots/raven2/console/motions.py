@@ -106,6 +106,7 @@ class _Path:
         begin = self.pose
 
         def pose(fraction: np.ndarray) -> np.ndarray:
+            # Returns the poses [n, 10] at fractions [n] of the segment's time.
             progress = minimum_jerk(fraction)
             out = np.repeat(begin[None], len(progress), axis=0)
             out[:, 0] += radius * (1.0 - cos(progress * angle))
@@ -144,6 +145,7 @@ class _Path:
             yield self.dwell(self.rng.uniform(0.05, 0.3))
 
     def clutched(self) -> Iterator[Segment]:
+        # Moves, then lifts the pedal and moves the hand back, again and again.
         while True:
             reach = self.move(*self.anywhere())
             yield reach

@@ -119,6 +119,7 @@ def feel_cue(
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
     def corrected(i: int, _: ArmName) -> Vec:
+        # Returns the motion of one tip in this tick that reduces its distance, m.
         error = senses.model_tip[i] - senses.off_plan[i] - senses.tip[i]
         distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)

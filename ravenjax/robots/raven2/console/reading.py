@@ -179,6 +179,7 @@ class PacketReader:
         return (-turn if turn[3] < 0.0 else turn), orientation
 
     def _form(self) -> str:
+        # Describes the expected form of the orientation in words.
         form = self.profile.orientation.form
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"

@@ -79,6 +79,7 @@ def point_on(arm: str, line: InstrumentLine, at: Vec, share: Scalar) -> Instrume
 def _jaw_tip(
     arm: str, chain: kinematics.ChainAxes, angle: Scalar, sign: float, joint: int
 ) -> InstrumentPoint:
+    # Returns the tip of one jaw. sign: direction in which its joint rotates it about axis 6.
     to_tip, turn = _jaw(chain, mul(sign, angle))
     at = chain.tip + to_tip
     jaw_motion = scale(sign, turn)

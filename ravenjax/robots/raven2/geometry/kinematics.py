@@ -291,6 +291,7 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
 
 
 def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
+    # Returns the part of the cost that both bends have in common.
     return (
         _depth_cost(measured, reach.d3)
         + _square(measured.theta5 - reach.theta5)
@@ -307,6 +308,7 @@ def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
         )
 
     def bend_cost(theta: Theta) -> Scalar:
+        # Returns the part of the cost that differs between the bends.
         return (
             _square(measured.theta1 - theta.theta1)
             + _square(measured.theta2 - theta.theta2)
@@ -330,6 +332,7 @@ def _nearest(first: _Choice, second: _Choice) -> _Choice:
 def _nearest_of_all(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> _Choice:
+    # Returns the nearest of all eight solutions.
     def of_side(wrist: _Wrist) -> _Choice:
         reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))

@@ -95,6 +95,7 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
+    # Returns y of the vessel's axis at x, and its slope, from straight pieces.
     pieces = [
         (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
     ]

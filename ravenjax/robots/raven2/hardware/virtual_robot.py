@@ -112,6 +112,7 @@ def _signals(
     relays: plc.PlcOutput,
     arms: PerArm[plant.PlantOutput],
 ) -> RobotSignals:
+    # Returns the outputs of the robot in its present state.
     return RobotSignals(
         encoders=tuple(out.enc_val for out in arms),
         pins=plc.input_pins(state.plc.runlevel),

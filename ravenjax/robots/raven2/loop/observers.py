@@ -91,6 +91,7 @@ def update_model_and_cue(
         return tip, *haptics.step(setup, params.haptics, device, signal)
 
     def clean_command(*command: Any) -> nominal.Clean:
+        # Returns the operator's command to one arm, without motion if the packet is old.
         if setup.console == "increments":
             # A packet may last several cycles, and its increments count only in the first.
             no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)

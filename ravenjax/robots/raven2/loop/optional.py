@@ -85,6 +85,7 @@ def _remember_packet(history: Vec, console: Console) -> Vec:
 
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
+    # Decides whether the operator's action begins, and sets the deviations of packets.
     setup, params = console.setup, console.params.reaction
     assert params is not None
     after = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
@@ -148,6 +149,7 @@ class RestartState:
 
 
 def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
+    # Records the first restart of the robot after a stop with the pedal down.
     control = sight.signals.control
     stopped = (control.runlevel == E_STOP) | (control.soft_estopped != 0)
     waits = sight.foot & (state.waits | stopped)
@@ -185,6 +187,7 @@ def _detect(state: Any, sight: Sight) -> Any:
 
 
 def _add_loads(state: Any, sight: Sight) -> Any:
+    # Adds the cable tensions of this tick, divided by each cable's strength.
     loads = tuple(
         out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
         for out, arm in zip(sight.signals.plant, sight.params.plant, strict=True)

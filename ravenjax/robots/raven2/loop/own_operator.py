@@ -172,6 +172,7 @@ def show_state(state: OwnOperatorState, sight: Sight) -> OwnOperatorState:
 def _screen(
     setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], pulls: Sequence[Any]
 ) -> PerArm[ScreenView]:
+    # Returns the tips and cues of each arm in the axes of the console.
     rows = zip(setup.arms, tips, model_tips, pulls, strict=True)
     views = (
         ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model), *pull)

@@ -146,6 +146,7 @@ class UserFiles:
         """Return the view of each arm. at: name of the seam. width: type of floats."""
 
         def view(i: int, _: Any) -> part.View:
+            # Selects one arm's entry of each signal that has one per arm.
             numbers = {}
             for name, value in self._crossed.items():
                 number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]

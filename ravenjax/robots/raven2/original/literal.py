@@ -153,6 +153,7 @@ _TURNS = 3
 
 
 def _wrapped(value: Scalar, turns: int) -> Scalar:
+    # Subtracts or adds up to `turns` whole turns, one by one, as the original does.
     for _ in range(turns):
         value = jnp.where(value > PI, value - 2 * PI, value)
     for _ in range(turns):
@@ -190,6 +191,7 @@ def _dh_row(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Tra
 
 
 def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Transform, ...]:
+    # Returns the transforms of shoulder, elbow and insertion.
     theta3 = GEOMETRY[arm].side * PI / 2
     return (
         _dh_row(_ARMS[arm].alpha0, theta1),
@@ -305,6 +307,7 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
+    # Returns theta1, from the wrist's x and y, the insertion `d` and theta2.
     side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))

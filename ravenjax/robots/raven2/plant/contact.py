@@ -227,6 +227,7 @@ class _Pair(NamedTuple):
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
+    # Returns shaft and jaws of an instrument as straight pieces in the world.
     origin, _ = scene.frame0_in_world(arm)
     wrist, end = scene.to_world(arm, line.wrist), scene.to_world(arm, line.end)
     return (

@@ -156,6 +156,7 @@ class ControlSoftware:
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
+        # Allocates this instance's memory, and binds the compiled functions to it.
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
@@ -263,6 +264,7 @@ class ControlSoftware:
         return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
+        # Checks one packet. Returns a datagram unchanged, and the numbers of a `Packet`.
         if given is None:
             return None
         if isinstance(given, Packet):

@@ -106,6 +106,7 @@ def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
 def _integers(
     what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]
 ) -> np.ndarray:
+    # Returns an array of integers within limits. Raises UserError for the first other number.
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):

@@ -74,6 +74,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
+    # Returns the byte offset of each number of a NumPy type, as nested dicts of arrays.
     if dtype.fields:
         return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
     return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(

@@ -116,6 +116,7 @@ def solve_inverse(
         def clamped_pose(
             old: Arm = old, inside: Vec = inside, arm: ArmName = arm
         ) -> stored_pose.StoredPose:
+            # Returns the pose of the clamped joints, as stored.
             return stored_pose.store_pose(
                 setup, forward(arm, inside, inside[5]), old.pos_d.grasp_mrad
             )

@@ -163,6 +163,7 @@ def reset_origin(
     """
 
     def restarted(i: int, _: ArmName) -> Accumulator:
+        # Returns one arm's accumulated pose, restarted from the desired pose.
         old, new = state.arms[i], desired[i]
         reset_jaw = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
         opening = jnp.where(reset_jaw, new.grasp_mrad, old.pose.grasp_mrad)
