@@ -76,8 +76,7 @@ class Workload:
         varied, faults = self.plan.lanes(number % PATTERN_RUNS, lanes)
         value = (DAC_CNT * (2.0 * (number * GOLDEN % 1.0) - 1.0)).astype(np.float32)
         slots = tuple(replace(slot, value=value) for slot in faults.slots)
-        shared = np.broadcast_to(reference[:, :, None], (*reference.shape, lanes))
-        return Block(varied, Faults(slots), shared)
+        return Block(varied, Faults(slots), reference[:, :, None], np.zeros(lanes, int))
 
     def blocks(self, kernel: Kernel, runs: int, lanes: int) -> list[Block]:
         """Return `runs` runs in blocks of at most `lanes` lanes. Their golden run is computed."""
