@@ -263,7 +263,7 @@ class Tracer:
 
         `golden` is the same block without faults.
         """
-        own = self.kernel.run(golden, motion)
-        return own, *self.kernel.run_signals(
-            dataclasses.replace(block, reference=own.reference), motion
+        results = self.kernel.run(golden, motion)
+        return results, *self.kernel.run_signals(
+            dataclasses.replace(block, reference=results.reference), motion
         )

@@ -58,8 +58,8 @@ def _pieces(value: Any) -> Iterator[bytes]:
 @functools.cache
 def package_versions() -> tuple[str, ...]:
     """Return the versions of Python and of the packages that take part in tracing."""
-    found = (one for name in _PACKAGES for one in metadata.distributions(name=name))
-    return (sys.version, *(f"{one.name} {one.version}" for one in found))
+    packages = (package for name in _PACKAGES for package in metadata.distributions(name=name))
+    return (sys.version, *(f"{package.name} {package.version}" for package in packages))
 
 
 def hash_files() -> str:

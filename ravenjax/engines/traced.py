@@ -71,8 +71,8 @@ class Forms:
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
         """Return generated code, or load it from disk. key: its inputs in addition to the trace."""
-        own = self._key and trace_key.hash_values("printed", self._key, key)
-        return trace_key.load_or_make(self._objects, own, make)
+        entry = self._key and trace_key.hash_values("printed", self._key, key)
+        return trace_key.load_or_make(self._objects, entry, make)
 
 
 def traced_forms(

@@ -116,19 +116,19 @@ def _agree(top: ModuleSpec, file: Path) -> None:
 
 def imported_beside(module: Path) -> set[Path]:
     """Return a module's file and the files of its folder that it imports, also indirectly."""
-    found, waiting = set[Path](), [module]
+    files, waiting = set[Path](), [module]
     while waiting:
         path = waiting.pop()
-        if path in found or not path.is_file():
+        if path in files or not path.is_file():
             continue
-        found.add(path)
+        files.add(path)
         for node in ast.walk(ast.parse(path.read_bytes())):
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
                 waiting += [
                     path.with_name(f"{part}.py") for name in names for part in name.split(".")
                 ]
-    return found
+    return files
 
 
 USUAL = find_robot(DEFAULT)

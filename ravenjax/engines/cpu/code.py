@@ -135,8 +135,8 @@ class LaneGroup:
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
         """Write the results of vector `v`. group_state: address of a copy; None: present state."""
         shared = row_address(self.group_state) if group_state is None else group_state
-        own = row_address(self._inputs, v), row_address(self.state, v)
-        self._call("lane_finish", *own, shared, row_address(self.results, row))
+        lane_rows = row_address(self._inputs, v), row_address(self.state, v)
+        self._call("lane_finish", *lane_rows, shared, row_address(self.results, row))
 
     def columns(self) -> list[np.ndarray]:
         """Return the results, each [rows * width]."""

@@ -52,7 +52,7 @@ def host_target() -> Host:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
+    features = frozenset(name for name, has in llvm.get_host_cpu_features().items() if has)
     if not features & FUSED:
         raise UserError(
             f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so results would differ"

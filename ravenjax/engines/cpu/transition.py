@@ -218,8 +218,8 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     # Prints the loop over the steps of one transition.
     program = transition.program
     state = transition.state.places("%state")
-    given = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
-    sources = {i: given[k] for i, k in program.reads.items()}
+    places = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
+    sources = {i: places[k] for i, k in program.reads.items()}
     targets = [*state, *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]

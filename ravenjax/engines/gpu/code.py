@@ -190,8 +190,8 @@ class _Run:
         session.launch(code.functions["lane_begin"], *where, self.inputs, self.state, self.total)
         if len(course.snapshots):
             snapshots = session.upload(course.snapshots)
-            own = session.upload(course.snapshot.view(np.uint32))
-            session.launch(code.functions["lane_branch"], *where, snapshots, own, self.state)
+            starts = session.upload(course.snapshot.view(np.uint32))
+            session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
 
     def _leave_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
@@ -209,14 +209,14 @@ class _Run:
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start computing the rows of chunk `k`; return a mark that is reached at the end."""
-        count, given = min(self.chunk, self.course.last - first), self.given[k % 2]
+        count, buffer = min(self.chunk, self.course.last - first), self.given[k % 2]
         urgent, entering, source = self.session.urgent, self.lanes.tick_inputs, self.code.source
         self._leave_snapshot("group", source.group_state, urgent, self.group_state, k)
         if source.tick_inputs and len(entering):
             ticks = slice(first, first + count)
             part = entering[:, ticks] if self.code.grouped else entering[ticks]
-            self.session.write(given, column_words(np.ascontiguousarray(part)), urgent)
-        buffers = self.group_inputs, self.group_state, self.tables, given, self.rows[k % 2]
+            self.session.write(buffer, column_words(np.ascontiguousarray(part)), urgent)
+        buffers = self.group_inputs, self.group_state, self.tables, buffer, self.rows[k % 2]
         self._by_group("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 

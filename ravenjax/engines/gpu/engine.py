@@ -55,7 +55,7 @@ class CudaKernel(traced.PrintedKernel):
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
         # As many lanes as run at once on all devices.
-        self.branches = sum(one.multiprocessors * form_for(one).threads for one in devices)
+        self.branches = sum(gpu.multiprocessors * form_for(gpu).threads for gpu in devices)
 
     def size(self, rows: int) -> int:
         """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
@@ -74,8 +74,8 @@ class CudaKernel(traced.PrintedKernel):
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
-            tables, given = traced.motion_tables(motion), _golden_series(golden_run, places, True)
-            trunk = code.trunk(Lanes(inputs, given, tables, None), places, last)
+            tables, golden = traced.motion_tables(motion), _golden_series(golden_run, places, True)
+            trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
         if len(ends):
             return trunk, self.run(_repeated(block, ends), motion).outcomes
         none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
@@ -96,13 +96,13 @@ class CudaKernel(traced.PrintedKernel):
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
             ticks = self.program.ticks if block.reference is None else 0
-            out = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
-            tables, given = traced.motion_tables(motion), _golden_series(block, places, grouped)
-            lanes = Lanes(inputs, given, tables, out if ticks else None)
+            signals = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
+            tables, golden = traced.motion_tables(motion), _golden_series(block, places, grouped)
+            lanes = Lanes(inputs, golden, tables, signals if ticks else None)
             course = self._course(block, places, grouped, code)
             outcomes = code.run_course(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
-        return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32))
+        return BlockResult(dict(zip(names, outcomes, strict=True)), signals.view(np.float32))
 
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.

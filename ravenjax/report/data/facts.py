@@ -184,8 +184,8 @@ def action_sql(names: Sequence[str], usual: int) -> str:
     """Return SQL for the operator's action, an index into ACTIONS; `usual` is the default."""
     if ACTION not in names:
         return str(usual)
-    own = quote_name(ACTION)
-    return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
+    action = quote_name(ACTION)
+    return f"CASE WHEN {action} IS NULL OR isnan({action}) THEN {usual} ELSE {action}::INTEGER END"
 
 
 def first_sql(*times_ms: str) -> str:

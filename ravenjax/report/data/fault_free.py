@@ -123,8 +123,8 @@ def make_fault_free_table(
 
 def _beside(name: str, available: set[str]) -> str:
     # Returns SQL for a `golden_` column from a fault-free run's own column.
-    own = name.removeprefix("golden_")
-    if name not in available and own in available:
-        return quote_name(own)
+    measured = name.removeprefix("golden_")
+    if name not in available and measured in available:
+        return quote_name(measured)
     # Nobody reacts in these runs, so only the time of a reaction is unknown.
     return quote_name(name) if name in available else "-1"

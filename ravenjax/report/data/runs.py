@@ -247,7 +247,7 @@ def _more(manifest: Manifest) -> dict[str, str]:
 
 
 def _own_checks(manifest: Manifest) -> dict[str, str]:
-    own = manifest.shape.own_checks
+    checks = manifest.shape.own_checks
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(own)}
-    return times | {"built_in_told_ms": column} if own else {}
+    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(checks)}
+    return times | {"built_in_told_ms": column} if checks else {}

@@ -198,10 +198,10 @@ def chain_table(
             "left_ms": np.where(is_visible & (harm >= 0), harm - signal.leaves, np.nan),
         }
         tables.append(pd.DataFrame(columns_of | {"run": run_order, "place": order}).loc[differing])
-    whole = pd.concat(tables, ignore_index=True).sort_values(
+    table = pd.concat(tables, ignore_index=True).sort_values(
         ["run", "place"], kind="stable", ignore_index=True
     )
-    return whole.drop(columns=["run", "place"])
+    return table.drop(columns=["run", "place"])
 
 
 def _link(signal: SignalTicks, harm: int) -> ChainLink:

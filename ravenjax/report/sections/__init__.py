@@ -29,5 +29,5 @@ def all_sections() -> list[Section]:
         importlib.import_module(f"{__name__}.{module.name}")
         for module in pkgutil.iter_modules(__path__)
     ]
-    found = [one for module in modules for one in getattr(module, "SECTIONS", ())]
-    return sorted(found, key=lambda one: one.place)
+    sections = [section for module in modules for section in getattr(module, "SECTIONS", ())]
+    return sorted(sections, key=lambda section: section.place)

@@ -40,32 +40,32 @@ def chain_sentences(one: Propagation) -> list[str]:
     return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
 
 
-def seam_graph(one: Propagation) -> Chart | None:
+def seam_graph(summary: Propagation) -> Chart | None:
     """Return a chart of the seams in the robot's order; None without runs.
 
     Each seam has two marks: the share of runs in which its signal differs from the golden run
     before harm, and the share in which the signal leaves its normal range before harm.
     """
-    if not one.carriers:
+    if not summary.carriers:
         return None
     return _signal_chart(
         "In which signals faults that evade differ, and are visible",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
-        one.carriers,
-        ("differs before harm", "series3", [row.carries for row in one.carriers]),
+        summary.carriers,
+        ("differs before harm", "series3", [row.carries for row in summary.carriers]),
         (
             "leaves its normal range before harm",
             "series2",
-            [row.shows if row.ranged else None for row in one.carriers],
+            [row.shows if row.ranged else None for row in summary.carriers],
         ),
     )
 
 
-def lead_chart(one: Propagation) -> Chart | None:
+def lead_chart(summary: Propagation) -> Chart | None:
     """Return a chart of the median time from visible to harm of each signal; None if no fault is
     visible before harm.
     """
-    rows = [row for row in one.carriers if row.shows.k]
+    rows = [row for row in summary.carriers if row.shows.k]
     if not rows:
         return None
     most = max(max(row.lead_ms.value, float(np.nan_to_num(row.lead_ms.high))) for row in rows)
@@ -77,9 +77,9 @@ def lead_chart(one: Propagation) -> Chart | None:
     )
 
 
-def draw_charts(one: Propagation, path: Path) -> bool:
+def draw_charts(summary: Propagation, path: Path) -> bool:
     """Write both charts as a file (.svg, .png or .pdf); return False without runs."""
-    charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
+    charts = [chart for chart in (seam_graph(summary), lead_chart(summary)) if chart is not None]
     if charts:
         save_panels(path, charts, columns=1)
     return bool(charts)
@@ -138,11 +138,11 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
     # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
-    manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
+    manifest, extent = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
-        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({far}), {far}"
-        f" DESC, row LIMIT {MOST}",
+        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({extent}),"
+        f" {extent} DESC, row LIMIT {MOST}",
         [ticks["index"].tolist()],
     )
     by_row = ticks.set_index("index", drop=False)
@@ -198,7 +198,7 @@ class Propagation(NamedTuple):
     @property
     def first_places(self) -> list[Carrier]:
         """Return the signals at which runs were visible first, most frequent first."""
-        return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
+        return sorted((row for row in self.carriers if row.first.k), key=lambda row: -row.first.k)
 
 
 def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
@@ -220,10 +220,10 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     def median(values: np.ndarray) -> Estimate:
         """Return the median of the values above 0."""
         positive = values > 0
-        some, came = values[positive], np.ones(int(positive.sum()), bool)
-        one_unit = units.group_units(np.zeros(len(some), int))
-        own = one_unit if drawn is None else drawn.where(positive)
-        return latency.delay_quantile(some, came, 0.5, own)
+        times, came = values[positive], np.ones(int(positive.sum()), bool)
+        one_unit = units.group_units(np.zeros(len(times), int))
+        times_drawn = one_unit if drawn is None else drawn.where(positive)
+        return latency.delay_quantile(times, came, 0.5, times_drawn)
 
     harm = faults["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
@@ -234,16 +234,16 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
     carriers = [
         Carrier(
-            one.name,
-            one.layer,
-            one.meaning,
-            one.ranged,
-            rate((one.differs >= 0) & (one.differs <= harm)),
+            seam.name,
+            seam.layer,
+            seam.meaning,
+            seam.ranged,
+            rate((seam.differs >= 0) & (seam.differs <= harm)),
             rate(leads[place] > 0),
             median(leads[place]),
             rate((firsts == place) & (best > 0)),
         )
-        for place, one in enumerate(seams)
+        for place, seam in enumerate(seams)
     ]
     return Propagation(
         len(faults),
@@ -251,7 +251,7 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         complete,
         sorted(lacking),
         noun,
-        [one for one in carriers if one.carries.k],
+        [row for row in carriers if row.carries.k],
         rate(best <= 0),
         median(best),
     )
@@ -261,15 +261,15 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     """Return the signals with both arms joined, at the earlier time, in the robot's order."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}
-    for one in (
+    for seam in (
         chain.list_signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ()
     ):
-        by_seam.setdefault(one.name.rpartition("/")[2], []).append(one)
+        by_seam.setdefault(seam.name.rpartition("/")[2], []).append(seam)
     return [
         arms[0]._replace(
             name=name,
-            differs=chain.earliest_time(np.stack([one.differs for one in arms])),
-            leaves=chain.earliest_time(np.stack([one.leaves for one in arms])),
+            differs=chain.earliest_time(np.stack([seam.differs for seam in arms])),
+            leaves=chain.earliest_time(np.stack([seam.leaves for seam in arms])),
         )
         for name, arms in by_seam.items()
     ]

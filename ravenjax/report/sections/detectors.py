@@ -136,10 +136,10 @@ def knowledge_sql(runs: Runs, leading: bool = False) -> str:
 
 def detector_rows(runs: Runs) -> list[DetectorRow]:
     """Return one row per detector, then the rows of the checks and the cue."""
-    found, detectors = runs.once(list_alarms), runs.manifest.detectors
+    measured, detectors = runs.once(list_alarms), runs.manifest.detectors
     result = []
-    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in found)):
-        shown = _shown([alarms for alarms in found if alarms.name == name])
+    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in measured)):
+        shown = _shown([alarms for alarms in measured if alarms.name == name])
         kind, roc, recall = "", None, None
         if number < len(detectors):
             kind, (roc, recall) = _what(detectors[number]), _bands(runs, number)
@@ -184,7 +184,7 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
     # Returns the thresholds that the table lists.
     places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
     few = len(alarms) <= MOST_THRESHOLDS
-    return [one for k, one in enumerate(alarms) if few or k in places or one.quiet]
+    return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
 
 
 def _what(detector: DetectorRecord) -> str:
@@ -252,18 +252,18 @@ def _chart(
             low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
         points = [
-            (one, one.harmless.value, one.caught.value)
+            (level, level.harmless.value, level.caught.value)
             if kind == "roc"
-            else (one, one.caught.value, one.precision.value)
-            for one in row.thresholds
+            else (level, level.caught.value, level.precision.value)
+            for level in row.thresholds
         ]
         points = [place for place in points if np.isfinite(place[1:]).all()]
         if points:
             thresholds, x, y = zip(*points, strict=True)
-            size = tuple(11.0 if one.quiet or band is None else 7.0 for one in thresholds)
+            size = tuple(11.0 if level.quiet or band is None else 7.0 for level in thresholds)
             tips = tuple(
-                row.name if np.isnan(one.threshold) else f"{row.name} at {one.threshold:g}"
-                for one in thresholds
+                row.name if np.isnan(level.threshold) else f"{row.name} at {level.threshold:g}"
+                for level in thresholds
             )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))

@@ -113,13 +113,13 @@ def summarize_sweep(runs: Runs) -> Sweep:
     }
     kinds = [f"{slot}_{key}" for slot in slots for key in ("site", "effect")]
     columns = [f"{RESULTS}.{quote_name(name)}" for name in (*kinds, *titles)]
-    columns += [f"({one.sql})::BOOLEAN AS {quote_name(one.name)}" for one in measures]
+    columns += [f"({measure.sql})::BOOLEAN AS {quote_name(measure.name)}" for measure in measures]
     faults = runs.drawn(", ".join(columns), condition, MOST)
     block = np.full(len(faults), "", object)
     for slot in slots:
         site, effect = (faults[f"{slot}_{key}"].astype(str) for key in ("site", "effect"))
-        there, name = site != "", site + " · " + effect
-        block = np.where(there, np.where(block == "", name, block + " + " + name), block)
+        is_used, name = site != "", site + " · " + effect
+        block = np.where(is_used, np.where(block == "", name, block + " + " + name), block)
     block = np.where(block == "", NO_FAULT, block)
     varied = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
     return Sweep(measures, unit, faults, block, varied)
@@ -210,8 +210,8 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
 
 
 def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
-    there = set(labels.tolist())
-    names = [name for name in dict.fromkeys(order) if name in there]
+    present = set(labels.tolist())
+    names = [name for name in dict.fromkeys(order) if name in present]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
 
 
@@ -263,7 +263,7 @@ def _counts(sweep: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
         across, up = up, across
     shape = len(up.labels), len(across.labels)
     cell = up.place * shape[1] + across.place
-    hits = [sweep.faults[one.name].to_numpy(float) for one in sweep.measures]
+    hits = [sweep.faults[measure.name].to_numpy(float) for measure in sweep.measures]
     n, *k = (
         np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape).astype(int)
         for weight in (None, *hits)

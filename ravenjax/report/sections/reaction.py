@@ -142,10 +142,10 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     Other crossed parameters, except those of the reaction, are equal within a pair.
     """
     others = _crossed_names(runs)
-    same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
+    pair_columns = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
     valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)]
     after, before = (valid.loc[valid["action"] == number] for number in (action, 0))
-    return _matched(after, before, same, others)
+    return _matched(after, before, pair_columns, others)
 
 
 def _matched(
@@ -183,7 +183,7 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
     """
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
-    found = []
+    comparisons = []
     for name in crossed:
         shared = ["pair", *(other for other in crossed if other != name)]
         first = runs.groupby("pair")[name].transform("first")[counted.index]
@@ -212,10 +212,10 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
                 for event, words in EVENTS.items()
             }
             path = name.removeprefix("param:")
-            found.append(
+            comparisons.append(
                 CrossedRow(path, start, value, int(acting.sum()), int((~acting).sum()), events)
             )
-    return found
+    return comparisons
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:

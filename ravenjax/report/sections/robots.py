@@ -61,8 +61,8 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
             f"WHERE sample AND faulty AND {among} GROUP BY {robot}"
         )
         if sum(n for _, n in rows) >= LEAST_RUNS:
-            one = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
-            result.append(RobotRate(name, one.rate, one.units, one.deviation))
+            per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
+            result.append(RobotRate(name, per_unit.rate, per_unit.units, per_unit.deviation))
     return result
 
 

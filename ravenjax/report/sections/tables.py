@@ -369,9 +369,9 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
         "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",
         "stopped": decisions.describe_stop(folder),
         "definitions": [
-            one
-            for one in definitions.definition_rows(manifest.rules, manifest.robot)
-            if one.word != definitions.OVERLOADED or manifest.shape.cables
+            definition
+            for definition in definitions.definition_rows(manifest.rules, manifest.robot)
+            if definition.word != definitions.OVERLOADED or manifest.shape.cables
         ],
     }
 

@@ -20,18 +20,19 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     came before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
-    told, early_told = tables.event_delays(runs, "told_ms")
+    alarm_delays, early_alarms = tables.event_delays(runs, "told_ms")
     end_ms = float(runs.manifest.duration_ms)
     curves = []
-    for name, colour, one in (
+    for name, colour, delays in (
         ("haptic cue", CUE, incidence_curve(cue)),
-        ("alarm or stop by a check", RESPONSE, incidence_curve(told)),
+        ("alarm or stop by a check", RESPONSE, incidence_curve(alarm_delays)),
         ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
-        if one.n:
+        if delays.n:
             # Enumerated faults have no confidence band.
-            edges = (one.low, one.high) if runs.sampled() else ()
-            label, curve = f"{name} ({one.events:,} of {one.n:,})", (one.time, one.fraction)
+            edges = (delays.low, delays.high) if runs.sampled() else ()
+            label = f"{name} ({delays.events:,} of {delays.n:,})"
+            curve = (delays.time, delays.fraction)
             curves.append(Curve.steps(label, colour, *curve, *edges, start=FIRST_MS, end=end_ms))
     most = max((float(curve.y.max()) for curve in curves), default=0.0)
     ends = FIRST_MS, max(end_ms, 10 * FIRST_MS)
@@ -41,7 +42,7 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
         ChartAxis("share of faults", 0.0, min(1.0, 1.1 * most) if most else 1.0, share=True),
         tuple(curves),
     )
-    return chart if curves else None, {"cue": early_cue, "check": early_told}
+    return chart if curves else None, {"cue": early_cue, "check": early_alarms}
 
 
 SECTIONS = (

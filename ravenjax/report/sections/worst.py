@@ -33,17 +33,17 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             name == "depth" and not manifest.robot.tissue
         ):
             continue
-        far = kind["far"].format(cue=manifest.verdict_cue)
+        far_sql = kind["far"].format(cue=manifest.verdict_cue)
         cases = (
             runs.matching(f"sample AND faulty AND ({kind['where']})")
-            + f" WHERE NOT isnan(({far})::DOUBLE)"
+            + f" WHERE NOT isnan(({far_sql})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
-        worst = rank_runs(runs.table, cases, far, MOST)
-        numbered = runs.whole_rows([one.row for one in worst])
+        worst = rank_runs(runs.table, cases, far_sql, MOST)
+        numbered = runs.whole_rows([ranked.row for ranked in worst])
         lines = [
-            _row(manifest.robot, row, one.value, folder)
-            for row, one in zip(numbered, worst, strict=True)
+            _row(manifest.robot, row, ranked.value, folder)
+            for row, ranked in zip(numbered, worst, strict=True)
         ]
         kinds.append({"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": lines})
     return kinds

@@ -75,7 +75,7 @@ def prepare_campaign(
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         detectors=tuple(use for _, use, _ in config.detectors),
         checks=tuple(check.use for check in config.check),
-        harms=tuple(one.use for one in config.harm),
+        harms=tuple(harm.use for harm in config.harm),
         reacts=config.reacts,
         hand_yields=config.hand is not None,
     )
