@@ -78,7 +78,7 @@ def measure_gpu(seconds: float, device: Any) -> float:
     function = cuda_device.DeviceModule(device, code).function("peak")
     blocks = device.multiprocessors * _GPU_BLOCKS
     with cuda_device.DeviceSession(device) as session:
-        room = session.room(4)
+        room = session.allocate(4)
 
         def work() -> None:
             for _ in range(_GPU_LAUNCHES):

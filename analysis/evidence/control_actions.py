@@ -82,7 +82,7 @@ def count_control_actions(source: Source) -> pd.DataFrame:
     groups, meanings = runs.groups_by("site"), {kind.name: kind.meaning for kind in KINDS}
     totals = actions.groupby("site")["k"].transform("sum")
     rates = [
-        tables.of_faults(runs, k, n, groups[site])
+        tables.fault_share(runs, k, n, groups[site])
         for k, n, site in zip(actions["k"], totals, actions["site"], strict=True)
     ]
     actions = actions.assign(

@@ -44,7 +44,7 @@ def count_failure_modes(source: Source) -> pd.DataFrame:
     )
     totals = modes.groupby(["group", "site", "effect"])["k"].transform("sum")
     rates = [
-        tables.of_faults(runs, k, n, [group])
+        tables.fault_share(runs, k, n, [group])
         for k, n, group in zip(modes["k"], totals, modes["group"], strict=True)
     ]
     failed = {row["name"]: row["failed"] for row in tables.group_rows(runs)}

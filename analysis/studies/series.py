@@ -173,7 +173,7 @@ class _Code:
         golden = np.zeros((1, self._series, *lanes), real)
         out = np.zeros((ticks, self._code.kernel.outputs, self.width), real)
         course = LaneCourse(np.zeros(1, int), np.full(self.width, ticks))
-        self._code.follow(Lanes(inputs, golden, np.concatenate(ready.columns), out), course)
+        self._code.run_course(Lanes(inputs, golden, np.concatenate(ready.columns), out), course)
         for lane in range(len(rows)):
             yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))
 

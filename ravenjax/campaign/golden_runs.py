@@ -32,8 +32,8 @@ class Computed:
     reference: np.ndarray  # [ticks, series, golden runs]
     outcomes: Columns  # outcome -> [golden runs]
 
-    def picked(self, numbers: np.ndarray) -> Computed:
-        """Return the golden runs whose numbers are in `numbers`."""
+    def select_lanes(self, numbers: np.ndarray) -> Computed:
+        """Return the golden runs among `numbers` that are held here."""
         mask = np.isin(self.numbers, numbers)
         outcomes = take_rows(self.outcomes, mask)
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
@@ -67,7 +67,7 @@ def join_computed(
     some = [part.result() for part in parts]
     parts.clear()
     if earlier is not None:
-        some.append(earlier.result().picked(numbers))
+        some.append(earlier.result().select_lanes(numbers))
     if len(some) == 1:
         return some[0]
     first = some[0]

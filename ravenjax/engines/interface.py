@@ -1,7 +1,8 @@
-"""Defines the engine interface: an engine runs the tick of many robots.
+"""Defines the interface of an engine, which is a program that computes the tick of many robots.
 
-An engine advances *blocks* over all ticks of a run. A block has some number of *lanes*, one robot
-per lane. A lane's result depends only on its inputs. Blocks and threads do not change it.
+An engine divides robots into *blocks* and advances a block over all ticks of a run. Each robot of a
+block is a *lane*. A lane's result depends only on its inputs, not on the division into blocks and
+threads.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ Motion = tuple[np.ndarray, ...]
 
 
 class Loop(Protocol):
-    """A robot's tick with its beginning and end: all that an engine knows of a robot.
+    """The functions of a robot that an engine calls: first state, one tick, and outcomes.
 
     `setup` is specific to the robot. `params`, `state` and `signals` are records of single numbers.
-    `faults` is `ravenjax.faults.fault.Faults`. See `ravenjax.robots` for what a robot is.
+    `faults` is `ravenjax.faults.fault.Faults`. `ravenjax.robots` explains what a robot is.
     """
 
     __name__: str
@@ -38,16 +39,16 @@ class Loop(Protocol):
     def advance(
         self, setup: Any, params: Any, faults: Any, state: Any, now: Any, motion: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Advance by one millisecond; return the new state, the run's reference series in this
-        tick, and every signal.
+        """Compute one tick; return the new state, the reference series, and every signal.
 
-        now: int32, ticks since the run began. motion: columns of the operator's motion, each a 1-D
-        array. golden: series of the golden run in this tick, as `advance` returned it there.
+        The reference series are the numbers with which faulty runs are compared. now: int32, ticks
+        since the run began. motion: columns of the operator's motion, each a 1-D array. golden:
+        reference series of the golden run in this tick.
         """
         ...
 
     def series_length(self, setup: Any) -> int:
-        """Return how many numbers the series has."""
+        """Return the number of numbers in the reference series."""
         ...
 
     def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
@@ -68,8 +69,7 @@ class TickProgram:
     params: Any
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run
-    # Each lane ends at a tick of its own, `Block.ends`.
-    ends: bool = False
+    ends: bool = False  # True if lanes end at different ticks, `Block.ends`
 
     @property
     def loop(self) -> Loop:
@@ -77,7 +77,7 @@ class TickProgram:
         return importlib.import_module(self.module)  # type: ignore[return-value]
 
     def params_of(self, varied: Sequence[Any]) -> Any:
-        """Return the parameters of a run in which those that vary have these values."""
+        """Return the parameters of a run. varied: values of the parameters `self.varied`."""
         record = self.params
         for path, value in zip(self.varied, varied, strict=True):
             record = paths.assign_numbers(record, self.setup, path, value)
@@ -97,7 +97,7 @@ class TickProgram:
         golden: Any,
         motion: Any,
     ) -> tuple[Any, Any, Any]:
-        """Advance a lane as `Loop.advance`. From tick `end` on, if given, its state stays."""
+        """Advance a lane as `Loop.advance` does. end: () or (tick,), from which the state stays."""
         params = self.params_of(varied)
         new, series, signals = self.loop.advance(
             self.setup, params, faults, state, now, motion, golden
@@ -110,7 +110,7 @@ class TickProgram:
 
 
 NO_REFERENCE = np.zeros((0, 0, 0), np.float32)
-"""Reference of a block whose lanes are compared with nothing and return only outcomes."""
+"""Reference of a block whose lanes have no golden run and return only outcomes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,13 +123,13 @@ class Block:
     reference: np.ndarray | None
     # int [lanes]: golden run of each lane; None: one per lane, in order.
     golden: np.ndarray | None = None
-    # int [lanes]: up to this tick a lane equals its golden run bit by bit; None: not known.
+    # int [lanes]: until this tick a lane has the same bits as its golden run; None: unknown.
     acts: np.ndarray | None = None
-    # int [lanes]: the first tick that a lane does not run; None: all run to the end.
+    # int [lanes]: the first tick that a lane does not run; None: all lanes run to the end.
     ends: np.ndarray | None = None
     # Number of lanes, from the first, whose results are read; None: all.
     rows: int | None = None
-    # For each golden run, what `Kernel.trunk` returned, or None; empty: none has any.
+    # For each golden run, its snapshots (`BranchingKernel.trunk`) or None; empty: no snapshots.
     trunks: Sequence[Any] = ()
 
     @property
@@ -143,8 +143,8 @@ class Block:
         arrays = [*self.varied.values(), *tree.tree_leaves(self.faults), self.golden, self.acts]
         return next((len(array) for array in arrays if array is not None), 0)
 
-    def picked(self, lanes: np.ndarray) -> Block:
-        """Return a block of these lanes (int), which may repeat, in this order."""
+    def select_lanes(self, lanes: np.ndarray) -> Block:
+        """Return a block of the lanes with these indices (int), which may repeat."""
 
         def pick(column: Any) -> Any:
             return None if column is None else np.asarray(column)[lanes]
@@ -180,10 +180,9 @@ class BlockResult:
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
     reference: np.ndarray
-    """[ticks, series, lanes], the series that faulty runs are compared with; 0 ticks unless golden
-    runs ran.
+    """[ticks, series, lanes], the reference series of golden runs; 0 ticks for other runs.
 
-    Arbitrary from a lane's end on. It may leave out lanes from `Block.rows` on.
+    Numbers after a lane's end are arbitrary. Lanes from `Block.rows` on may be left out.
     """
 
 
@@ -191,16 +190,16 @@ class Kernel(Protocol):
     """A compiled program."""
 
     lanes: int  # of a block, at most
-    # Lanes of a `BranchingKernel` that start from their golden run together; 0: every lane runs
-    # from the beginning.
+    # Number of lanes of a `BranchingKernel` that start together from a snapshot of their golden
+    # run; 0: every lane runs from the beginning.
     branches: int
 
     def size(self, rows: int) -> int:
-        """Return the lanes of a block for `rows` rows, 1 to `lanes`. Further lanes are ignored."""
+        """Return the number of lanes of a block for `rows` runs, 1 to `lanes`."""
         ...
 
     def prepare(self, block: Block, motion: Motion) -> None:
-        """Trace and compile for blocks and motions of these types, once; `run` does it too."""
+        """Trace and compile for blocks and motions of these types, unless this was done before."""
         ...
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
@@ -214,11 +213,11 @@ class BranchingKernel(Kernel, Protocol):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
-        """Make the snapshots, for `Block.trunks`, from which lanes start whose faults act in tick
-        `last` at the latest.
+        """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`.
 
-        block: `size(1)` equal lanes without faults, with their golden run's series. Returns also
-        the outcomes of the golden run at `ends` (int [ends], ascending), each [ends].
+        Lanes whose faults act in tick `last` at the latest can start from the snapshots (see
+        `Block.trunks`). block: `size(1)` equal lanes without faults, with the reference series of
+        their golden run. ends: int [ends], ascending. Outcomes: each [ends].
         """
         ...
 
@@ -238,7 +237,7 @@ class Engine(Protocol):
 
     @property
     def threads(self) -> int:
-        """Number of blocks that are worth running in parallel."""
+        """Number of blocks that run in parallel."""
         ...
 
     def compile(self, program: TickProgram, runs: int) -> Kernel:
@@ -264,7 +263,7 @@ class Tracer:
 
         `golden` is the same block without faults.
         """
-        own = self.kernel.run(golden, motion)
-        return own, *self.kernel.run_signals(
-            dataclasses.replace(block, reference=own.reference), motion
+        results = self.kernel.run(golden, motion)
+        return results, *self.kernel.run_signals(
+            dataclasses.replace(block, reference=results.reference), motion
         )

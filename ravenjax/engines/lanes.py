@@ -1,4 +1,6 @@
-"""Holds the lanes that a compiled time loop runs, and the snapshots from which they start."""
+"""Defines the inputs of the robots (lanes) that compiled code runs, and the snapshots from which
+they start.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Lanes:
-    """Lanes that run together; on a CPU, whole vectors of one group.
+    """The inputs of lanes that run together; on a CPU, of the whole vectors of one group.
 
-    Inputs of a tick are [ticks, numbers, lanes]. If they are equal in a group, they are [ticks,
-    numbers] of the CPU's group, or [groups, ticks, numbers] on a GPU. On a CPU one tick may
-    represent all ticks, and the arrays begin with tick `first`.
+    Inputs of ticks have the shape [ticks, numbers, lanes]. If lanes of a group have equal inputs,
+    the shape is [ticks, numbers] on a CPU, and [groups, ticks, numbers] on a GPU. On a CPU, arrays
+    begin with tick `first`, and an array of one tick is used in all ticks.
     """
 
     inputs: Sequence[np.ndarray]  # each [lanes]
@@ -36,22 +38,22 @@ SNAPSHOT_BYTES = 2**26
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trunk:
-    """Snapshots of a golden run that is compared with itself."""
+    """Snapshots of a golden run, from which faulty runs can start."""
 
-    # Ticks from one snapshot to the next; the first is that of the beginning.
+    # Ticks from one snapshot to the next; the first snapshot is that of tick 0.
     every: int
     group: np.ndarray  # uint32 [snapshots, words], state that its group shares
     lane: np.ndarray  # uint32 [snapshots, words], state of one lane
 
     @staticmethod
-    def room(every: int, snapshots: int, group: int, lane: int) -> Trunk:
+    def allocate(every: int, snapshots: int, group: int, lane: int) -> Trunk:
         """Allocate `snapshots` snapshots with this many words of the group and of the lane."""
         return Trunk(
             every, np.empty((snapshots, group), np.uint32), np.empty((snapshots, lane), np.uint32)
         )
 
-    def begins(self, first: np.ndarray) -> np.ndarray:
-        """Return from which tick runs can start whose faults act at `first` (int) or later."""
+    def start_ticks(self, first: np.ndarray) -> np.ndarray:
+        """Return the tick of the last snapshot before `first`, the tick of a fault, int."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 

@@ -1,8 +1,9 @@
-"""Defines the base class for printing a program in a language, such as LLVM IR.
+"""Defines the base class of printers, which write a program in a language such as LLVM IR or CUDA
+C.
 
-A printer reads each number where the number is first needed, and writes each result as soon as it
-is computed. A subclass defines the text of constants, loads, stores, operations and regions. The
-old content of a place is always read before a result overwrites it.
+A subclass defines the text of constants, loads, stores, operations and conditional blocks. A number
+is read where an operation first needs it, and a result is written as soon as it is computed. If a
+result overwrites a number, all operations that need the old number read it before.
 """
 
 from abc import ABC, abstractmethod
@@ -50,10 +51,11 @@ class Printing(ABC, Generic[Where]):
         results: Sequence[tuple[int, Where]],
         given: Mapping[int, str] | None = None,
     ) -> None:
-        """Print `operations` of `program`: read numbers from `sources` and write `results`.
+        """Print statements that read numbers, compute operations and write results.
 
-        A region becomes a block that is skipped if its condition does not hold. given: numbers that
-        are already values of the function.
+        operations: operations of `program` in order. A region becomes a block that is skipped if
+        its condition is false. sources: operation -> place of its number in memory. results:
+        (operation, place to write to). given: operation -> existing value in the printed code.
         """
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
@@ -61,11 +63,11 @@ class Printing(ABC, Generic[Where]):
         read = {o for i in flatten_regions(operations) for o in program.operations[i].operands} | {
             i for i, _ in results
         }
-        holder = {place: i for i, place in sources.items() if i in read}
-        due: dict[int, list[tuple[int, Where]]] = {}
+        old_number = {place: i for i, place in sources.items() if i in read}
+        waiting: dict[int, list[tuple[int, Where]]] = {}
 
         def value(i: int) -> str:
-            # Loads or prints a value at its first use. Stores that waited for it follow.
+            # Loads or prints a value at its first use. Then come stores that waited for the load.
             if i not in values:
                 operation = program.operations[i]
                 if operation.name == "constant":
@@ -74,38 +76,39 @@ class Printing(ABC, Generic[Where]):
                     )
                 else:
                     values[i] = self._load(types[i], sources[i])
-                    write(due.pop(i, []))
+                    write(waiting.pop(i, []))
             return values[i]
 
         def write(pending: Iterable[tuple[int, Where]]) -> None:
             # A store waits until the old value at its place has been read.
             for i, place in pending:
-                before = holder.get(place)
+                before = old_number.get(place)
                 if before is not None and before not in values:
-                    due.setdefault(before, []).append((i, place))
+                    waiting.setdefault(before, []).append((i, place))
                 else:
                     self._store(types[i], value(i), place)
 
-        goals: dict[int, list[tuple[int, Where]]] = {}
+        targets: dict[int, list[tuple[int, Where]]] = {}
         for i, place in results:
-            # Otherwise the number stays at its place.
+            # A number that is already at its place needs no store.
             if sources.get(i) != place:
-                goals.setdefault(i, []).append((i, place))
+                targets.setdefault(i, []).append((i, place))
 
         def is_given(i: int) -> bool:
             return i in sources or i in values or program.operations[i].name == "constant"
 
-        outside = set(filter(is_given, goals))
+        outside = set(filter(is_given, targets))
 
         def compute(i: int) -> None:
+            # Prints one operation, and stores its result if it is a result of the function.
             if is_given(i):
                 return
             operation = program.operations[i]
             values[i] = self._operation(program, i, [value(o) for o in operation.operands])
-            write(goals.get(i, []))
+            write(targets.get(i, []))
 
         def enter(region: Region) -> None:
-            # Prints a region. Values computed in it are unknown after it.
+            # Prints a region. Its values, except its results, do not exist after the block.
             for o in region.reads(program.operations):
                 value(o)
             condition, before = value(region.condition), dict(values)
@@ -123,10 +126,10 @@ class Printing(ABC, Generic[Where]):
                 compute(item)
         for i in outside:
             value(i)
-        holder.clear()
+        old_number.clear()
         write(
-            [goal for i in outside for goal in goals[i]]
-            + [goal for pending in due.values() for goal in pending]
+            [goal for i in outside for goal in targets[i]]
+            + [goal for pending in waiting.values() for goal in pending]
         )
 
     @abstractmethod
@@ -147,15 +150,15 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _begin_region(self, condition: str, types: list[str]) -> Any:
-        """Begin a block for lanes where `condition` holds; return what `_end_region` takes."""
+        """Begin a block for lanes in which `condition` is true; return data for `_end_region`."""
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:
-        """End the block; return its results as new values, arbitrary where it was not needed."""
+        """End the block; return its results as new values, arbitrary in lanes that skipped it."""
 
 
 class LoopPrinting(Generic[Where]):
-    """Prints the functions of a split time loop. A place of the state is given by its number."""
+    """Prints the functions of a split time loop. state: index in the state -> place in memory."""
 
     def __init__(self, split: Split) -> None:
         self.split, loop = split, split.loop

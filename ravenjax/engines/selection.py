@@ -10,9 +10,9 @@ from ravenjax.numbers.setup import Precision
 ENGINES = ("cuda", "simd", "xla", "mjx")
 """Names of the engines, fastest first."""
 SMALL_TICKS = 12_000_000
-"""Ticks for each CPU core below which "auto" takes engine simd.
+"""Ticks for each CPU core below which "auto" selects engine simd.
 
-simd computes them in about two seconds. Engine cuda takes longer than that to start.
+Engine simd computes this number in about two seconds. Engine cuda takes longer to start.
 """
 
 
@@ -25,8 +25,8 @@ def select_engine(
     """Return the engine of that name; "auto" means the fastest that supports this precision on this
     machine.
 
-    objects: cache of compiled code between processes; None: only this process. ticks: of all runs;
-    None: unknown, treated as a large campaign. Raises UserError.
+    objects: cache of compiled code that several processes share; None: no such cache. ticks: number
+    of ticks of all runs; None: unknown, treated as a large campaign. Raises UserError.
     """
     if name == "auto":
         name = fastest_engine(precision, ticks)[0]
@@ -49,9 +49,9 @@ def select_engine(
 
 
 def fastest_engine(precision: Precision, ticks: int | None = None) -> tuple[str, str]:
-    """Return the engine that "auto" means here, and why it is not "cuda"; "" if it is."""
+    """Return the engine that "auto" selects, and the reason against "cuda" ("" if it is "cuda")."""
     if ticks is not None and ticks < SMALL_TICKS * len(os.sched_getaffinity(0)):
-        return "simd", "engine simd finishes this small campaign before a GPU has started"
+        return "simd", "this campaign is so small that engine simd ends before a GPU could start"
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 

@@ -1,4 +1,4 @@
-"""Hashes the inputs of traced and generated code, and caches that code on disk under the hash."""
+"""Caches generated code on disk, under a hash of all inputs of the generation."""
 
 import contextlib
 import dataclasses
@@ -18,7 +18,7 @@ from ravenjax import interruption
 from ravenjax.bundled import resources
 
 Objects = MutableMapping[str, bytes]
-"""A cache that outlives the process: content by the hash of what it was made from."""
+"""A cache on disk: hash of all inputs -> content."""
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -28,7 +28,7 @@ _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
 def hash_values(*values: Any) -> str:
-    """Return a hash of nested values: types and bits of numbers, fields of records."""
+    """Return a hash of nested values, which depends on types and bits of numbers."""
     digest = hashlib.sha256()
     for value in values:
         for piece in _pieces(value):
@@ -58,17 +58,17 @@ def _pieces(value: Any) -> Iterator[bytes]:
 @functools.cache
 def package_versions() -> tuple[str, ...]:
     """Return the versions of Python and of the packages that take part in tracing."""
-    found = (one for name in _PACKAGES for one in metadata.distributions(name=name))
-    return (sys.version, *(f"{one.name} {one.version}" for one in found))
+    packages = (package for name in _PACKAGES for package in metadata.distributions(name=name))
+    return (sys.version, *(f"{package.name} {package.version}" for package in packages))
 
 
 def hash_files() -> str:
-    """Return the sha256 of the files that decide code: this package's lower layers, and models."""
+    """Return the sha256 of all files on which generated code depends: source files and models."""
     files = [
         path
-        for floor in _FLOORS + _MATHEMATICS
+        for folder in _FLOORS + _MATHEMATICS
         for suffix in ("py", "j2", "toml")
-        for path in sorted((_PACKAGE / floor).rglob(f"*.{suffix}"))
+        for path in sorted((_PACKAGE / folder).rglob(f"*.{suffix}"))
     ]
     models = [*sorted(Path("models").rglob("*")), *resources.list_resources("models", "**/*")]
     result = hashlib.sha256()
@@ -79,24 +79,23 @@ def hash_files() -> str:
 
 
 AT_IMPORT = hash_files()
-"""The hash of the files when this module was imported: of the code that the process runs."""
+"""Hash of the files at the import of this module, whose code the process runs."""
 
 
 def persistent_key(*values: Any) -> str:
-    """Return the key of code that may outlive the process: a hash of these values, the files and
-    all versions.
+    """Return a key for the cache on disk: a hash of these values, the source files and versions.
 
-    Returns "" if the files have changed since the import, because the running code is then not
-    known.
+    Returns "" if the files have changed since the import, because they are then not the running
+    code.
     """
     return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
-    """Return the result of `make`, loaded from `objects` if it was made before.
+    """Return the result of `make`, or load it from `objects` if it was stored before.
 
-    With an empty key nothing is stored. The same folder holds machine code of this user, so pickles
-    add no risk.
+    With an empty key nothing is stored. The folder of the cache also contains machine code of the
+    same user, so pickles add no risk.
     """
     if objects is None or not key:
         return make()

@@ -1,8 +1,9 @@
-"""Traces the tick of one robot into three straight-line programs: beginning, step and end.
+"""Traces one robot's tick, which is written in JAX, into three programs without loops: beginning,
+step and end.
 
-Tracing takes seconds, so traces are cached together with the code that was made from them. The
-cache in memory serves later campaigns of this process that need the same code. The cache on disk
-serves other processes, which then need not import JAX.
+Tracing takes seconds, so the programs are cached together with the code that was generated from
+them. The cache in memory serves later campaigns of the same process. The cache on disk serves other
+processes, which then need not import JAX.
 """
 
 import contextlib
@@ -27,21 +28,21 @@ from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import Setup
 
 KEPT = 4
-"""Number of programs whose code this process keeps, up to 20 MB each."""
+"""Largest number of programs in the cache of this process, up to 20 MB each."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TracedTick:
-    """The loop of a lane. Its inputs are the varied parameters and the faults, its results the
-    outcomes.
+    """The time loop of one lane as programs.
 
-    The inputs of a tick are its number and the golden run's series. Its outputs are the lane's
-    series, then all signals.
+    Inputs of the lane are the varied parameters and the faults. Inputs of a tick are its number and
+    the golden run's reference series. Outputs of a tick are the lane's reference series, then all
+    signals. Results are the outcomes.
     """
 
     loop: TimeLoop
     outcomes: tuple[str, ...]  # names of the results
-    series: int  # how many numbers the reference series has
+    series: int  # number of numbers in the reference series
     signals: Any  # structure of the signals, each leaf its dtype
 
     def without_signals(self) -> TimeLoop:
@@ -52,53 +53,57 @@ class TracedTick:
 
 
 class Forms:
-    """A traced program and all code made from it, by engine, form and device. Thread-safe."""
+    """A traced program and all code generated from it, by engine, form and device. Thread-safe."""
 
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
-        """key: hash of all that decides the trace; "": nothing is kept beyond the process."""
+        """key: hash of all inputs of the trace; "": nothing is cached on disk."""
         self.traced = traced
         self._key, self._objects = key, objects
         self._codes: dict[Any, Any] = {}
         self._lock = threading.Lock()
 
     def code(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """Return the code of this key; the first caller makes it."""
+        """Return the code of this key; the first call makes it with `make`."""
         with self._lock:
             if key not in self._codes:
                 self._codes[key] = make()
             return self._codes[key]
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
-        """Return generated code, or load it from disk. key: what decides it besides the trace."""
-        own = self._key and trace_key.hash_values("printed", self._key, key)
-        return trace_key.load_or_make(self._objects, own, make)
+        """Return generated code, or load it from disk. key: its inputs in addition to the trace."""
+        entry = self._key and trace_key.hash_values("printed", self._key, key)
+        return trace_key.load_or_make(self._objects, entry, make)
 
 
 def traced_forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
-    """Return `program` traced for such blocks and motions. objects: cache between processes."""
-    none = Block(
+    """Return `program`, traced for blocks and motions of these types. objects: cache on disk."""
+    empty_block = Block(
         {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
         tree.map_leaves(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
         None,
     )
-    shapes = none.varied, none.faults, [(column.shape, column.dtype.str) for column in motion]
-    decides = program.module, program.setup, program.params, program.varied, program.ends
-    key = trace_key.hash_values(*decides, *shapes)
+    shapes = (
+        empty_block.varied,
+        empty_block.faults,
+        [(column.shape, column.dtype.str) for column in motion],
+    )
+    definition = program.module, program.setup, program.params, program.varied, program.ends
+    key = trace_key.hash_values(*definition, *shapes)
     # A second caller waits instead of tracing the same program.
     with _TRACING:
         if key not in _FORMS:
-            # A robot of another package may import code from anywhere, so the files that decide it
-            # are not known.
-            ours = program.module.startswith("ravenjax.") and objects is not None
-            kept = trace_key.persistent_key("trace", key) if ours else ""
+            # A robot of another package may import code from unknown files, so it is not cached on
+            # disk.
+            cacheable = program.module.startswith("ravenjax.") and objects is not None
+            disk_key = trace_key.persistent_key("trace", key) if cacheable else ""
             # Zeros that take no memory.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
             traced = trace_key.load_or_make(
-                objects, kept, lambda: trace_tick(program, none, columns)
+                objects, disk_key, lambda: trace_tick(program, empty_block, columns)
             )
-            _FORMS[key] = Forms(traced, kept, objects)
+            _FORMS[key] = Forms(traced, disk_key, objects)
             if len(_FORMS) > KEPT:
                 del _FORMS[next(iter(_FORMS))]
         # The most recently used program is last; the first is dropped.
@@ -111,7 +116,7 @@ _FORMS: dict[str, Forms] = {}
 
 
 def forget_traces() -> None:
-    """Remove everything that was traced from the cache of this process."""
+    """Remove all traced programs from the cache of this process."""
     _FORMS.clear()
 
 
@@ -129,18 +134,21 @@ def leaks_refused() -> Iterator[None]:
         created = re.search(r"created on line (\S+?:\d+)", str(error))
         place = created[1] if created else "a detector, check, controller or operator"
         raise UserError(
-            f"{place}: uses a jnp number from an earlier call, which it kept in a global or a"
-            " cache; keep plain numbers, or what init returns"
+            f"{place}: the code uses a jnp number of an earlier call, from a global variable or a"
+            " cache. Store plain Python numbers there, or use the state that init returns"
         ) from error
 
 
 def record_shapes(record: Any) -> Any:
-    """Return the shapes for tracing a record of dtypes: single numbers of these types."""
+    """Return JAX's shapes of single numbers for a record of dtypes."""
     return tree.map_leaves(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
 def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> TracedTick:
-    """Trace the tick for blocks like this one. Makes no array, so JAX looks for no device."""
+    """Trace the tick for blocks and motions of these types.
+
+    No array is created, so JAX does not initialise a device.
+    """
     setup = program.setup
     series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
@@ -178,7 +186,7 @@ def trace_function(
 
 
 def printable_program(program: TickProgram) -> TickProgram:
-    """Return `program` for printed code, which stops lanes itself: without ends."""
+    """Return `program` without ends, because printed code stops each lane at its end."""
     return dataclasses.replace(program, ends=False)
 
 
@@ -191,7 +199,7 @@ class PrintedKernel:
         self._forms: Forms | None = None
 
     def forms(self, block: Block, motion: Motion) -> Forms:
-        """Return the program traced for blocks and motions like these; traced only once."""
+        """Return the program, traced for blocks and motions of these types at the first call."""
         self._forms = self._forms or traced_forms(self.program, block, motion, self.objects)
         return self._forms
 

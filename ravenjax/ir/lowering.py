@@ -1,7 +1,8 @@
-"""Lowers a closed jaxpr of single numbers to a program: JAX's scalar primitives, one case each.
+"""Converts a function traced by JAX (a closed jaxpr) to a straight-line program on single numbers.
 
-jit-like calls are inlined, and look-ups are clamped to their table. Anything that is not an
-operation on single numbers, or on 1-D tables read at one index, is refused by name.
+Functions within functions, such as those of `jit`, are inlined. The index of a table is clamped to
+the table. Operations other than those on single numbers, or on 1-D tables at one index, are refused
+with an error that names the operation.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 def _sign(b: Builder, dtype: str, x: int) -> int:
+    # Emits the sign of a number: -1, 0 or 1, and NaN for NaN.
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
         return b.emit("min", dtype, x, one)
@@ -30,7 +32,7 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
 
 
 def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
-    # Repeated squaring. A negative exponent divides 1 by the result.
+    # Computes a power by repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)
@@ -64,10 +66,10 @@ class UnknownPrimitive(NotImplementedError):
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, and its tables the 1-D inputs. functions:
-    with `polynomials`, sin, atan2 and similar functions are written out. Otherwise they stay
-    operations with the meaning of the C library, and wide integers are allowed. Raises
-    UnknownPrimitive.
+    Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
+    functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
+    `library`, they remain operations with the meaning of the C library, and integers of 64 bits are
+    allowed. Raises UnknownPrimitive.
     """
     builder = Builder()
     walk = _Walk(builder, functions)
@@ -78,7 +80,7 @@ def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -
 
 
 class _Table(NamedTuple):
-    """A 1-D array: its length, and a function that reads it at an index inside."""
+    """A 1-D array: its length, and a function from an index to the number there."""
 
     length: int
     read: Callable[[int], int]
@@ -89,7 +91,7 @@ _Value = int | _Table
 
 def _single(value: _Value) -> int:
     if isinstance(value, _Table):
-        raise UnknownPrimitive("a whole table is used as one number; look up a single number in it")
+        raise UnknownPrimitive("a whole array is used as one number; index one number of the array")
     return value
 
 
@@ -99,17 +101,19 @@ class _Walk:
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
 
     def _dtype(self, aval: Any) -> str:
+        # Returns the name of a type. Raises UnknownPrimitive for an unsupported type.
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
             raise UnknownPrimitive(
-                f"numbers of type {name} are not known; known are {', '.join(self.types)}"
+                f"numbers of type {name} are not supported; expected {', '.join(self.types)}"
             )
         return name
 
     def input(self, aval: Any) -> _Value:
+        # Adds an input of the program: a single number, or a table for a 1-D array.
         if len(aval.shape) > 1:
             raise UnknownPrimitive(
-                f"an input has shape {aval.shape}; give single numbers or 1-D tables"
+                f"an input has shape {aval.shape}; expected single numbers or 1-D arrays"
             )
         if aval.shape:
             number = self.builder.table(self._dtype(aval), aval.shape[0])
@@ -117,21 +121,23 @@ class _Walk:
         return self.builder.input(self._dtype(aval))
 
     def constant(self, value: Any) -> _Value:
+        # Adds a constant: a single number, or a table of constants for a 1-D array.
         value = np.asarray(value)
         dtype = self._dtype(value)
         if value.size == 1:
             return self.builder.constant(dtype, value.reshape(()))
         if value.ndim != 1:
             raise UnknownPrimitive(
-                f"a constant has shape {value.shape}; give single numbers or 1-D tables"
+                f"a constant has shape {value.shape}; expected single numbers or 1-D arrays"
             )
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
+        # Emits the number of a constant table at an index, by one select for each number.
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
-            here = b.emit("eq", "bool", index, b.constant("int32", k))
-            result = b.emit("select", dtype, here, b.constant(dtype, value), result)
+            is_index = b.emit("eq", "bool", index, b.constant("int32", k))
+            result = b.emit("select", dtype, is_index, b.constant(dtype, value), result)
         return result
 
     def body(
@@ -144,7 +150,7 @@ class _Walk:
         def read(atom: Any) -> _Value:
             if not hasattr(atom, "val"):
                 return values[atom]
-            # a literal
+            # The atom is a constant in the equation.
             return self.constant(np.asarray(atom.val, np.dtype(atom.aval.dtype)))
 
         for eqn in jaxpr.eqns:
@@ -164,9 +170,12 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Compute both branches, of which the first is the usual one; choose between results."""
+        """Return the results of a `cond`: both branches are computed, and one result is selected.
+
+        The first branch is the usual one, so the second may be skipped (see `regions`).
+        """
         if (count := len(eqn.params["branches"])) != 2:
-            raise UnknownPrimitive(f"a choice of {count} branches is not known; nest two-way ones")
+            raise UnknownPrimitive(f"a cond has {count} branches; expected 2 (nest several conds)")
         b, index = self.builder, _single(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
         usual, rare = (
@@ -179,11 +188,12 @@ class _Walk:
         ]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
+        # Emits one equation of the jaxpr. Returns the number of its result.
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:
             raise UnknownPrimitive(
-                f"{name} gives shape {aval.shape}; only single numbers are known"
+                f"the result of {name} has shape {aval.shape}; expected a single number"
             )
         if name in ("dynamic_slice", "gather"):
             return self._looked_up(eqn, operands)
@@ -195,7 +205,7 @@ class _Walk:
             return x[0]
         if self.functions == "polynomials" and name in polynomials.FUNCTIONS:
             if dtype != "float32":
-                raise UnknownPrimitive(f"{name} of {dtype} is not known; float32 is")
+                raise UnknownPrimitive(f"{name} of {dtype} is not supported; expected float32")
             arithmetic = polynomials.Arithmetic(b.emit, b.constant)
             return polynomials.FUNCTIONS[name](arithmetic, *x)
         match name:
@@ -227,12 +237,12 @@ class _Walk:
             case _ if self.functions == "library" and name in semantics.LIBRARY:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(
-            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not an operation"
-            " on single numbers that is known here"
+            f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not supported;"
+            " expected a known operation on single numbers"
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Read one number of a 1-D table: outside the nearest end, or NaN with mode fill."""
+        """Return a number of a 1-D table; outside the table the nearest, or NaN with mode fill."""
         table = operands[0]
         if (
             not isinstance(table, _Table)
@@ -241,7 +251,7 @@ class _Walk:
         ):
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
-            raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
+            raise UnknownPrimitive(f"{name} is not supported; expected one number of a 1-D array")
         b = self.builder
         index = b.emit("convert", "int32", _single(operands[1]))
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
@@ -253,7 +263,7 @@ class _Walk:
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):
             raise UnknownPrimitive(
-                f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')"
+                f"a gather of {dtype} with mode fill is not supported; use .at[k].get(mode='clip')"
             )
         inside = b.emit(
             "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)

@@ -1,8 +1,9 @@
-"""Sine, arc tangent and similar functions from sums, products, choices and bit operations.
+"""Computes sine, arc tangent and similar functions in float32, with the same bits on every engine.
 
-The operations are the same on every engine. Each function is written on an `Arithmetic`, whose
-numbers may be operations of a straight-line program or NumPy arrays. float32. Largest errors,
-compared with the exact value (ulp: of a float32 near the result):
+The functions use only sums, products, choices and bit operations. Each function gets an
+`Arithmetic`, whose numbers are operations of a straight-line program or NumPy arrays. The
+coefficients are in polynomials.toml. The largest errors, compared with the exact value, in units in
+the last place (ulp) of a float32 near the result:
 
     sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond
     tan           sin / cos
@@ -11,9 +12,7 @@ compared with the exact value (ulp: of a float32 near the result):
     exp           2 ulp, subnormal results included
     log           2 ulp
 
-sin, cos and tan of infinities are NaN. NaN gives NaN everywhere.
-
-The coefficients are in polynomials.toml.
+sin, cos and tan of infinities are NaN. All functions of NaN are NaN.
 """
 
 import dataclasses
@@ -80,18 +79,18 @@ class Arithmetic:
 # --- sine and cosine
 
 _MAGIC = 1.5 * 2.0**23
-"""After this is added to a small float32, the lowest bits are its integer part."""
+"""If this number is added to a small float32, the lowest bits of the sum are its integer part."""
 # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
 _PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Return x minus the nearest multiple of pi, its square, and a sign bit: set if odd."""
+    """Return r = x - k pi for the nearest integer k, r^2, and a sign bit, set if k is odd."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
-    # This only matters where |x| > 1e6.
+    # The limits have an effect only if |x| > 1e6.
     rest = m.max(-1.7, m.min(1.7, rest))
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
@@ -170,7 +169,7 @@ def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
 
 def exp(m: Arithmetic, x: Number) -> Number:
     """Return e to the power of x."""
-    x = m.max(-105.0, m.min(89.0, x))  # beyond these the result is 0 or infinity
+    x = m.max(-105.0, m.min(89.0, x))  # outside these limits the result is 0 or infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
     value = m.polynomial("exp", rest)

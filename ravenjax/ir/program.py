@@ -1,8 +1,12 @@
-"""The intermediate representation: a straight-line program of operations on single numbers.
+"""Defines the intermediate representation of the simulation from which code for CPUs and GPUs is
+generated.
 
-Operations have the names of `semantics`. There are three more. `input` is a number from outside
-(`detail`: its index). `constant` is a known number (`detail`: its bits). `lookup` reads a 1-D table
-at one index (`detail`: the table's index).
+A program is a list of operations on single numbers, without loops. Operations have the names of
+`semantics`, and three more:
+
+- `input` is a number from outside; `detail` is its index.
+- `constant` is a known number; `detail` contains its bits.
+- `lookup` reads a 1-D table at one index; `detail` is the number of the table.
 """
 
 import dataclasses
@@ -36,11 +40,11 @@ class Program:
 
     @property
     def reads(self) -> dict[int, int]:
-        """Operation -> index of the input that it is."""
+        """Operation number -> index of the input, for each operation `input`."""
         return {i: op.detail for i, op in enumerate(self.operations) if op.name == "input"}
 
     def needed(self, outputs: Iterable[int] | None = None) -> list[int]:
-        """Return the operations that `outputs` (default: all) depend on, in order."""
+        """Return the operations on which `outputs` (default: all) depend, in order."""
         wanted = bytearray(len(self.operations))
         for i in self.outputs if outputs is None else outputs:
             wanted[i] = 1
@@ -51,7 +55,7 @@ class Program:
         return [i for i, w in enumerate(wanted) if w]
 
     def replay(self, apply: Callable[..., Any]) -> list[Any]:
-        """Return the outputs, where `apply(operation, *operands)` gives each result."""
+        """Return the outputs. `apply(operation, *operands)` computes the result of an operation."""
         values: dict[int, Any] = {}
         for i in self.needed():
             operation = self.operations[i]

@@ -1,12 +1,18 @@
-"""Defines each operation in NumPy: to fold constants, and to test the generated code.
+"""Defines the result of each operation of a program, in NumPy.
 
-Floats follow IEEE 754 with one rounding per operation (including `fma`), integers wrap, and nothing
-raises. Edge cases are those of XLA where it defines them. Converting a float to an integer
-saturates (NaN: 0), a shift by the width or more shifts everything out, and division of an integer
-by 0 is -1. `truncate` instead follows C's `(int)x` on x86, which gives -2147483648 for a number
-that does not fit. Of two zeros with different signs, `max` and `min` return the second; they always
-return NaN if an operand is NaN. `rarely` is a `select` whose condition seldom holds (see
-`regions`). Functions are those of the C library, rounded to their type.
+The definitions are used to fold constants and to test generated code. Floats follow IEEE 754, with
+one rounding per operation, also of `fma`. Integers wrap. No operation raises an error. Edge cases
+follow XLA where it defines them:
+
+- A conversion from float to integer saturates, and NaN becomes 0. `truncate` instead follows C's
+  `(int)x` on x86: a number that does not fit becomes -2147483648.
+- A shift by the width of the number, or by more, shifts all bits out.
+- Division of an integer by 0 gives -1.
+- Of two zeros with different signs, `max` and `min` return the second. They return NaN if an
+  operand is NaN.
+
+`rarely` equals `select`, and its condition is seldom true (see `regions`). Functions are those of
+the C library, rounded to their type.
 """
 
 import ctypes
@@ -22,12 +28,13 @@ Array = Any
 
 
 def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
-    """Return the result of an operation of type `dtype` on NumPy numbers or equal arrays."""
+    """Return the result of an operation of type `dtype` on numbers or arrays of one shape."""
     with np.errstate(all="ignore"):
         return _result(name, dtype, *operands)
 
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
+    # Computes an operation; `evaluate_operation` also silences NumPy's warnings.
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
@@ -37,9 +44,10 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 
 
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
-    """Return the results of `program`, one operation at a time. inputs: NumPy, of one shape."""
+    """Return the results of `program`. inputs: NumPy numbers, or arrays of one shape."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
+        # Computes one operation of the program.
         name, dtype, _, detail = operation
         if name == "input":
             return np.asarray(inputs[detail], dtype)[()]
@@ -54,10 +62,10 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
 def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
-    float64: computed in long double, whose 64 bits of mantissa keep the result within (1/2 + 2^-11)
-    ulp. float32: computed in float64, with the sum
-    rounded to odd. This means: of the two neighbours of an inexact sum, the one whose last bit is 1
-    is taken, so that the conversion to float32 rounds as the exact sum would.
+    float64 is computed in long double, whose 64 bits of mantissa keep the result within (1/2 +
+    2^-11) ulp. float32 is computed in float64, with the sum rounded to odd: of the two neighbours
+    of an inexact sum, the result is the one whose last bit is 1. The conversion to float32 then
+    rounds like the exact sum.
     """
     if np.asarray(a).dtype == np.float64:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
@@ -84,14 +92,15 @@ def _remainder(a: Array, b: Array) -> Array:
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
+    # Converts numbers to another type. Floats saturate at the ends of integer types.
     if dtype.kind == "b":
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
-        ends = np.iinfo(dtype)
-        limit = 2.0 ** (ends.bits - (dtype.kind == "i"))
+        integers = np.iinfo(dtype)
+        limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
-        inside = np.clip(number, float(ends.min), np.nextafter(limit, 0.0))
-        return np.where(number < limit, inside.astype(dtype), ends.max)
+        clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))
+        return np.where(number < limit, clipped.astype(dtype), integers.max)
     return x.astype(dtype)
 
 
@@ -100,17 +109,17 @@ def _truncate(x: Array) -> Array:
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
-def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where((a != a) | pick(a, b), a, b)
+def _extreme(is_first: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    return lambda a, b: np.where((a != a) | is_first(a, b), a, b)
 
 
 def _shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
-    # Makes a shift that fills the result where the amount is the width or more.
-    def shifted(x: Array, by: Array) -> Array:
-        inside = by.astype(np.uint32) < x.dtype.itemsize * 8
-        return np.where(inside, shift(x, np.where(inside, by, 0).astype(x.dtype)), fill(x))
+    # Returns a shift whose result is `fill(x)` if the amount is the width of x or more.
+    def shifted(x: Array, amount: Array) -> Array:
+        inside = amount.astype(np.uint32) < x.dtype.itemsize * 8
+        return np.where(inside, shift(x, np.where(inside, amount, 0).astype(x.dtype)), fill(x))
 
     return shifted
 
@@ -134,7 +143,7 @@ MEANING: dict[str, Callable[..., Array]] = {
     "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
     "truncate": _truncate,
 }
-"""Operations by name, but `convert`, `bitcast` and those of `LIBRARY`."""
+"""Operations by name, without `convert`, `bitcast` and those of `LIBRARY`."""
 
 _C_LIBRARY = ctypes.CDLL(None)
 
@@ -150,5 +159,5 @@ LIBRARY: dict[str, Callable[..., Array]] = {
     **{name: _library_function(name, 1) for name in _UNARY},
     **{name: _library_function(name, 2) for name in ("atan2", "fmod", "pow")},
 }
-"""Functions of this process's C library by JAX's names of the operations, except for `fmod`."""
+"""Functions of the C library, by JAX's names of the operations (except `fmod`)."""
 _FUNCTIONS = MEANING | LIBRARY

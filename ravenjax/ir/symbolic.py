@@ -1,9 +1,9 @@
-"""Writes formulas of terms as programs, simplified by the algebra of real numbers.
+"""Writes formulas as programs, simplified by the algebra of real numbers.
 
-Formulas are written on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs are
-pulled out of products, and constant factors merge. A program holds only what an output needs. So
-generic code (rigid-body recursions over any tree) becomes the short list of scalar operations that
-a derivation by hand would give.
+A formula is written on `Term`s with `+ - *`, `sin` and `cos`. Additions of 0 and multiplications by
+0 and 1 are removed, signs are moved out of products, and constant factors are multiplied. A program
+contains only the operations that an output needs. Generic code, such as a recursion over a tree of
+rigid bodies, thus becomes the short formulas that a derivation by hand would give.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ class Term:
         return Term(self.builder, self.number, -self.sign)
 
     def __add__(self, other: Term | float) -> Term | float:
+        # Returns the sum, simplified where the terms are 0, equal, or have a common factor.
         if not isinstance(other, Term):
             if other == 0.0:
                 return self
@@ -53,6 +54,7 @@ class Term:
         return (-self) + other
 
     def __mul__(self, other: Term | float) -> Term | float:
+        # Returns the product, with constant factors merged.
         if isinstance(other, Term):
             return self._operation("mul", other.number, self.sign * other.sign)
         if other == 0.0:
@@ -73,7 +75,7 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return (x, c) of a product c x with a constant c > 0; (self, None) of any other term."""
+        """Return (x, c) if this term is a product c x with a constant c > 0, else (self, None)."""
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):
@@ -109,18 +111,19 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     """Return the program from the terms of `make_symbols` to the outputs."""
     builder = inputs[0].builder
 
-    def written(x: Any) -> int:
+    def signed_number(x: Any) -> int:
         if not isinstance(x, Term):
             return builder.constant(_REAL, x)
         return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)
 
-    return builder.program([written(x) for x in outputs])
+    return builder.program([signed_number(x) for x in outputs])
 
 
 def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
-    """Return the results of such a program on numbers of any kind, including tracers."""
+    """Return the results of a program of `build_program`, on numbers or on JAX's tracers."""
 
     def apply(operation: Operation, *operands: Any) -> Any:
+        # Computes one operation of the program with JAX's functions or Python's operators.
         name, dtype, _, detail = operation
         if name == "input":
             return inputs[detail]

@@ -1,16 +1,16 @@
-"""Splits a program that runs tick after tick by what its numbers depend on.
+"""Splits the program of a tick into parts, so that no number is computed more often than necessary.
 
-Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
-neither. Each is computed no more often than that requires:
+Many robots (lanes) run the same program in every tick. Lanes with the same shared inputs form a
+group. There are three parts:
 
-shared   changes with the ticks, equal in all lanes of a group: computed once per tick and group.
-         The *shared* part writes a row of the numbers that lanes need.
-held     differs between lanes, constant in time: computed once per lane, before the loop.
-lane     both: computed once per tick and lane.
+    shared   numbers that change with the tick and are equal in all lanes of a group. They are
+             computed once per tick and group, and the lanes read them from a row.
+    held     numbers that differ between lanes and are constant in time. They are computed once per
+             lane, before the loop.
+    lane     all other numbers. They are computed once per tick and lane.
 
-Lanes with the same shared inputs form a group. The state is split by fixpoint iteration. A number
-of the state is shared unless it depends on a number that differs between lanes. It is dropped if
-nothing needs it.
+The numbers of the state are split by fixpoint iteration: a number is shared unless it depends on a
+number that differs between lanes. A number that no output needs is removed.
 """
 
 import dataclasses
@@ -21,15 +21,16 @@ from ravenjax.ir.program import Program
 LANE, TICK = 1, 2
 """Bits for what a number depends on: it differs between lanes, it changes from tick to tick."""
 _FREE = ("neg", "bitcast")
-"""Operations that cost nothing. A lane repeats them rather than reading them from a row."""
+"""Operations without cost. Each lane computes them, because reading a row would cost more."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
-    """`begin` makes the state, `step` advances it by a tick, `finish` computes results from it.
+    """Programs that compute a run: `begin` the first state, `step` one tick, `finish` the results.
 
-    Inputs of `step`: the lane's inputs, the state, the inputs of this tick. Its outputs: the new
-    state, then the outputs of this tick. Inputs of `finish`: the lane's inputs, the state.
+    Inputs of `begin` are the lane's inputs. Inputs of `step` are the lane's inputs, the state, and
+    the inputs of the tick; its outputs are the new state and the outputs of the tick. Inputs of
+    `finish` are the lane's inputs and the state.
     """
 
     begin: Program
@@ -43,7 +44,7 @@ class TimeLoop:
 
     @property
     def states(self) -> int:
-        """How many numbers the state has."""
+        """Number of numbers in the state."""
         return len(self.begin.outputs)
 
     @property
@@ -54,7 +55,7 @@ class TimeLoop:
 
 @dataclasses.dataclass(frozen=True)
 class Split:
-    """Decides which part computes which operation of `loop.step`, given by their numbers."""
+    """The operations of `loop.step` that each part of the loop computes, by their numbers."""
 
     loop: TimeLoop
     lane_state: tuple[int, ...]  # Numbers of the state that each lane stores.
@@ -68,25 +69,28 @@ class Split:
 
 
 def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
-    """Split `loop` for lanes that share the tick's number and, if `grouped`, all inputs of a tick
-    and their own first `shared` inputs.
+    """Return the parts of `loop` for lanes with the same tick.
+
+    grouped: the lanes also have equal inputs of the tick, and equal first `shared` lane inputs.
     """
-    step, first = loop.step, loop.lane_inputs
+    step, lane_inputs = loop.step, loop.lane_inputs
     live = _live_state(loop)
     reads_of = {k: i for i, k in step.reads.items()}
-    frozen = {k for k in live if step.outputs[k] == reads_of.get(first + k)}
-    lanes = {i: 0 if grouped and i < shared else LANE for i in range(first)}
+    constant = {k for k in live if step.outputs[k] == reads_of.get(lane_inputs + k)}
+    lanes = {i: 0 if grouped and i < shared else LANE for i in range(lane_inputs)}
     begins = _dependencies(loop.begin, lanes)
-    state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
+    state = {k: begins[loop.begin.outputs[k]] | (0 if k in constant else TICK) for k in live}
     ticks = {
-        first + loop.states + i: TICK | (0 if grouped or i == 0 else LANE) for i in loop.tick_inputs
+        lane_inputs + loop.states + i: TICK | (0 if grouped or i == 0 else LANE)
+        for i in loop.tick_inputs
     }
     while True:
         depends = _dependencies(
-            step, lanes | ticks | {first + k: bits for k, bits in state.items()}
+            step, lanes | ticks | {lane_inputs + k: bits for k, bits in state.items()}
         )
         new = {
-            k: bits if k in frozen else bits | depends[step.outputs[k]] for k, bits in state.items()
+            k: bits if k in constant else bits | depends[step.outputs[k]]
+            for k, bits in state.items()
         }
         if new == state:
             break
@@ -94,18 +98,18 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
 
     results = [step.outputs[k] for k in sorted(live)] + list(step.outputs[loop.states :])
     needed = step.needed(results)
-    both = {i for i in needed if depends[i] == LANE | TICK}
+    lane_operations = {i for i in needed if depends[i] == LANE | TICK}
     row, reads = set(), set()
-    queue = [o for i in sorted(both) for o in step.operations[i].operands]
+    queue = [o for i in sorted(lane_operations) for o in step.operations[i].operands]
     queue += step.outputs[loop.states :]
     queue += [step.outputs[k] for k in live if state[k] == LANE | TICK]
     while queue:
         i = queue.pop()
         name = step.operations[i].name
-        if i in both or name == "constant":
+        if i in lane_operations or name == "constant":
             continue
         if name in _FREE:
-            both.add(i)
+            lane_operations.add(i)
             queue.extend(step.operations[i].operands)
         elif depends[i] & LANE and name != "input":
             reads.add(i)
@@ -119,14 +123,17 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
         shared_state,
         tuple(step.needed([*row, *(step.outputs[k] for k in shared_state)])),
         tuple(step.needed(reads)),
-        tuple(i for i in needed if i in both and step.operations[i].name != "input"),
+        tuple(i for i in needed if i in lane_operations and step.operations[i].name != "input"),
         tuple(sorted(row)),
         tuple(sorted(reads)),
     )
 
 
 def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
-    """Return on what each operation depends, a sum of bits. of_input: the same of inputs, or 0."""
+    """Return what each operation depends on, a sum of the bits LANE and TICK.
+
+    of_input: index of an input -> its bits; inputs that are missing have 0.
+    """
     depends: list[int] = []
     for operation in program.operations:
         bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0
@@ -137,18 +144,18 @@ def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
 
 
 def _live_state(loop: TimeLoop) -> Set[int]:
-    """Return the numbers of the state that a result needs, at once or some ticks later."""
+    """Return the indices of the state on which a result depends, in this or a later tick."""
     step = loop.step
 
-    def read(program: Program, needed: Iterable[int]) -> set[int]:
+    def state_read(program: Program, needed: Iterable[int]) -> set[int]:
         reads = program.reads
         numbers = {reads[i] - loop.lane_inputs for i in needed if i in reads}
         return numbers.intersection(range(loop.states))
 
-    live = read(loop.finish, loop.finish.needed())
+    live = state_read(loop.finish, loop.finish.needed())
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
-        new = live | read(step, needed)
+        new = live | state_read(step, needed)
         if new == live:
             return live
         live = new

@@ -1,15 +1,18 @@
-"""A tree of joints from any MuJoCo model, and its time step, as `mj_step` with implicitfast.
+"""Simulates a tree of joints from any MuJoCo model with the time step of MuJoCo's integrator
+implicitfast.
 
     arm = read_mechanism(mujoco.MjModel.from_xml_path("arm.xml"), "tip_site")
     qpos, qvel = step(arm, qpos, qvel, torque)
 
 The step is implicit in damping and in the velocity gains of a controller or motor. Springs,
 armature, friction loss and couplings of joints (equality constraints) are those of the model.
-Friction loss and couplings are MuJoCo's soft constraints; their forces are found by `SWEEPS` sweeps
-of projected Gauss-Seidel. Ranges of joints and actuators exert no force: a robot's code does.
+Friction loss and couplings are MuJoCo's soft constraints. Their forces are computed by `SWEEPS`
+sweeps of projected Gauss-Seidel. Ranges of joints and actuators exert no force; the code of a robot
+applies its limits.
 
-Largest distance of any joint from `mj_step`, rad or m, with steps of 1 ms (models of
-tests/mechanics/test_mechanism.py), and of a step that is not implicit in the velocity gain:
+The table gives the largest difference of any joint from MuJoCo's `mj_step`, in rad or m, with steps
+of 1 ms. The last column is for a step that is not implicit in the velocity gain. The models are in
+tests/mechanics/test_mechanism.py.
 
                                                        over 2 s    not implicit, over 0.2 s
     UR5e, kp 4500, kv 450, damping, armature           6e-17       unstable
@@ -46,15 +49,20 @@ class Constraint:
     """The friction loss of a joint, or its coupling to a polynomial of another joint."""
 
     joint: int
-    limit: float  # largest force, Nm or N; 0: a coupling, of any force
-    leader: int  # the other joint; -1: none
-    polynomial: tuple[float, ...]  # of its distance from qpos0, from the constant on
+    limit: float  # largest friction force, Nm or N; 0: a coupling, without a limit
+    leader: int  # joint that `joint` is coupled to; -1: none
+    # coefficients, constant first: position of `joint` over that of the leader, both from qpos0
+    polynomial: tuple[float, ...]
     solref: tuple[float, float]
     solimp: tuple[float, ...]
     invweight: float
 
     def wanted(self, position: Scalar, velocity: Scalar, timestep: float) -> tuple[Scalar, Scalar]:
-        """Return the acceleration that the constraint asks for, and its regularisation."""
+        """Return the acceleration that the constraint aims at, and its regularisation.
+
+        position, velocity: deviation from the constraint. The formulas are those of MuJoCo's solver
+        parameters solref and solimp.
+        """
         low, high, width, middle, power = self.solimp
         x, exponent = jnp.minimum(jnp.abs(position) / width, 1.0), round(power)
         rise = x**exponent / middle ** (exponent - 1)
@@ -84,25 +92,26 @@ class Mechanism:
 
 
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
-    """Return what moves in a model, on its fixed world. tip: a site.
+    """Return the moving parts of a model whose base is fixed. tip: name of a site.
 
-    Raises UserError that names what the step does not have: free and ball joints, tendons,
-    contacts, equality constraints other than joint polynomials, drag and gravity compensation.
+    Raises UserError if the model has features that are not supported: free and ball joints,
+    tendons, contacts, equality constraints other than joint polynomials, drag and gravity
+    compensation.
     """
     _require_known(model)
     links = rigid_tree.read_tree(model, "world")
     joints = [link.number for link in links]
-    place = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
+    index_of = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     body = model.body_weldid[model.site(tip).bodyid[0]]
-    carrier = place[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
-    home = Vec(link.reference for link in links)
-    point = Vec(data.site(tip).xpos.tolist())
+    carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
+    home_positions = Vec(link.reference for link in links)
+    tip_at_home = Vec(data.site(tip).xpos.tolist())
     dofs, weight = model.jnt_dofadr, model.dof_invweight0
     losses = [
         Constraint(
-            *(place[joint], float(model.dof_frictionloss[k]), -1, (0.0,)),
+            *(index_of[joint], float(model.dof_frictionloss[k]), -1, (0.0,)),
             *(tuple(model.dof_solref[k]), tuple(model.dof_solimp[k]), float(weight[k])),
         )
         for joint in joints
@@ -110,11 +119,11 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     ]
     couplings = []
     for k in np.flatnonzero(model.eq_active0):
-        both = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        lightness = float(sum(weight[dofs[joint]] for joint in both if joint >= 0))
-        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), lightness
-        polynomial = tuple(model.eq_data[k, : 5 if both[1] >= 0 else 1].tolist())
-        couplings.append(Constraint(place[both[0]], 0.0, place[both[1]], polynomial, *soft))
+        pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        weight_sum = float(sum(weight[dofs[joint]] for joint in pair if joint >= 0))
+        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
+        polynomial = tuple(model.eq_data[k, : 5 if pair[1] >= 0 else 1].tolist())
+        couplings.append(Constraint(index_of[pair[0]], 0.0, index_of[pair[1]], polynomial, *soft))
     bare = copy.copy(model)
     bare.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     bare.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -128,13 +137,13 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
         Vec(model.qpos_spring[model.jnt_qposadr[joints]].tolist()),
         (*losses, *couplings),
         carrier,
-        rigid_program.point_in_link(links, home, carrier, point),
+        rigid_program.point_in_link(links, home_positions, carrier, tip_at_home),
         bare,
     )
 
 
 def _require_known(model: mujoco.MjModel) -> None:
-    # A part of the model without equations here would be ignored silently, so it is refused.
+    # Refuses models with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
     solid = touching & (model.geom_contype | model.geom_conaffinity > 0)
@@ -142,10 +151,10 @@ def _require_known(model: mujoco.MjModel) -> None:
         "joint": ("free or ball joints", ~np.isin(model.jnt_type, (hinges, slides))),
         "tendon": ("tendons", np.ones(model.ntendon, bool)),
         "equality": (
-            "equality constraints other than of joints",
+            "equality constraints that do not couple joints",
             model.eq_type != mujoco.mjtEq.mjEQ_JOINT,
         ),
-        "geom": ("geoms that may touch", solid),
+        "geom": ("geoms with contacts", solid),
         "body": ("bodies with gravity compensation", model.body_gravcomp != 0.0),
     }
     found = []
@@ -156,13 +165,13 @@ def _require_known(model: mujoco.MjModel) -> None:
     if model.opt.density or model.opt.viscosity:
         found.append("a medium with density or viscosity")
     if model.jnt_stiffnesspoly.any() or model.dof_dampingpoly.any():
-        found.append("springs or dampers with polynomials")
+        found.append("polynomial springs or dampers")
     if (model.dof_solref < 0).any() or (model.eq_solref < 0).any():
         found.append("constraints with a negative solref")
     if found:
         raise UserError(
-            f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinges and slides, and"
-            " couplings of joints. Remove the others; contacts end with"
+            f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinge and slide joints,"
+            " and couplings of joints. Remove all else from the model. To disable contacts write"
             ' <option><flag contact="disable"/></option>'
         )
 
@@ -190,8 +199,8 @@ def step(
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities a time step later.
 
-    torque: of motors or controller at this state, Nm or N. velocity_gain: by how much it falls for
-    each rad/s or m/s, not negative; None: 0.
+    torque: torques of motors or controller at this state, Nm or N. velocity_gain: decrease of the
+    torque for each rad/s or m/s, not negative; None: 0.
     """
     h, program = mechanism.timestep, functools.partial(_program, mechanism)
     rows, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *mechanism.gravity))
@@ -232,12 +241,12 @@ def advance_by_mjx(
     """
     dtype = jnp.result_type(*qpos)
     real = functools.partial(jnp.array, dtype=dtype)
-    mjx, there, data = _put_model(model, str(dtype))
-    # GPUs would otherwise multiply matrices with 10 bits
+    mjx, mjx_model, data = _put_model(model, str(dtype))
+    # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
-        there = there.replace(opt=there.opt.replace(**option), **numbers)
+        mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(**option), **numbers)
         data = data.replace(qpos=real(qpos), qvel=real(qvel), qfrc_applied=real(applied))
-        data = mjx.step(there, data)
+        data = mjx.step(mjx_model, data)
     return data.qpos, data.qvel
 
 
@@ -257,28 +266,33 @@ def _constraint_force(
     """Return the joint forces of friction loss and couplings."""
     rows: list[tuple[Vec, Scalar, Scalar]] = []
     for c in mechanism.constraints:
-        way, position = Vec(float(k == c.joint) for k in range(len(qpos))), 0.0
+        direction, position = Vec(float(k == c.joint) for k in range(len(qpos))), 0.0
         if not c.limit:
-            followed = slope = 0.0
+            target = slope = 0.0
             for coefficient in reversed(c.polynomial):
-                apart = qpos[c.leader] - mechanism.links[c.leader].reference
-                slope = add(mul(slope, apart), followed)
-                followed = add(mul(followed, apart), coefficient)
-            way = way.replace(c.leader, -slope) if c.leader >= 0 else way
-            position = qpos[c.joint] - mechanism.links[c.joint].reference - followed
-        rows.append((way, *c.wanted(position, dot(way, qvel), mechanism.timestep)))
+                offset = qpos[c.leader] - mechanism.links[c.leader].reference
+                slope = add(mul(slope, offset), target)
+                target = add(mul(target, offset), coefficient)
+            direction = direction.replace(c.leader, -slope) if c.leader >= 0 else direction
+            position = qpos[c.joint] - mechanism.links[c.joint].reference - target
+        rows.append((direction, *c.wanted(position, dot(direction, qvel), mechanism.timestep)))
     if not rows:
         return qpos.map(lambda _: 0.0)
-    ways = Vec(way for way, _, _ in rows)
-    free = matvec(ways, solve_spd(mass, force))
-    yielding = [solve_spd(mass, way) for way in ways]
-    pushes: list[Scalar] = [0.0] * len(rows)
+    directions = Vec(direction for direction, _, _ in rows)
+    free_acceleration = matvec(directions, solve_spd(mass, force))
+    responses = [solve_spd(mass, direction) for direction in directions]
+    magnitudes: list[Scalar] = [0.0] * len(rows)
     for _ in range(SWEEPS if len(rows) > 1 else 1):
-        for k, (way, wanted, soft) in enumerate(rows):
-            response = [dot(way, column) for column in yielding]
-            lacking = free[k] - wanted + dot(Vec(response), Vec(pushes)) + soft * pushes[k]
-            push = pushes[k] - lacking / (response[k] + soft)
+        for k, (direction, acceleration, soft) in enumerate(rows):
+            response = [dot(direction, column) for column in responses]
+            residual = (
+                free_acceleration[k]
+                - acceleration
+                + dot(Vec(response), Vec(magnitudes))
+                + soft * magnitudes[k]
+            )
+            magnitude = magnitudes[k] - residual / (response[k] + soft)
             if limit := mechanism.constraints[k].limit:
-                push = jnp.minimum(jnp.maximum(push, -limit), limit)
-            pushes[k] = push
-    return matvec(transpose(ways), Vec(pushes))
+                magnitude = jnp.minimum(jnp.maximum(magnitude, -limit), limit)
+            magnitudes[k] = magnitude
+    return matvec(transpose(directions), Vec(magnitudes))

@@ -1,10 +1,11 @@
-"""Mass matrix and bias of a tree of links as a straight-line program.
+"""Writes the mass matrix and bias torques of a tree of rigid links as a program without loops.
 
-Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and
-gravity, with the sign of MuJoCo's qfrc_bias) share the kinematics. Bodies are 4x4 pseudo-inertias
-[[J, h], [h^T, m]]. With the acceleration matrix U = [alpha]x + [omega]x^2, a body's wrench about
-its origin is f = U h + m a, n = sum of r x (U r + a). This costs less than Euler's form because U
-is shared (W. Khalil's customised symbolic method).
+The bias contains Coriolis, centrifugal and gravity torques, with the sign of MuJoCo's qfrc_bias.
+The mass matrix uses the composite-rigid-body algorithm and the bias uses recursive Newton-Euler.
+Both share the kinematics. The inertia of a body is a 4x4 pseudo-inertia [[J, h], [h^T, m]]. With
+the acceleration matrix U = [alpha]x + [omega]x^2, the force and torque on a body about its origin
+are f = U h + m a and n = sum of r x (U r + a). This form needs fewer operations than Euler's,
+because U is shared (W. Khalil's customised symbolic method).
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ def mass_matrix_and_bias(
 ) -> Program:
     """Return the program from (qpos, qvel, gravity in the base frame) to (M, bias).
 
-    M is returned as its lower triangle, row by row, without armature. `known` holds a number for
-    each of the 2 n + 3 inputs that is fixed (it is then folded), and None for the others. M is
-    symmetric. Entries that the tree's structure makes constant or zero are Python numbers.
+    M is symmetric and is returned as its lower triangle, row by row, without armature. Entries that
+    are constant for this tree are Python numbers. known: for each of the 2 n + 3 inputs its value
+    if it is constant, or None.
     """
     n = len(links)
     inputs = make_symbols(2 * n + 3)
@@ -67,9 +68,10 @@ def mass_matrix_and_bias(
 def evaluate_program(
     program_for: Callable[[tuple[float | None, ...]], Program], inputs: Sequence[Any]
 ) -> tuple[list[list[Any]], list[Any]]:
-    """Return the rows of M, and the bias, of `mass_matrix_and_bias` of these inputs.
+    """Return the rows of the mass matrix M, and the bias, from the inputs of the program.
 
-    program_for(known) returns the program; Python numbers among the inputs are known.
+    program_for(known) returns the program of `mass_matrix_and_bias`. Inputs that are Python numbers
+    are known.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
     out = replay_program(program_for(known), inputs)
@@ -79,7 +81,7 @@ def evaluate_program(
 
 
 def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
-    """Return where a point of link `index` is in the frame of the base, m."""
+    """Return the position of a point of link `index` in the frame of the base, m."""
     symbols = make_symbols(len(links))
     moved = point
     while index >= 0:
@@ -89,7 +91,7 @@ def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> V
 
 
 def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
-    """Return where a point of the base is in the frame of link `index`, m; for plain numbers."""
+    """Return a point, given in the frame of the base, in the frame of link `index`, m."""
     if index < 0:
         return point
     turns, position = _pose(links[index], qpos[index])
@@ -108,7 +110,7 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
-    # Goes from the base to the tips. Velocities and accelerations (at qacc = 0) are in link frames.
+    # Computes the motion of each link from the base to the tips, in the link's frame, at qacc = 0.
     bodies: list[_Body] = []
     # angular acceleration, acceleration of the origin, at qacc = 0
     rates: list[tuple[Vec, Vec]] = []
@@ -151,7 +153,7 @@ def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
-    # Goes from the tips to the base. Each step joins a body to its parent (composite bodies).
+    # Computes the mass matrix from the tips to the base. Each step adds a body to its parent.
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
@@ -195,7 +197,7 @@ def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
-    """Return the rotation by offset + angle; right angles only exchange sine and cosine."""
+    """Return the rotation by offset + angle. An offset of right angles adds no operation."""
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
         return axis, cos(angle + offset), sin(angle + offset)
@@ -215,7 +217,7 @@ def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
-    # Rotates second moments about one axis; quarter turns exactly.
+    # Rotates second moments about one axis. Rotations by 90 degrees are exact.
     axis, c, s = turn
     x, y = (axis + 1) % 3, (axis + 2) % 3
     turned = [list(row) for row in J]
@@ -233,6 +235,7 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
 
 
 def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
+    # Returns U = [alpha]x + [omega]x^2, the acceleration of a point r relative to r.
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     return matrix(

@@ -1,16 +1,16 @@
-"""Reads a tree of hinges and slides from a compiled MuJoCo model, for unrolled recursions.
+"""Reads a tree of hinge and slide joints from a compiled MuJoCo model.
 
-Any subtree of any model works; this module does not depend on the Raven. Three choices keep the
-later operation count low; none of them changes the dynamics:
+The result is written for `rigid_program`, which computes the tree's dynamics. Any subtree of any
+model can be read. Three choices reduce the number of operations and leave the dynamics unchanged:
 
-- Each moving link gets its own frame: z along its joint axis, x along the common normal to its
-  first child's axis. Its origin is at the foot of the common normal to its parent's axis (slides:
-  at the parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta
-  mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
-- Bodies that are fixed to a link are lumped into it.
-- Inertia that a joint's motion does not show is moved to the parent. For a hinge about z this is
-  the mass, the first moment along z and the second moment along z; for a slide it is all second
-  moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
+- Each moving link gets its own frame. Its z axis is the joint axis, and its x axis is the common
+  normal to the axis of its first child. Its origin is at the foot of the common normal to its
+  parent's axis (of a slide: at the parent's origin). A transform to the parent is then Rz(beta)
+  Rx(alpha) Rz(angle), and beta is mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+- Bodies that are fixed to a link become part of the link.
+- Inertia that has no effect on the joint's own motion is moved to the parent. For a hinge about z
+  this is the mass, the first moment along z and the second moment along z. For a slide it is all
+  second moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
 """
 
 # MuJoCo's compiled module carries no types.
@@ -30,10 +30,7 @@ _SNAP = 1e-13
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """One joint and all that moves rigidly with it.
-
-    Lengths m, masses kg, angles rad; vectors are in the frames named.
-    """
+    """One joint and the bodies that move rigidly with it. Units: m, kg, rad."""
 
     joint: str
     number: int  # of the joint in the model
@@ -51,8 +48,8 @@ class Link:
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
     """Return the joints below body `base`, in the order of the model's degrees of freedom.
 
-    `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
-    All joints are hinges and slides.
+    Body `base` is treated as fixed. Joint coordinates are those of the model. All joints are hinges
+    and slides.
     """
     joints = _home_joints(model, model.body(base).id)
     return _regrouped(_framed(joints))
@@ -139,30 +136,33 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
             joint.origin = _foot(joint, child.anchor, child.axis)
         else:
             joint.origin = joint.anchor
-        towards = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
-        if towards is None and parent is not None:
-            towards = _unit(np.cross(parent.axis, joint.axis))
-            towards = parent.x if towards is None else towards
-        if towards is None or (child is None and not joint.slide):
-            towards = _leaf_direction(joint)
-        joint.x = towards
+        x_axis = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
+        if x_axis is None and parent is not None:
+            x_axis = _unit(np.cross(parent.axis, joint.axis))
+            x_axis = parent.x if x_axis is None else x_axis
+        if x_axis is None or (child is None and not joint.slide):
+            x_axis = _leaf_direction(joint)
+        joint.x = x_axis
     return joints
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the point of the joint's axis nearest to the line (point, axis), or to its point."""
-    between = point - joint.anchor
+    """Return the point of the joint's axis nearest to the line through `point` along `axis`.
+
+    If the axes are parallel, it is the point nearest to `point`.
+    """
+    offset = point - joint.anchor
     cosine = float(_product(joint.axis, axis))
     if 1.0 - cosine**2 < _PARALLEL**2:
-        return joint.anchor + joint.axis * _product(joint.axis, between)
-    along = _product(joint.axis - cosine * axis, between) / (1.0 - cosine**2)
+        return joint.anchor + joint.axis * _product(joint.axis, offset)
+    along = _product(joint.axis - cosine * axis, offset) / (1.0 - cosine**2)
     return joint.anchor + joint.axis * along
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Return the unit vector from the joint's axis to the line (point, axis), or None."""
-    across = _unit(np.cross(joint.axis, axis))
-    return _unit(_across(joint, point - joint.origin)) if across is None else across
+    """Return the unit vector from the joint's axis to the line (point, axis); None: they meet."""
+    normal = _unit(np.cross(joint.axis, axis))
+    return _unit(_across(joint, point - joint.origin)) if normal is None else normal
 
 
 def _across(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
@@ -176,17 +176,17 @@ def _unit(vector: np.ndarray, least: float = _PARALLEL) -> np.ndarray | None:
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """Return x of a link without children: through its centre of mass, if that is possible."""
+    """Return the x axis of a link without children: towards its centre of mass, if possible."""
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
-        across = _unit(_across(joint, candidate), 1e-6 * max(mass, 1e-300))
-        if across is not None:
-            return across
+        direction = _unit(_across(joint, candidate), 1e-6 * max(mass, 1e-300))
+        if direction is not None:
+            return direction
     return joint.x
 
 
 def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
-    # Moves the inertia that a link's joint cannot feel to its parent. The dynamics stay the same.
+    # Moves inertia without effect on a joint's own motion to the parent. Dynamics do not change.
     inertias = [
         _moved(joint.rotation.T, -_product(joint.rotation.T, joint.origin), joint.pseudo_inertia)
         for joint in joints
@@ -199,15 +199,15 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
             frame, origin = joints[joint.parent].rotation, joints[joint.parent].origin
         rotation = _product(frame.T, joint.rotation)
         position = _product(frame.T, joint.origin - origin)
-        unseen = np.zeros((4, 4))
+        to_parent = np.zeros((4, 4))
         if joint.slide:
-            unseen[:3, :3] = inertia[:3, :3]
+            to_parent[:3, :3] = inertia[:3, :3]
         else:
-            unseen[2:, 2:] = inertia[2:, 2:]
+            to_parent[2:, 2:] = inertia[2:, 2:]
         if joint.parent >= 0:
-            inertias[joint.parent] += _moved(rotation, position, unseen)
-        remainder = np.where(
-            np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen
+            inertias[joint.parent] += _moved(rotation, position, to_parent)
+        own = np.where(
+            np.abs(inertia - to_parent) < _SNAP * np.abs(inertia).max(), 0.0, inertia - to_parent
         )
         beta, alpha, offset = _zxz(rotation)
         links.append(
@@ -221,7 +221,7 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
                 offset=offset if joint.slide else _exact(offset - joint.reference),
                 reference=joint.reference,
                 position=tuple(float(x) if abs(x) > _SNAP else 0.0 for x in position),  # type: ignore[arg-type]
-                pseudo_inertia=remainder,
+                pseudo_inertia=own,
                 armature=joint.armature,
             )
         )

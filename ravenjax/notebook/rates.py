@@ -46,7 +46,7 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     for number, name in enumerate(names):
         for line in lines:
             n, groups, *counts = line[len(by) :]
-            rate = tables.of_faults(runs, k := counts[number], n, groups)
+            rate = tables.fault_share(runs, k := counts[number], n, groups)
             rows.append((*line[: len(by)], name, k, n, rate.value, rate.low, rate.high))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
             rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])

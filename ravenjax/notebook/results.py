@@ -156,7 +156,7 @@ class CampaignResults:
         if by not in ranking.RANKINGS:
             raise UserError(f"by: {describe_unknown_name('quantity', by, ranking.RANKINGS)}")
         runs = ranking.worst_runs(self.folder, n, by)
-        rows = self._runs.numbered([one.row for one in runs])
+        rows = self._runs.whole_rows([one.row for one in runs])
         measure, robot = ranking.RANKINGS[by], self._manifest.robot
         name = f"{measure.name}_{measure.unit}"
         lines = [

@@ -1,9 +1,8 @@
-"""Compares the configurations, outcomes and rates of two result folders whose campaigns share
-faults.
+"""Compares the configurations, outcomes and rates of two campaigns that share faults.
 
-Runs are paired by run id. The remaining runs are paired by their faults and by the varied
-parameters that both campaigns have. Where one fault occurs several times, its runs are paired in
-the order of the tables.
+A run of one result folder is paired with the run of the other folder that has the same run id. The
+remaining runs are paired if their faults and all varied parameters that both campaigns have are
+equal. If several runs have the same fault, they are paired in the order of the tables.
 """
 
 import itertools
@@ -124,9 +123,9 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         for side, record, key in zip(SIDES, records, _keys(table), strict=True):
             _judge(table, side, record, key)
         names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
-        listed = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
+        aliases = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
         compared = table.frame(
-            f"SELECT a.fault AS fault, {', '.join(listed)} FROM {_JOINED} ORDER BY pairs.first"
+            f"SELECT a.fault AS fault, {', '.join(aliases)} FROM {_JOINED} ORDER BY pairs.first"
         )
         faults = compared["fault"].to_numpy()
         drawn = zip("ab", (draws.drawn_groups(record.config) for record in records), strict=True)
@@ -152,6 +151,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
 
 
 def _describe_origin(record: Manifest) -> dict[str, Any]:
+    # Returns the engine, device and versions with which a result was computed.
     return {
         "engine": record.engine,
         "device": record.device,
@@ -161,7 +161,8 @@ def _describe_origin(record: Manifest) -> dict[str, Any]:
 
 
 def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    # Pairs runs by run id, and the rest by equal faults and parameters.
+    # Creates the table `pairs`: runs with the same run id, then runs with equal faults and
+    # parameters.
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
@@ -176,17 +177,19 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
         "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b"
         " USING (key, nth)"
     )
-    alike, similar = table.row(
+    by_run_id, by_fault = table.row(
         "SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs"
     )
-    if not alike + similar:
+    if not by_run_id + by_fault:
         raise UserError(
             f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same"
             " faults and values of the parameters that both campaigns vary. Compare results of one"
             " campaign, or of one that was varied by --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
-    return ComparedPairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
+    return ComparedPairs(
+        by_run_id, by_fault, (runs[0] - by_run_id - by_fault, runs[1] - by_run_id - by_fault), 0
+    )
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
@@ -195,9 +198,10 @@ def _keys(table: ResultTable) -> tuple[str, str]:
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
 
-    def column(name: str, columns: dict[str, str]) -> str:
+    def key_part(name: str, columns: dict[str, str]) -> str:
+        # Returns SQL for one column of the key. Absent and NaN values are equal.
         text = quote_name(name)
-        # a slot that this campaign lacks counts as empty
+        # A fault slot that this campaign does not have counts as empty.
         if name not in columns:
             return "NULL"
         if columns[name] in ("DOUBLE", "FLOAT"):
@@ -206,11 +210,12 @@ def _keys(table: ResultTable) -> tuple[str, str]:
             value = f"nullif({text}::VARCHAR, '')"
         if name in shared:
             return value
-        # Other columns of an empty slot carry no information.
+        # The other columns of an empty slot have no meaning.
         return f"CASE WHEN {quote_name(name.partition('_')[0] + '_site')} <> '' THEN {value} END"
 
     first, second = (
-        ", ".join(column(name, columns) for name in [*faults, *shared]) or "0" for columns in types
+        ", ".join(key_part(name, columns) for name in [*faults, *shared]) or "0"
+        for columns in types
     )
     return first, second
 
@@ -246,7 +251,7 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
-    # The share of an event in both results, and its difference.
+    # Returns the rate of one event in both folders, and the difference.
     first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,
@@ -262,7 +267,7 @@ def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    # Returns the runs whose outcome changed most.
+    # Returns the runs whose unintended distance changed most.
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"
@@ -277,10 +282,10 @@ def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     ).set_index("row")
     return [
         RunChange(
-            (one, other),
+            (run_id, other_id),
             wording.describe_fault(faults.loc[row].to_dict(), robot),
-            (before, after),
+            (verdict, other_verdict),
             (mm, other_mm),
         )
-        for row, one, other, before, after, mm, other_mm in rows
+        for row, run_id, other_id, verdict, other_verdict, mm, other_mm in rows
     ]

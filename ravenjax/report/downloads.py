@@ -1,4 +1,4 @@
-"""Writes a table of the page as CSV.
+"""Writes a table of the report as a CSV file.
 
 A rate becomes the columns k, n, value, low and high.
 """

@@ -1,4 +1,4 @@
-"""Writes figures as files."""
+"""Writes figures as image files, with the style of the report."""
 
 from __future__ import annotations
 

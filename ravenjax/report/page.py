@@ -1,4 +1,4 @@
-"""Writes the report of a result folder as one HTML page that works without a network."""
+"""Writes the report of a result folder as one HTML page that can be read without a network."""
 
 import contextlib
 import functools
@@ -36,7 +36,7 @@ def build_report(folder: Path) -> Path:
 
 
 def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
-    """Return the page of a result table. `folder` is in the commands and may hold traces."""
+    """Return the HTML page of a result table. folder: result folder, which commands name."""
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     head = tables.headline_counts(runs, manifest)
     common = {
@@ -54,6 +54,7 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     }
 
     def body(section: Section) -> Markup | None:
+        # Returns the HTML of one section, or None if the section has no content.
         content = section.content(runs, folder)
         if content is None:
             return None
@@ -69,9 +70,10 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
 @functools.cache
 def _environment() -> jinja2.Environment:
+    # Returns Jinja's environment, which also finds templates next to the sections' modules.
     environment = html.template_environment("ravenjax.report")
-    beside_modules = jinja2.PackageLoader("ravenjax.report", "sections")
-    environment.loader = jinja2.ChoiceLoader([beside_modules, environment.loader])  # pyright: ignore[reportArgumentType]
+    section_templates = jinja2.PackageLoader("ravenjax.report", "sections")
+    environment.loader = jinja2.ChoiceLoader([section_templates, environment.loader])  # pyright: ignore[reportArgumentType]
     environment.filters |= wording.FILTERS | {
         "as_json": json.dumps,
         "csv": downloads.format_csv,

@@ -1,4 +1,4 @@
-"""Writes numbers, rates and faults as words, and fills templates of plain text."""
+"""Formats numbers, rates and faults as text, and fills text templates."""
 
 import functools
 import math
@@ -54,7 +54,7 @@ def _decimals(fraction: float) -> int:
 
 
 def format_percent(fraction: float) -> str:
-    """Write a fraction in percent: 15.6 %; close to 0 or 100 % with a second decimal."""
+    """Write a fraction in percent: 15.6 %. Below 1 % and above 99 % with a second decimal."""
     if math.isnan(fraction):
         return DASH
     return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
@@ -106,7 +106,7 @@ def format_points(value: Estimate) -> str:
 
 
 def format_bounds(value: Estimate, decimals: int | None = None) -> str:
-    """Write the interval of an estimate: 9–15; "" if nothing is known."""
+    """Write the interval of an estimate: 9–15; "" without an interval."""
     low, high = (
         bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
     )

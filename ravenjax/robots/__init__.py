@@ -22,16 +22,16 @@ from ravenjax.errors import UserError
 from ravenjax.vocabulary.robot import Robot
 
 DEFAULT = "raven2"
-"""Name of the robot of a campaign that names none."""
+"""Name of the robot of a campaign that does not name a robot."""
 MJCF = ".xml"
-"""End of the name of a robot that is an MJCF file."""
+"""Ending of the name of a robot that is an MJCF file."""
 
 
 def find_robot(name: str, folder: Path | None = None) -> Robot:
-    """Return a robot: a folder here, a module that declares ROBOT, or the arm of an MJCF file.
+    """Return the robot with this name: a bundled robot, a module with ROBOT, or an MJCF file.
 
-    folder: that of the campaign, in which a file may lie, or a module that Python would not find.
-    Raises UserError, also if the user has not agreed to run that module.
+    folder: folder of the campaign, where the module or file may be. Raises UserError, also if the
+    user has not agreed to run the module.
     """
     if not name.endswith(MJCF):
         return _find_declared(name, folder)
@@ -39,12 +39,13 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
     for file in places:
         if file.is_file():
             return importlib.import_module(f"{__name__}.mjcf").read_robot(file)
-    looked = ", ".join(map(str, places))
-    raise UserError(f"robot {name!r}: there is no such file; looked for {looked}")
+    searched = ", ".join(map(str, places))
+    raise UserError(f"robot {name!r}: no file was found at {searched}")
 
 
 @functools.cache
 def _find_declared(name: str, folder: Path | None) -> Robot:
+    # Imports the module of a bundled or a user's robot. Returns its ROBOT.
     places = () if name == DEFAULT else (folder or Path(), Path())
     places = list(dict.fromkeys(str(place.resolve()) for place in places))
     for module in (f"{__name__}.{name}", name):
@@ -59,26 +60,26 @@ def _find_declared(name: str, folder: Path | None) -> Robot:
             raise
         # The user's code may raise anything.
         except Exception as error:
-            at = traceback.extract_tb(error.__traceback__)[-1]
+            frame = traceback.extract_tb(error.__traceback__)[-1]
             raise UserError(
                 f"robot {name!r}: {file} cannot be imported: {type(error).__name__}: {error}"
-                f" ({at.filename}:{at.lineno})"
+                f" ({frame.filename}:{frame.lineno})"
             ) from error
         if not isinstance(robot, Robot):
             raise UserError(
-                f"robot {name!r}: the module {module} declares no ROBOT of"
+                f"robot {name!r}: the module {module} has no variable ROBOT, expected a"
                 " ravenjax.vocabulary.robot.Robot"
             )
         return robot
-    looked = ", ".join(dict.fromkeys([*places, *filter(None, sys.path)]))
+    searched = ", ".join(dict.fromkeys([*places, *filter(None, sys.path)]))
     raise UserError(
         f"robot {name!r} is unknown: expected {DEFAULT!r}, a file {MJCF}, or a module that declares"
-        f" ROBOT; looked for it in {looked}"
+        f" ROBOT. No such module is in {searched}"
     )
 
 
 def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Path | None]:
-    """Return a module's top package, and its file, without importing the packages above it."""
+    """Return a module's top package and the module's file, without importing any package."""
     first, *rest = module.split(".")
     try:
         top = spec = importlib.util.find_spec(first) or PathFinder.find_spec(first, places)
@@ -91,8 +92,10 @@ def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Pat
 
 
 def _agree(top: ModuleSpec, file: Path) -> None:
-    """Raise UserError unless the user agrees that a module runs, with the other Python files of its
-    top package; a module alone with those of its folder that it imports.
+    """Raise UserError unless the user agrees to run a module.
+
+    The agreement includes all Python files of the module's top package or, for a module without a
+    package, the files of its folder that it imports.
     """
     folders = top.submodule_search_locations
     files = [path for folder in folders or () for path in Path(folder).rglob("*.py")]
@@ -100,7 +103,7 @@ def _agree(top: ModuleSpec, file: Path) -> None:
     content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
     consent.require_consent(file, content, robot=files)
     if importlib.util.find_spec(top.name) is None:
-        # Python finds only these modules there, and none that the user did not agree to.
+        # From this folder Python imports only the modules that the user agreed to run.
         names = {top.name} if folders else {path.stem for path in files}
         place = str((Path(folders[0]) if folders else file).parent)
 
@@ -124,20 +127,20 @@ class _Source(SourceFileLoader):
 
 
 def imported_beside(module: Path) -> set[Path]:
-    """Return a module's file, and those of its folder that it imports, directly or not."""
-    found, waiting = set[Path](), [module]
+    """Return a module's file and the files of its folder that it imports, also indirectly."""
+    files, waiting = set[Path](), [module]
     while waiting:
         path = waiting.pop()
-        if path in found or not path.is_file():
+        if path in files or not path.is_file():
             continue
-        found.add(path)
+        files.add(path)
         for node in ast.walk(ast.parse(path.read_bytes())):
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
                 waiting += [
                     path.with_name(f"{part}.py") for name in names for part in name.split(".")
                 ]
-    return found
+    return files
 
 
 USUAL = find_robot(DEFAULT)

@@ -1,1 +1,1 @@
-"""Stages that the tick of any robot may have: checks, haptics, detectors, monitor, packets."""
+"""Computes parts of the tick that any robot may have, such as detectors and the haptic cue."""

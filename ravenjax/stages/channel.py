@@ -1,19 +1,20 @@
-"""Models a network channel that loses packets in bursts and delivers them late.
+"""Models a network channel that loses packets in bursts and delivers packets late.
 
 The seed selects the random draws; without a seed the channel is ideal. The model is the emulator of
 UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet by packet:
 
-- The quality moves between good, bad and two intermediate states by TRANSITIONS. It begins good.
-- A packet outside a burst begins one with the probability LOSS of the present quality. A burst
-  takes that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. It
-  therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5, and no
-  length has to be drawn beforehand.
+- The quality of the channel changes between good, bad and two intermediate states by TRANSITIONS.
+  It begins good.
+- A packet outside a burst begins a burst with the probability LOSS of the present quality. A burst
+  loses that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. The
+  burst therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5.
+  The model uses this probability, so no length is drawn beforehand.
 - A packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
 
-Simplified: one packet arrives at a time. The delay is drawn for the moment of arrival rather than
-for the packet: the arriving packet is the one that was sent a delay ago, unless a newer packet
-arrived before. Packets that others overtook are therefore lost, as they are by the robot's sequence
-rule. The emulator's loss of the whole connection is fault effect `drop`.
+Simplification: at most one packet arrives in a tick, and the delay is drawn at the arrival. The
+packet that arrives is the one sent a delay ago, unless a newer packet arrived before. Packets that
+others overtook are therefore lost, as the robot's check of sequence numbers would drop them. The
+emulator's loss of the whole connection is the fault effect `drop`.
 """
 
 from collections.abc import Sequence
@@ -27,12 +28,12 @@ TRANSITIONS: list[list[float]] = _TABLES["transitions"]
 """Probabilities from a quality (row) to the next: good, bad, intermediate 1 and 2."""
 LOSS: list[float] = _TABLES["loss"]
 """Probability that a packet begins a burst, by quality."""
-SURE = 2
+SHORTEST = 2
 """Least number of packets in a burst after its first: the Pareto distribution's scale."""
 DELAY_MS, JITTER_MS = (10.0, 100.0), (1.0, 10.0)
 
-_QUALITY, _GOES_ON, _BEGINS, _DELAY, _JITTER = range(5)
-"""Indices of the draws in the random stream of a packet."""
+_QUALITY, _CONTINUES, _BEGINS, _DELAY, _JITTER = range(5)
+"""Indices of the random numbers that are drawn for each packet."""
 
 
 @record
@@ -49,29 +50,32 @@ def init() -> ChannelState:
 
 
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
-    """Return the channel after a cycle in which packet `packet` (int32) came if `fresh` (bool).
+    """Return the channel after a control cycle.
 
-    seed: float, of the channel or of this cycle; 0: an ideal channel, which resets its state.
+    packet: index of the newest packet, int32. fresh: whether this packet was sent in the cycle,
+    bool. seed: selects the random numbers, float; 0: an ideal channel, which resets its state.
     """
     key = _key(seed)
     quality = _next(state.quality, random_uniform(key, packet, _QUALITY))
-    fewer, lost = (
-        lax.convert_element_type(jnp.maximum(k, SURE), jnp.float32)
+    shorter, length = (
+        lax.convert_element_type(jnp.maximum(k, SHORTEST), jnp.float32)
         for k in (state.burst - 1, state.burst)
     )
-    share = fewer / lost
-    goes_on = (state.burst > 0) & (random_uniform(key, packet, _GOES_ON) < share * jnp.sqrt(share))
-    begins = random_uniform(key, packet, _BEGINS) < _of(quality, LOSS)
-    burst = jnp.where(goes_on, state.burst + 1, as_int(begins))
-    moved = where(fresh, ChannelState(quality, burst), state)
-    return where(seed != 0.0, moved, init())
+    share = shorter / length
+    continues = (state.burst > 0) & (
+        random_uniform(key, packet, _CONTINUES) < share * jnp.sqrt(share)
+    )
+    begins = random_uniform(key, packet, _BEGINS) < _by_quality(quality, LOSS)
+    burst = jnp.where(continues, state.burst + 1, as_int(begins))
+    after = where(fresh, ChannelState(quality, burst), state)
+    return where(seed != 0.0, after, init())
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
     """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
-    for place, (least, most) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
-        delay = delay + least + (most - least) * random_uniform(_key(seed), packet, place)
+    for draw, (lowest, highest) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
+        delay = delay + lowest + (highest - lowest) * random_uniform(_key(seed), packet, draw)
     return jnp.where(seed != 0.0, as_int(delay), 0)
 
 
@@ -79,14 +83,14 @@ def _key(seed: Scalar) -> Scalar:
     return lax.bitcast_convert_type(lax.convert_element_type(seed, jnp.float32), jnp.uint32)
 
 
-def _of(quality: Scalar, numbers: Sequence[float]) -> Scalar:
-    number_of = jnp.float32(numbers[0])
+def _by_quality(quality: Scalar, numbers: Sequence[float]) -> Scalar:
+    result = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
-        number_of = jnp.where(quality == k, jnp.float32(number), number_of)
-    return number_of
+        result = jnp.where(quality == k, jnp.float32(number), result)
+    return result
 
 
 def _next(quality: Scalar, drawn: Scalar) -> Scalar:
-    """Return the next quality, int32, for a number `drawn` in [0, 1)."""
-    partial = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
-    return sum((as_int(drawn >= _of(quality, sums)) for sums in partial), jnp.int32(0))
+    """Return the next quality, int32. drawn: uniform random number in [0, 1)."""
+    thresholds = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
+    return sum((as_int(drawn >= _by_quality(quality, sums)) for sums in thresholds), jnp.int32(0))

@@ -1,4 +1,4 @@
-"""Records for each built-in check: first trip, number of trips, and smallest margin."""
+"""Records for each built-in check the first trip, the number of trips, and the smallest margin."""
 
 from collections.abc import Mapping
 
@@ -24,7 +24,7 @@ def init(setup: Setup) -> CheckHistory:
 def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
-    """Return the history after this tick. margin: to the limit, left out if costly to compute."""
+    """Return the history after this tick. margin: distance to the limit; None: not computed."""
     first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:

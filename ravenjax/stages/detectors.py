@@ -1,16 +1,16 @@
-"""Computes detectors: observers that score every millisecond, and raise an alarm above a threshold.
+"""Computes detectors, which score every millisecond of a run and raise an alarm above a threshold.
 
-Built-in detectors only watch. A user's detector may also stop the robot: its alarm triggers the
-E-stop a millisecond later. There are five kinds. The score of a tick is the higher score of the two
-arms:
+Built-in detectors do not act on the robot. A user's detector may also stop the robot: its alarm
+triggers the E-stop a millisecond later. The score of a tick is the higher score of the two arms.
+There are five kinds:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
-  predicts how motors and joints 1-3 move; here the virtual robot is that model. Three steps within
-  1 ms are scored: of motor position, motor velocity and joint position. Each is divided by its
-  learned step, and the largest of the three joints counts. The three scores are then *fused*: `all`
-  (the published rule) takes the least of them, `two` the middle one, `any` the largest; `mpos`,
-  `mvel` and `jpos` take one alone. As published, a step of velocity counts if two ticks in a row
-  have it.
+  predicts how motors and joints 1-3 move. The virtual robot is used as that model. Three steps
+  within 1 ms are scored: of motor position, motor velocity and joint position. A step is divided by
+  its learned step, and the largest of the three joints counts. The three scores are then *fused*:
+  `all` (the published rule) uses the least of them, `two` the middle score, `any` the largest;
+  `mpos`, `mvel` and `jpos` use only that score. As published, a step of velocity counts if two
+  ticks in a row have it.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
   accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
   raven2_sim, threshold 55).
@@ -20,9 +20,9 @@ arms:
 - `own`: the score of a user's file (`ravenjax.parts`).
 
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
-run* is therefore the largest over time of the least score in such a span. With it, one campaign
-shows what every threshold would have done. Detectors are armed in pedal-down, without a software
-E-stop, after `armed_after` has passed.
+run* is the highest threshold at which the run raises an alarm: the largest over time of the least
+score in such a span. With this score, one campaign shows the effect of every threshold. Detectors
+are active in pedal-down, without a software E-stop, after `armed_after` has passed.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ TICK_S = 1e-3
 MOTOR_SHARE = 0.001
 """Weight of motor derivatives in `derivative_sum`; from raven2_sim."""
 LARGEST = 1e30
-"""Scores are cut off here: flipped bits can put a reported joint 1e38 rad away."""
+"""Largest score. Flipped bits can move a reported joint by 1e38 rad, so scores are limited."""
 
 LEARNED: dict[str, list[float]] = resources.read_tables(__file__, "detectors.toml")
 """Learned steps of motor position [rad] and velocity [rad/s], and joint position [rad; m].
@@ -95,7 +95,7 @@ class DetectorArmState:
 
 @record
 class ThresholdState:
-    """What one threshold of a detector has done so far."""
+    """The alarms of one threshold of a detector so far."""
 
     first_tick: Scalar  # int32, tick of the first alarm; -1: none
     alarms: Scalar  # int32, separate alarms
@@ -104,7 +104,7 @@ class ThresholdState:
 
 @record
 class DetectorState:
-    """What one detector has done so far."""
+    """The scores and alarms of one detector so far."""
 
     recent: Vec  # scores of the last `consecutive` - 1 ticks, latest first
     peak: Scalar  # score of the run so far
@@ -142,7 +142,9 @@ class DetectorSignal(WatchSignal):
 
 def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
     """Return the files of detectors, each once, in order."""
-    return tuple(dict.fromkeys(use.part for use in setup.detectors if use.part is not None))
+    return tuple(
+        dict.fromkeys(detector.part for detector in setup.detectors if detector.part is not None)
+    )
 
 
 def watch_params(setup: Setup) -> WatchParams:
@@ -151,12 +153,12 @@ def watch_params(setup: Setup) -> WatchParams:
     return WatchParams(
         armed_after=np.int32(500),
         own=part.part_parameters(files) if files else (),
-        thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
+        thresholds=tuple((1.0,) * detector.thresholds for detector in setup.detectors),
     )
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Return the same with the learned steps (`LEARNED`)."""
+    """Return the parameters of `watch_params`, with the learned steps (`LEARNED`)."""
     steps: dict[str, Any] = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     return DetectorParams(**vars(watch_params(setup)) | steps)
 
@@ -167,8 +169,10 @@ def init(setup: Setup, params: WatchParams) -> DetectorsState:
     still = Vec.full(POSITIONING, zero)
     threshold = ThresholdState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
     detectors = tuple(
-        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (threshold,) * use.thresholds)
-        for use in setup.detectors
+        DetectorState(
+            Vec.full(detector.consecutive - 1, zero), zero, (threshold,) * detector.thresholds
+        )
+        for detector in setup.detectors
     )
     memories = tuple(
         for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
@@ -196,25 +200,25 @@ def step(
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
-    for use, thresholds, before in zip(
+    for detector, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True
     ):
-        if use.part is None:
-            arms = [_score(use, scores) for _, scores in views]
+        if detector.part is None:
+            arms = [_score(detector, scores) for _, scores in views]
         else:
-            arms = [score for _, score in files[use.part]]
-        # The score as it counts is never infinite
-        counted = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
-        detectors.append(_watch(before, thresholds, counted, signal.tick))
+            arms = [score for _, score in files[detector.part]]
+        # LARGEST keeps the score finite.
+        score = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
+        detectors.append(_watch(before, thresholds, score, signal.tick))
     memories = tuple(tuple(after for after, _ in arms) for arms in files.values())
     return DetectorsState(tuple(arm for arm, _ in views), memories, tuple(detectors))
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot exceeds its first threshold, bool."""
+    """Return whether a detector that may stop the robot is above its threshold, bool."""
     alarms = jnp.bool_(False)
-    for use, detector in zip(setup.detectors, state.detectors, strict=True) if state else ():
-        alarms = alarms | detector.thresholds[0].over if use.stops else alarms
+    for declared, detector in zip(setup.detectors, state.detectors, strict=True) if state else ():
+        alarms = alarms | detector.thresholds[0].over if declared.stops else alarms
     return alarms
 
 
@@ -239,23 +243,25 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 def _arm(
     setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, i: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
+    # Computes the scores of all kinds of detectors for one arm. Returns its new state, scores.
     motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)
 
-    def largest(name: str, now: Vec, then: Vec) -> Scalar:
+    def largest(field: str, now: Vec, before: Vec) -> Scalar:
+        # Returns the largest step of the joints within 1 ms, divided by their learned steps.
         steps = [
-            jnp.abs(a - b) / getattr(step, name)
-            for a, b, step in zip(now, then, learned, strict=True)
+            jnp.abs(a - b) / getattr(step, field)
+            for a, b, step in zip(now, before, learned, strict=True)
         ]
         return _largest(setup, steps)
 
     mvel_step = largest("mvel", mvel, before.mvel)
-    link, motor = (
+    link_sum, motor_sum = (
         sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(now, then, strict=True))
         for now, then in ((jvel, before.jvel), (mvel, before.mvel))
     )
-    shares = [
+    ratios = [
         cast_to_real(setup, jnp.abs(command)) / cast_to_real(setup, jnp.maximum(limit, 1))
         for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
     ]
@@ -263,23 +269,26 @@ def _arm(
         "mpos": largest("mpos", mpos, before.mpos),
         "mvel": jnp.minimum(mvel_step, before.mvel_step),
         "jpos": largest("jpos", jpos, before.jpos),
-        "derivative_sum": link + MOTOR_SHARE * motor,
+        "derivative_sum": link_sum + MOTOR_SHARE * motor_sum,
         "tip_error": signal.tip_error[i] * 1e3,
-        "overdrive": _largest(setup, shares),
+        "overdrive": _largest(setup, ratios),
     }
     return DetectorArmState(mpos, mvel, jpos, jvel, mvel_step), scores
 
 
-def _score(use: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
-    if use.kind != "steps":
-        return scores[use.kind]
-    if use.fusion in scores:
-        return scores[use.fusion]
+def _score(detector: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
+    # Selects a detector's score, or fuses the three scores of detector `steps`.
+    if detector.kind != "steps":
+        return scores[detector.kind]
+    if detector.fusion in scores:
+        return scores[detector.fusion]
     a, b, c = (scores[name] for name in ("mpos", "mvel", "jpos"))
     low, high = jnp.minimum(a, b), jnp.maximum(a, b)
-    if use.fusion == "all":
+    if detector.fusion == "all":
         return jnp.minimum(low, c)
-    return jnp.maximum(high, c) if use.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
+    return (
+        jnp.maximum(high, c) if detector.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
+    )
 
 
 def _watch(

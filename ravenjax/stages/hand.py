@@ -1,20 +1,21 @@
-"""Models the operator's hand as a mass on spring and damper that the cue's force displaces.
+"""Models the operator's hand as a mass on spring and damper that the force of the haptic cue
+displaces.
 
-    M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
+    M d'' + B d' + K d = F        d: displacement of the hand; three axes with the same M, B, K
 
-The hand follows its plan as without a cue. The console sends the plan plus d. The
-spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
-11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes these
-answers.
+The planned motion of the hand does not depend on the cue. The console sends the plan plus d. The
+spring is the posture that muscles hold. A stretched muscle responds after 25 to 100 ms (PLoS ONE
+11(10):e0163854, 2016), sooner than any reaction. A measured spring therefore includes this
+response.
 
-The device's own mass and friction are neglected. quantities.toml has the sources of the numbers.
+The mass and friction of the device are neglected. quantities.toml has the sources of the numbers.
 
 The equation is discretised by the implicit midpoint rule, which is stable for any parameters. Over
 a tick of length h, with u the mean of the velocities before and after, it gives exactly
 
     change of (M v^2 + K d^2) / 2  =  F . (change of d) - h B u^2
 
-The hand therefore never gives back more energy than the force put in.
+The hand therefore never returns more energy than the force put in.
 """
 
 import math
@@ -31,7 +32,7 @@ TICK_S = 1e-3
 @describe_fields
 @record
 class HandParams:
-    """Hand parameters that a campaign may vary; the default is the hand above at grip 0.5."""
+    """Parameters of the hand that a campaign may vary; the default is a hand at half grip."""
 
     grip: Scalar = 0.5
     newtons_per_unit: Scalar = 3.3  # negative: pushes away from the model, for null models
@@ -63,31 +64,31 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
     momentum = 2.0 * params.mass / TICK_S
-    mean = force + state.velocity * momentum - state.displacement * stiffness
-    mean = mean * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
-    displacement = state.displacement + mean * TICK_S
+    mean_velocity = force + state.velocity * momentum - state.displacement * stiffness
+    mean_velocity = mean_velocity * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
+    displacement = state.displacement + mean_velocity * TICK_S
     peak = jnp.maximum(state.peak, norm(displacement))
-    after = HandState(displacement, mean * 2.0 - state.velocity, peak)
+    after = HandState(displacement, mean_velocity * 2.0 - state.velocity, peak)
     return cast_to_real(setup, after)
 
 
 def hand_impedance(params: HandParams) -> tuple[Scalar, Scalar]:
     """Return stiffness (N/m) and damping (N s/m) at the hand's grip."""
-    times = 1.0 + params.grip * (params.firm_times - 1.0)
-    return params.stiffness * times, params.damping * jnp.sqrt(times)
+    factor = 1.0 + params.grip * (params.firm_times - 1.0)
+    return params.stiffness * factor, params.damping * jnp.sqrt(factor)
 
 
 def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
-    """Return a force (x, y, z) turned about (1, 1, 1) by an angle; 120 degrees turn x into y."""
+    """Return a force (x, y, z) rotated by an angle about (1, 1, 1); 120 degrees move x to y."""
     if isinstance(angle_deg, float | np.floating) and angle_deg == 0.0:
         return force
     angle = angle_deg * (math.pi / 180.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
-    along = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
-    across = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
+    parallel = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
+    perpendicular = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
         sin / math.sqrt(3.0)
     )
-    return force * cos + across + along
+    return force * cos + perpendicular + parallel
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:

@@ -1,19 +1,20 @@
-"""The console's haptic cue: a spring-damper on the distance between nominal model and robot.
+"""Computes the haptic cue: a spring-damper force that grows with the distance from the nominal
+model.
 
-Published rule (Raven-II surgical training simulator, Eq. 5) as interpreted here. With e = p_model -
-p_robot, d = e/|e| and v the tip velocities from the Jacobian:
+The published rule (Raven-II surgical training simulator, Eq. 5) is interpreted as follows. With e =
+p_model - p_robot, d = e/|e| and v the velocities of the tips:
 
     |e| >  threshold:  force = min(cap, max(0, kp |e| + kd (v_model - v_robot) . d))
     |e| <= threshold:  force = 0
 
 The printed equation has two cases, but gives a condition only for the case in which the force is
-the constant 0.05. Its Figure 5 settles the interpretation. It shows single pulses of different
-height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm, and one pulse
-flat at 0.0500. The force is thus proportional above the threshold, and is capped, not set, at 0.05.
-A haptic device can only pull towards the model, so the force is never negative.
+the constant 0.05. Figure 5 of the paper shows which interpretation is right. It shows single pulses
+of different height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm,
+and one pulse flat at 0.0500. The force is thus proportional above the threshold, and 0.05 is its
+upper limit. A haptic device can only pull towards the model, so the force is never negative.
 
-Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`). With an operator
-who does not react they all see the same motion.
+Several (threshold, kp, kd, cap) sets are evaluated in the same run (`Setup.cues`). With an operator
+who does not react, the motion is the same for all sets.
 """
 
 from ravenjax.numbers import Setup, describe_fields, jnp
@@ -43,7 +44,7 @@ class HapticParams:
 
 @record
 class CueState:
-    """What one cue has done so far."""
+    """The forces of one cue so far."""
 
     first_tick: Scalar  # tick of the first non-zero force, -1 if none yet, int32
     peak_force: Scalar  # device units
@@ -77,10 +78,10 @@ class HapticOutput:
 def params(setup: Setup) -> HapticParams:
     """Return the parameters of the published cue, `setup.cues` times.
 
-    3 mm and cap 0.05 are published. kp is 4.5 per m, because Figure 5 shows about 0.0045 per mm. kd
-    is not published. The third pulse is 0.0296 at 5.0 mm, of which 0.0225 is spring. It rebounds by
-    6.7 degrees in 150 ms, about 80 mm/s at the 0.1 m between tip and shoulder axis. That gives 0.09
-    per m/s.
+    The threshold of 3 mm and the cap of 0.05 are published. kp is 4.5 per m, because Figure 5 shows
+    about 0.0045 per mm. kd is not published. Figure 5 has a third pulse of 0.0296 at 5.0 mm, of
+    which the spring contributes 0.0225. In this pulse the shoulder turns by 6.7 degrees in 150 ms.
+    The tip, 0.1 m from the shoulder's axis, moves at about 80 mm/s. This gives kd = 0.09 per m/s.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)
@@ -114,8 +115,8 @@ def step(
     distance = norm(error)
     inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
     direction = error * inverse
-    apart = signal.model_velocity - signal.robot_velocity
-    closing_speed = dot(apart, direction)
+    relative_velocity = signal.model_velocity - signal.robot_velocity
+    closing_speed = dot(relative_velocity, direction)
 
     forces, cues = [], []
     for cue, before in zip(params.cues, state.cues, strict=True):
@@ -136,7 +137,7 @@ def step(
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
-    """Return what each cue did so far, the worst of the arms, as columns of the result table."""
+    """Return the forces of each cue, for the worse arm, as columns of the result table."""
     out: dict[str, Scalar] = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]

@@ -1,9 +1,9 @@
-"""Observes what a run does to the instrument: deviations, jumps, tissue depth, DAC peaks.
+"""Records what a run does to the instrument: deviations, jumps, tissue depth, DAC peaks.
 
 Two tips are observed. The *true* tip is where the links of the virtual robot are. The *measured*
-tip is what the control software computes from its encoders (whole micrometres). The published jump
-rule works on the measured tip (analyze_faulty.py). Both are compared with the nominal model and
-with the run's golden run. The observer does not depend on the rest of the tick.
+tip is what the control software computes from its encoders, in whole micrometres. The published
+rule for jumps uses the measured tip (analyze_faulty.py). Both tips are compared with the nominal
+model and with the run's golden run. The monitor does not influence the robot.
 
 Hazards (`ravenjax.outcomes` defines them) are judged while the robot is live. Let a be the distance
 from the golden run, b the distance from the nominal model, and c the distance from where the tip
@@ -72,15 +72,15 @@ class MonitorArmState:
     missed: Vec  # m, sum of the golden run's steps while this robot stood or was not live
     pos: Vec  # um, measured tip at the last packet
     golden_pos: Vec  # um, the golden run's measured tip at the last packet
-    over: Scalar  # bool, the last packet's step was beyond the jump limit, the golden one not
-    leapt: Scalar  # bool, the true tip's last step was beyond the jump limit, the golden one not
+    over: Scalar  # bool, measured tip: last step between packets above jump_step, golden step not
+    leapt: Scalar  # bool, true tip: last step above jump_step, golden step not
     peak_model: Scalar  # m, largest distance from the nominal model
     peak_live: Scalar  # m, largest distance from the nominal model while the robot was live
     square_model: Scalar  # m^2, sum over ticks
     peak_golden: Scalar  # m, largest distance from the golden run
     square_golden: Scalar  # m^2, sum over ticks
-    unintended: Scalar  # m, largest distance while live from golden run, model and standing
-    unintended_off: Scalar  # m, while not live: largest distance from golden run and standing
+    unintended: Scalar  # m, largest `Distances.unintended` while live
+    unintended_off: Scalar  # m, largest `Distances.unintended_off` while not live
     loss: Scalar  # m, largest distance while live, due to motion that the robot missed
     false_report: Scalar  # m, largest error of the measured tip while live, beyond the golden run's
     idle_ticks: Scalar  # int32, ticks in which the golden run moved and this robot did not
@@ -106,7 +106,7 @@ class MonitorState:
     halted: Scalar  # int32, ticks with the pedal held down and the robot not live
     finite: finite.FiniteState  # of tips, distances, and numbers of the robot's tick
     ticks: Scalar  # int32
-    harms: tuple[harm.HarmState, ...]  # the campaign's own
+    harms: tuple[harm.HarmState, ...]  # harms that the campaign defines
 
 
 @record
@@ -159,12 +159,12 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
 
 def restart_monitor(state: MonitorState) -> MonitorState:
-    """Return the state with the missed motion set to zero from now on."""
+    """Return the state with the missed motion set to zero."""
     return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
 
 
 def realign_golden(state: MonitorState) -> MonitorState:
-    """Return the restarted state with the golden run moved to where the robot is."""
+    """Return the restarted state with the golden run's tip moved to the robot's tip."""
     arms = restart_monitor(state).arms
     return replace(state, arms=tuple(replace(arm, golden_tip=arm.tip) for arm in arms))
 
@@ -187,23 +187,23 @@ class Distances(NamedTuple):
 def arm_distances(
     params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec
 ) -> Distances:
-    """Return the distances of an arm.
+    """Return the distances of an arm by which hazards are judged.
 
-    arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m; pos, golden_pos: um.
+    arm: `tip`, `golden_tip` and `missed` are those of this tick. model_tip: m. pos, golden_pos: um.
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
     standing = norm(tip - golden_tip + arm.missed)
-    off = jnp.minimum(golden, model)
-    unintended = jnp.minimum(off, standing)
-    missed_most = 2.0 * standing < off
-    neither = (off > params.limit) & ~(unintended > params.limit)
+    deviation = jnp.minimum(golden, model)
+    unintended = jnp.minimum(deviation, standing)
+    mostly_missed = 2.0 * standing < deviation
+    otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(
         golden=golden,
         model=model,
         unintended=unintended,
         unintended_off=jnp.minimum(golden, standing),
-        loss=jnp.where(missed_most | neither, off, 0.0),
+        loss=jnp.where(mostly_missed | otherwise_missed, deviation, 0.0),
         false_report=norm(pos * UM - tip - (golden_pos * UM - golden_tip)),
     )
 
@@ -218,19 +218,19 @@ def _arm(
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
     step = norm(tip - state.tip)
-    golden_way = golden_tip - state.golden_tip
-    golden_step_true = norm(golden_way)
+    golden_motion = golden_tip - state.golden_tip
+    golden_step_true = norm(golden_motion)
     idle = (golden_step_true > params.idle_step) & (step < params.idle_share * golden_step_true)
-    missed = where(idle | ~signal.live, state.missed + golden_way, state.missed)
+    missed = where(idle | ~signal.live, state.missed + golden_motion, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
-    off = arm_distances(params, after, signal.model_tip[i], pos, golden_pos)
-    golden, model, live, fresh = off.golden, off.model, signal.live, signal.fresh
+    distances = arm_distances(params, after, signal.model_tip[i], pos, golden_pos)
+    golden, model, live, fresh = distances.golden, distances.model, signal.live, signal.fresh
     leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
-    both = norm(tip - state.tip_before)
+    two_steps = norm(tip - state.tip_before)
     packet_step = norm(pos - state.pos) * UM
     golden_step = norm(golden_pos - state.golden_pos) * UM
     over = (packet_step > params.jump_step) & ~(golden_step > params.jump_step)
-    new = replace(
+    result = replace(
         after,
         pos=where(fresh, pos, state.pos),
         golden_pos=where(fresh, golden_pos, state.golden_pos),
@@ -241,13 +241,15 @@ def _arm(
         square_model=state.square_model + model * model,
         peak_golden=jnp.maximum(state.peak_golden, golden),
         square_golden=state.square_golden + golden * golden,
-        unintended=jnp.where(live, jnp.maximum(state.unintended, off.unintended), state.unintended),
-        unintended_off=jnp.where(
-            live, state.unintended_off, jnp.maximum(state.unintended_off, off.unintended_off)
+        unintended=jnp.where(
+            live, jnp.maximum(state.unintended, distances.unintended), state.unintended
         ),
-        loss=jnp.where(live, jnp.maximum(state.loss, off.loss), state.loss),
+        unintended_off=jnp.where(
+            live, state.unintended_off, jnp.maximum(state.unintended_off, distances.unintended_off)
+        ),
+        loss=jnp.where(live, jnp.maximum(state.loss, distances.loss), state.loss),
         false_report=jnp.where(
-            live, jnp.maximum(state.false_report, off.false_report), state.false_report
+            live, jnp.maximum(state.false_report, distances.false_report), state.false_report
         ),
         idle_ticks=state.idle_ticks + as_int(idle),
         peak_step=jnp.maximum(state.peak_step, step),
@@ -258,11 +260,13 @@ def _arm(
         ),
         jump=first_tick(signal.tick, fresh & over & state.over, state.jump),
         large_jump=first_tick(
-            signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump
+            signal.tick,
+            (step > params.large_jump) | (two_steps > params.large_jump),
+            state.large_jump,
         ),
         tip_jump=first_tick(signal.tick, leapt & state.leapt, state.tip_jump),
     )
-    return new, off
+    return result, distances
 
 
 def step(
@@ -273,15 +277,15 @@ def step(
     reference: Reference,
 ) -> MonitorState:
     """Return the observer after this tick."""
-    arms, off = zip(
+    arms, distances = zip(
         *(_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)), strict=True
     )
 
     limits = {"golden": params.diverged, **dict.fromkeys(HAZARDS, params.limit)}
-    beyond = dict.fromkeys(limits, jnp.bool_(False))
-    for distance in off:
+    exceeded = dict.fromkeys(limits, jnp.bool_(False))
+    for distance in distances:
         for name, limit in limits.items():
-            beyond[name] = beyond[name] | (getattr(distance, name) > limit)
+            exceeded[name] = exceeded[name] | (getattr(distance, name) > limit)
     views = [
         {
             name: cast_to_real(setup, value)
@@ -299,7 +303,7 @@ def step(
                 "time": signal.tick,
             }.items()
         }
-        for i, distance in enumerate(off if setup.harms else ())
+        for i, distance in enumerate(distances if setup.harms else ())
     ]
     watched = {
         "tip": [x for tip in signal.tip for x in tip],
@@ -309,9 +313,9 @@ def step(
     return MonitorState(
         arms=arms,
         tip_distance=jnp.minimum(state.tip_distance, signal.distance),
-        diverged=first_tick(signal.tick, beyond["golden"], state.diverged),
+        diverged=first_tick(signal.tick, exceeded["golden"], state.diverged),
         **{
-            name: first_tick(signal.tick, signal.live & beyond[name], getattr(state, name))
+            name: first_tick(signal.tick, signal.live & exceeded[name], getattr(state, name))
             for name in HAZARDS
         },
         halted=state.halted + as_int(signal.pedal & ~signal.live),

@@ -1,4 +1,4 @@
-"""Records the tensions of cables as shares of their strength, and the first overload."""
+"""Records the largest tensions of cables as shares of their strength, and the first overload."""
 
 from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, jnp, record
 
@@ -18,17 +18,17 @@ def init(setup: Setup) -> OverloadState:
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """Return the state after this tick. loads: each cable's largest tension by its strength."""
-    every = [load for arm in loads for load in arm]
-    largest, place = every[0], jnp.int32(0)
-    for i, load in enumerate(every[1:], start=1):
-        place = jnp.where(load > largest, jnp.int32(i), place)
+    """Return the state after this tick. loads: tension of each cable, divided by its strength."""
+    all_loads = [load for arm in loads for load in arm]
+    largest, largest_index = all_loads[0], jnp.int32(0)
+    for i, load in enumerate(all_loads[1:], start=1):
+        largest_index = jnp.where(load > largest, jnp.int32(i), largest_index)
         largest = jnp.maximum(largest, load)
-    now = (largest > 1.0) & (state.first < 0)
+    begins = (largest > 1.0) & (state.first < 0)
     return OverloadState(
         peak=jnp.maximum(state.peak, largest),
-        first=jnp.where(now, tick, state.first),
-        cable=jnp.where(now, place, state.cable),
+        first=jnp.where(begins, tick, state.first),
+        cable=jnp.where(begins, largest_index, state.cable),
     )
 
 

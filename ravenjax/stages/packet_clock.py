@@ -1,13 +1,13 @@
-"""Computes when the console's packets reach the robot.
+"""Computes in which control cycles the console's packets reach the robot.
 
-The length of a packet is the number of control cycles until the next one. It is drawn when the
-packet arrives. The original's network thread takes every datagram as it arrives and adds its
-increments to the desired position. The control cycle reads the sum or, with a console that sends
-positions, the last one (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one
-cycle thus act as one packet, and this clock makes them one packet: a burst is a single packet with
-all the motion since the packet before. A gap is a packet that lasts long.
+The length of a packet is the number of control cycles until the next packet. It is drawn at random
+when the packet arrives. The original's network thread adds the increments of every datagram to the
+desired position. The control cycle reads the sum or, with a console that sends positions, the last
+position (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one cycle therefore act
+as one packet, and this module computes them as one packet. A burst of datagrams is a single packet
+with all the motion since the packet before. A gap is a packet with a great length.
 
-Simplification: lengths are independent. In recordings short packets follow long ones, and gaps
+Simplification: lengths are independent. In recordings short packets follow long packets, and gaps
 recur.
 """
 
@@ -19,7 +19,7 @@ from ravenjax.numbers import Scalar, as_int, jnp, record, where
 from ravenjax.numbers.counter_random import random_uniform
 
 _LENGTH = 0
-"""Index of the draw in the random stream of a packet."""
+"""Index of the random number for the length, among those that are drawn for a packet."""
 
 
 @record
@@ -37,7 +37,10 @@ def init() -> PacketClock:
 
 
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
-    """Return the clock after tick `now` (int32), with a packet of `cycles` (int32) if `fresh`."""
+    """Return the clock after tick `now` (int32).
+
+    fresh: whether a packet arrived in this tick, bool. cycles: length of this packet, int32.
+    """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
 
@@ -49,16 +52,18 @@ def packet_length(
     distributions: shares of packets that last 1, 2, 3, .. cycles; choice: index of one
     distribution; key: uint32, random key of the run.
     """
-    partial = [np.cumsum(shares[:-1]) for shares in distributions]
+    cumulative = [np.cumsum(shares[:-1]) for shares in distributions]
     if isinstance(choice, np.integer):  # the same distribution in all runs
-        partial, choice = [partial[choice]], np.int32(0)
-    number = random_uniform(key, packet, _LENGTH)
+        cumulative, choice = [cumulative[choice]], np.int32(0)
+    drawn = random_uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
-    for k in range(max(map(len, partial))):
-        # a sum of 1 is never reached
-        sums = [np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in partial]
-        bound = jnp.float32(sums[0])
-        for i, other in enumerate(sums[1:], start=1):
+    for k in range(max(map(len, cumulative))):
+        # `drawn` is below 1, so the bound 1 adds no cycle.
+        bounds = [
+            np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in cumulative
+        ]
+        bound = jnp.float32(bounds[0])
+        for i, other in enumerate(bounds[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)
-        cycles = cycles + as_int(number >= bound)
+        cycles = cycles + as_int(drawn >= bound)
     return cycles

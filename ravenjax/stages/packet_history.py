@@ -1,24 +1,25 @@
-"""Remembers when packets were sent, one bit per tick, so that an older one can be sent again.
+"""Stores the ticks in which packets were sent, one bit per tick, so that an older packet can be
+sent again.
 
-A network fault may deliver an older packet, so the tick in which that packet was sent must be
-known. Intervals between packets vary, so this tick cannot be computed from the number of packets.
-The history is a row of 32-bit words that shift by one bit in each tick. The packet after which n
-others were sent is the set bit that has n set bits below it. This bit is found by sums over pairs,
-fours, eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in
-parallel; selecting the position of a bit with a given count).
+A network fault may deliver an older packet. The tick in which that packet was sent cannot be
+computed from the number of packets, because the intervals between packets vary. The history is
+therefore a row of 32-bit words that shift by one bit in each tick. The packet after which n others
+were sent is the set bit that has n set bits below it. This bit is found by sums over pairs, fours,
+eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel;
+selecting the position of a bit with a given count).
 """
 
 from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax
 
 WORD = 32
-"""Number of ticks that one word remembers."""
+"""Number of ticks that one word stores, one bit each."""
 
 NEVER = 2**30
 """Age in ticks of a packet that is not in the history; longer than any run."""
 
 
 def init(ticks: int) -> Vec:
-    """Return an empty history that will remember at least the last `ticks` ticks.
+    """Return an empty history of at least the last `ticks` ticks.
 
     A history consists of words (uint32), the newest first. Bit b of word w is set if a packet was
     sent 32 w + b ticks ago.
@@ -36,16 +37,19 @@ def step(history: Vec, fresh: Scalar) -> Vec:
 
 
 def packet_age(history: Vec, newer: Scalar) -> Scalar:
-    """Return the age (ticks, int32) of the packet that `newer` (int32) others follow; or NEVER."""
-    word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
+    """Return the age in ticks (int32) of a packet, or NEVER if it is not in the history.
+
+    newer: number of packets sent after this packet, int32.
+    """
+    word, first_age, before, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history):
         count = _sums(candidate)[0]
-        here = (newer >= total) & (newer < total + count)
-        word = jnp.where(here, candidate, word)
-        first = jnp.where(here, WORD * place, first)
-        counted = jnp.where(here, total, counted)
+        is_here = (newer >= total) & (newer < total + count)
+        word = jnp.where(is_here, candidate, word)
+        first_age = jnp.where(is_here, WORD * place, first_age)
+        before = jnp.where(is_here, total, before)
         total = total + count
-    return jnp.where(first == NEVER, first, first + _position(word, newer - counted))
+    return jnp.where(first_age == NEVER, first_age, first_age + _position(word, newer - before))
 
 
 def sent_within(history: Vec, ticks: Scalar) -> Scalar:
@@ -53,8 +57,8 @@ def sent_within(history: Vec, ticks: Scalar) -> Scalar:
     total = jnp.int32(0)
     for place, word in enumerate(history):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
-        lowest = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
-        total = total + _sums(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), lowest))[0]
+        mask = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
+        total = total + _sums(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), mask))[0]
     return total
 
 

@@ -1,4 +1,4 @@
-"""Records how hard a run's instruments press on tissue, on the vessel and on each other."""
+"""Records the largest forces of a run's instruments on tissue, on the vessel and on each other."""
 
 from typing import Any
 
@@ -23,7 +23,10 @@ def init(setup: Setup) -> TouchState:
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
-    """Return the state after a tick with forces `tissue`, `vessel`, `instrument` on each, N."""
+    """Return the state after a tick.
+
+    instruments: forces on each instrument, with fields `tissue`, `vessel`, `instrument`, N.
+    """
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
     for instrument in instruments:
         peak = jnp.maximum(peak, instrument.tissue)

@@ -151,5 +151,5 @@ def test_a_history_that_is_too_long_is_refused():
     assert planned(fault, packets="measured").program.setup.packet_history == TICKS
     with pytest.raises(UserError) as error:
         planned(fault, packets="measured", duration_s=20.0)
-    assert "may send packets of 12008 ms ago, expected at most 8192" in str(error.value)
+    assert "may send packets that are 12008 ms old, expected at most 8192" in str(error.value)
     loading.from_dict(tables(fault, duration_s=20.0))

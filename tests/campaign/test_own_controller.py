@@ -118,7 +118,7 @@ def test_what_is_wrong_is_told_by_one_error(tmp_path, case):
 @pytest.mark.parametrize(
     "section, said",
     [
-        ({}, "replaces nothing: write motor_control or dac"),
+        ({}, "replaces no stage: write motor_control or dac"),
         ({"dac": "none.py"}, "file of stage 'dac' cannot be read"),
     ],
 )

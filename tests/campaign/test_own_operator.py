@@ -259,7 +259,8 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
     assert verification.verify_folder(tmp_path / "out", 1).fine
     config = loading.load_campaign(campaign)
     assert re.match(
-        r"suture, generated; .*mine\.py has the hands; scale 0\.1", dict(config.lines())["operator"]
+        r"suture, generated; hands moved by .*mine\.py; scale 0\.1",
+        dict(config.lines())["operator"],
     )
     declared = rj.Campaign(
         name="x",
@@ -301,14 +302,11 @@ NETWORK = {"site": "network", "start_ms": 600, "duration_ms": 50}
 @pytest.mark.parametrize(
     "more, said",
     [
-        (
-            {"operator": {"hands": "mine.csv"}},
-            "expected the path of a .py file; a recorded motion is `file`",
-        ),
-        ({"reaction": {}}, "let the file react"),
+        ({"operator": {"hands": "mine.csv"}}, "expected the path of a .py file"),
+        ({"reaction": {}}, "react in the file"),
         (
             {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "delay", "value": 5}]}]},
-            "may send packets of before",
+            "may send older packets",
         ),
         ({"parameters": {"operator.own.hands.mm": 1}}, re.escape("operator.own.hands.um")),
         ({"parameters": {"operator.own.hands.um": 9000}}, "0..5000 um"),

@@ -137,12 +137,9 @@ def test_what_is_no_distribution_is_refused(value, words):
     [
         (
             {"parameters": {"network.cycles_per_packet": 2}},
-            "nothing reads it where packets are drawn: remove it",
+            "has no effect where the lengths of packets are drawn: remove",
         ),
-        (
-            {"parameters": {"network.packets": 3}},
-            "which means the shares in campaign.packets: write them there",
-        ),
+        ({"parameters": {"network.packets": 3}}, "which selects the shares in campaign.packets"),
     ],
 )
 def test_what_does_not_go_with_drawn_packets_is_refused(changes, words):

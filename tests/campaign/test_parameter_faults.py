@@ -55,7 +55,7 @@ def test_a_fault_acts_in_its_window_only(table):
         (struck("control.motor_control.kp.shoulder"), f"Did you mean '{KP}'"),
         (struck("nominal.gold.kp.shoulder"), "cannot change during a run"),
         (struck("plant.gold.kinematic_errors.scale"), "cannot change during a run"),
-        (struck("control.overdrive.dac_max.grasp2", value=20), "nothing reads it"),
+        (struck("control.overdrive.dac_max.grasp2", value=20), "has no effect"),
         (struck("plant.gold.mass_scale", value=-1.0), "is a parameter"),
         (struck(channel=None), "see `ravenjax parameters`; write one"),
     ],

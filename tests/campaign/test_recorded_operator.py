@@ -46,11 +46,11 @@ def tables(file, **more):
     [
         (
             {"motion": "reach", "rate_hz": 1000},
-            "rate_hz belongs to a recorded motion, a generated one has none: remove",
+            "rate_hz is for recorded motions only, but the motion is generated: remove",
         ),
         (
             {"file": "a.csv", "seed": 3},
-            "seed belongs to a generated motion, a recorded one has none: remove it",
+            "seed is for generated motions only, but the motion is recorded: remove",
         ),
         ({"file": "a.csv", "spikes": "drop"}, "expected 'refuse', 'remove' or 'replay'"),
         ({"file": "a.csv", "rate_hz": 0}, "operator.rate_hz: got 0"),

@@ -119,7 +119,7 @@ class _Session:
 
     def __exit__(self, *error: object) -> None: ...
 
-    def room(self, words: int) -> np.ndarray:
+    def allocate(self, words: int) -> np.ndarray:
         return np.zeros(max(words, 1), np.uint32)
 
     def upload(self, words: np.ndarray) -> np.ndarray:

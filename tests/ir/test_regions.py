@@ -68,7 +68,7 @@ def test_passing_by_changes_no_bit(width):
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
     kernel = print_kernel(split_lanes(loop, 0, False), width, jit.host_target().features)
-    found = VectorCode(kernel).follow(
+    found = VectorCode(kernel).run_course(
         Lanes([limit], given, np.zeros(0, np.float32), out),
         LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS)),
     )
@@ -101,7 +101,7 @@ def test_any_program_can_be_arranged(choices, data):
             numbers.append(builder.emit("rarely", "float32", p, x, y))
     program = builder.program(data.draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=4)))
     order = [i for i in program.needed() if program.operations[i].name != "input"]
-    with mock.patch.object(regions, "LEAST", 1):
+    with mock.patch.object(regions, "LEAST_OPERATIONS", 1):
         found = arrange_regions(program.operations, order, program.outputs)
     every = list(flatten_regions(found))
     assert sorted(every) == order

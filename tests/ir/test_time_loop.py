@@ -33,7 +33,7 @@ def test_vector_code_runs_the_loop(width, grouped):
     features = jit.host_target().features
     code = VectorCode(kernel.print_kernel(split_lanes(found, 1, grouped), width, features))
     course = LaneCourse(np.zeros(lanes // width, int), np.full(lanes, TICKS))
-    results = code.follow(Lanes([gain, kick], given, TABLE, out), course, done.append)
+    results = code.run_course(Lanes([gain, kick], given, TABLE, out), course, done.append)
     expected, expected_out = in_numpy(found, gain, kick, given[:, 0], TICKS)
     assert sum(done) == TICKS * lanes
     same_bits(out, expected_out)

@@ -171,7 +171,7 @@ def test_numbers_kept_between_calls_are_refused(tmp_path, score):
             jnp.float32(3.0)
         )
 
-    where = r"mine\.py:6: uses a jnp number from an earlier call"
+    where = r"mine\.py:6: the code uses a jnp number of an earlier call"
     with pytest.raises(UserError, match=where), leaks_refused():
         trace()
 

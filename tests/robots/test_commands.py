@@ -212,7 +212,7 @@ def test_what_an_arm_cannot_have_is_named(folder, old, new, complaint):
     file.write_text(file.read_text().replace(old, new))
     with pytest.raises(UserError, match=complaint):
         find_robot("arm.xml", folder)
-    with pytest.raises(UserError, match=r"no such file; looked for .*arm2.xml"):
+    with pytest.raises(UserError, match=r"no file was found at .*arm2.xml"):
         find_robot("arm2.xml", folder)
 
 

@@ -48,7 +48,7 @@ def fed(reader, packets):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('jaw.form = "positions"', "jaw: positions need a range, lowest_mrad below highest_mrad"),
+        ('jaw.form = "positions"', "jaw: form = 'positions' needs the range"),
         (
             "largest.step_um = 5000.0",
             r"largest\.step_um: got 5000.0, expected less than or equal to 1000",

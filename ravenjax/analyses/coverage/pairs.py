@@ -124,7 +124,7 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
         for row in frame[reporting].to_numpy()
     ]
     frame["words"] = [
-        wording.describe_fault(row, runs.robot) for row in runs.numbered(frame["row"].tolist())
+        wording.describe_fault(row, runs.robot) for row in runs.whole_rows(frame["row"].tolist())
     ]
     alone: dict[tuple[str, str], Single] = {}
     singles, doubles = (frame.loc[frame["together"] == n].to_dict("records") for n in (1, 2))

@@ -1,9 +1,8 @@
-"""Runs a compiled time loop on the CPU: a group of lanes through some ticks, one vector after
-another.
+"""Runs a compiled time loop on the CPU, with several robots side by side in each vector register.
 
-Python collects calls of compiled functions in a list, and one compiled function makes all of them.
-If a Python thread made each call, it would wait for the interpreter's lock every time. With many
-threads, waiting would take longer than computing.
+Python collects calls of compiled functions in a list, and one compiled function makes all of these
+calls. If a Python thread made each call, the thread would wait for the interpreter's lock every
+time. With many threads, waiting would take longer than computing.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, snapshot_spacing
 
 CHUNK = 500
-"""Ticks that a vector runs before the next, so that its rows stay in the second-level cache."""
-AT_ONCE = 2**18
-"""Vector ticks of one call of compiled code: tenths of a second, so that progress is seen."""
+"""Ticks that a vector runs before the next vector, so that rows stay in the second-level cache."""
+CALL_TICKS = 2**18
+"""Vector ticks of one call of compiled code: tenths of a second, so that progress is reported."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,16 +51,16 @@ class LaneCourse:
 
 
 class LaneGroup:
-    """The memory of some vectors of lanes and of what they share, with the rows of some ticks at a
-    time.
+    """The memory of a group of lanes: state of each vector, shared state, rows of some ticks.
 
-    Ticks count from the beginning of a run. Methods collect calls; `go` makes them.
+    Ticks count from the beginning of a run. Methods collect calls of compiled functions, and
+    `run_calls` makes the calls.
     """
 
     def __init__(
         self, code: VectorCode, lanes: Lanes, vectors: int, rows: int, results: int
     ) -> None:
-        """rows, results: number of rows, and of rows of results, that the memory has room for."""
+        """rows, results: number of rows of ticks, and of rows of results, to allocate."""
         self.lanes, self._make_calls = lanes, code.make_calls
         kernel = self.kernel = code.kernel
         self._calls: list[tuple[int, ...]] = []
@@ -80,21 +79,24 @@ class LaneGroup:
             self._call("lane_begin", *(row_address(place, v) for place in places))
 
     def _call(self, name: str, *arguments: int) -> None:
-        number = list(ARGUMENTS).index(name)
-        self._calls.append((number, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
+        index = list(ARGUMENTS).index(name)
+        self._calls.append((index, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
 
-    def go(self) -> None:
-        """Make the calls that were collected since the last `go`."""
+    def run_calls(self) -> None:
+        """Make the calls that were collected since the last `run_calls`."""
         calls = np.array(self._calls, np.int64).reshape(-1, CALL_WORDS)
         self._calls.clear()
         self._make_calls(calls.ctypes.data, len(calls))
 
-    def turn(self, tick: int) -> None:
-        """Let the rows that are made from now on begin with that of `tick`."""
+    def set_first_row(self, tick: int) -> None:
+        """Set the tick of the first row in memory, for later calls."""
         self._row_tick = tick
 
-    def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Compute the shared rows of these ticks. after: address for a copy of the final state."""
+    def compute_rows(self, first: int, until: int, after: int | None = None) -> None:
+        """Compute the rows of ticks `first` to before `until`.
+
+        after: address for a copy of the group's state at the end.
+        """
         state = row_address(self.group_state)
         self._call(
             "shared_run",
@@ -106,7 +108,7 @@ class LaneGroup:
             self._call("copy_bytes", after, state, self.group_state.size)
 
     def advance(self, v: int, first: int, until: int) -> None:
-        """Run vector `v` through these ticks, whose rows must have been made."""
+        """Run vector `v` from tick `first` to before `until`. Rows of these ticks must exist."""
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         if out is None:
             leaving = row_address(self._nowhere), 0, self._nowhere.strides[0]
@@ -131,10 +133,10 @@ class LaneGroup:
         return start, step, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the results of vector `v` to a row. group_state: address; None: the present one."""
+        """Write the results of vector `v`. group_state: address of a copy; None: present state."""
         shared = row_address(self.group_state) if group_state is None else group_state
-        own = row_address(self._inputs, v), row_address(self.state, v)
-        self._call("lane_finish", *own, shared, row_address(self.results, row))
+        lane_rows = row_address(self._inputs, v), row_address(self.state, v)
+        self._call("lane_finish", *lane_rows, shared, row_address(self.results, row))
 
     def columns(self) -> list[np.ndarray]:
         """Return the results, each [rows * width]."""
@@ -154,35 +156,35 @@ class VectorCode:
         self._module = jit.compile_functions(kernel.text, FUNCTIONS, objects)
         self.make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
-    def follow(
+    def run_course(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run one group along `course`; return its results at each lane's end, each [lanes]."""
+        """Run one group through its ticks; return the results at each lane's end, each [lanes]."""
         vectors = len(course.begins)
-        of_lane = np.repeat(np.arange(vectors), self.width)
-        lane_ends = np.stack([of_lane, course.ends], axis=1)
-        pairs, place = np.unique(lane_ends, axis=0, return_inverse=True)
+        vector_of_lane = np.repeat(np.arange(vectors), self.width)
+        lane_ends = np.stack([vector_of_lane, course.ends], axis=1)
+        pairs, pair_of_lane = np.unique(lane_ends, axis=0, return_inverse=True)
         # For each vector: (tick, row of the results).
         stops: list[list[tuple[int, int]]] = [[] for _ in range(vectors)]
         for row, (v, end) in enumerate(pairs.tolist()):
             stops[v].append((end, row))
-        ends, begins, done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
+        ends, begins, ticks_done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
         group = LaneGroup(self, lanes, vectors, CHUNK, len(pairs))
-        kept = aligned_buffer(len(ends), self.kernel.group_state.bytes)
-        kept_at = {end: row_address(kept, row) for row, end in enumerate(ends)}
+        group_states = aligned_buffer(len(ends), self.kernel.group_state.bytes)
+        group_state_at = {end: row_address(group_states, row) for row, end in enumerate(ends)}
         if course.trunk is not None:
-            group.go()
-            self._go_on(group, course, course.trunk)
+            group.run_calls()
+            self._start_from_snapshots(group, course, course.trunk)
         for first in range(course.first, course.last, CHUNK):
             until = min(first + CHUNK, course.last)
-            group.turn(first)
+            group.set_first_row(first)
             now = first
             for end in ends:
                 if first < end <= until:
-                    group.share(now, end, kept_at[end])
+                    group.compute_rows(now, end, group_state_at[end])
                     now = end
             if now < until:
-                group.share(now, until)
+                group.compute_rows(now, until)
             for v, begin in enumerate(begins):
                 now = before = max(first, begin)
                 for end, row in stops[v]:
@@ -191,15 +193,15 @@ class VectorCode:
                         group.advance(v, now, stop)
                         now = stop
                     if first < end <= until:
-                        group.finish(v, row, kept_at[end])
-                done += max(0, now - before)
-            if done >= AT_ONCE or until == course.last:
-                group.go()
-                if progress is not None and done:
-                    progress(done * self.width)
-                done = 0
-        mine = place.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
-        return [column[mine] for column in group.columns()]
+                        group.finish(v, row, group_state_at[end])
+                ticks_done += max(0, now - before)
+            if ticks_done >= CALL_TICKS or until == course.last:
+                group.run_calls()
+                if progress is not None and ticks_done:
+                    progress(ticks_done * self.width)
+                ticks_done = 0
+        places = pair_of_lane.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
+        return [column[places] for column in group.columns()]
 
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
@@ -211,23 +213,23 @@ class VectorCode:
         every = snapshot_spacing(last, len(words) + shared_words)
         group = LaneGroup(self, lanes, 1, every, max(1, len(ends)))
         state, shared = (rows.view(np.uint32)[0] for rows in (group.state, group.group_state))
-        snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(words))
-        row_of = {end: row for row, end in enumerate(ends.tolist())}
+        snapshots = Trunk.allocate(every, max(1, -(-last // every)), shared_words, len(words))
+        result_row = {end: row for row, end in enumerate(ends.tolist())}
         now = 0
-        for mark in sorted({*range(0, last, every), *row_of}):
-            for first in range(now, mark, every):
-                until = min(first + every, mark)
-                group.turn(first)
-                group.share(first, until)
+        for stop in sorted({*range(0, last, every), *result_row}):
+            for first in range(now, stop, every):
+                until = min(first + every, stop)
+                group.set_first_row(first)
+                group.compute_rows(first, until)
                 group.advance(0, first, until)
-            now = mark
-            if mark in row_of:
-                group.finish(0, row_of[mark])
-            if mark < last and mark % every == 0:
-                group.go()
-                snapshots.lane[mark // every] = state[words]
-                snapshots.group[mark // every] = shared
-        group.go()
+            now = stop
+            if stop in result_row:
+                group.finish(0, result_row[stop])
+            if stop < last and stop % every == 0:
+                group.run_calls()
+                snapshots.lane[stop // every] = state[words]
+                snapshots.group[stop // every] = shared
+        group.run_calls()
         return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
     @cached_property
@@ -235,8 +237,10 @@ class VectorCode:
         """[width, words]: indices of the 32-bit words of each lane's state."""
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
-    def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        # Starts the lanes of a group from the snapshots of their golden run.
+    def _start_from_snapshots(
+        self, group: LaneGroup, course: LaneCourse, golden_run: Trunk
+    ) -> None:
+        # Sets the states of a group's lanes from the snapshots of their golden run.
         if course.first:
             row = course.first // golden_run.every
             group.group_state.view(np.uint32)[0] = golden_run.group[row]

@@ -1,10 +1,10 @@
-"""Engine `simd`: generates and compiles vector code for the tick and its time loop, with one robot
-per vector lane.
+"""Engine `simd`: compiles one tick of a robot to vector code for the CPU and runs it for many
+robots.
 
-Lanes in which all varied parameters are equal form a group. What is equal in such lanes (the packet
-before faults, the nominal model, clocks) is computed once for the group. If groups would be too
-small, every lane computes everything. Both ways give the same bits, and so do all vector widths. A
-lane's result therefore depends only on its inputs.
+Each robot uses one lane of the vectors. Robots with equal varied parameters form a group. Numbers
+that are equal in a whole group, such as those of the nominal model, are computed once for the
+group. If the groups would be too small, every lane computes all numbers. Both ways give the same
+bits, and so do all vector widths. A lane's result therefore depends only on its inputs.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ last blocks leave threads idle.
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
 UNSHARED = 0.5
-"""Approximate extra time of a vector that computes what its group could share, as a fraction."""
+"""Approximate extra time of a vector that also computes the shared numbers, as a fraction."""
 
 
 class SimdKernel(traced.PrintedKernel):
@@ -46,8 +46,8 @@ class SimdKernel(traced.PrintedKernel):
         signals: bool = False,
         host: jit.Host | None = None,
     ) -> None:
-        """signals: every tick returns every signal, and lanes run one by one. host: CPU whose
-        width and features the text uses, which must run on this machine; None: this machine's.
+        """signals: every tick returns every signal, and lanes run one by one. host: CPU for whose
+        vectors the code is generated, and which must be able to run here; None: this machine's CPU.
         """
         super().__init__(program, lanes, objects)
         self.signals, self._host = signals, host or jit.host_target()
@@ -81,7 +81,7 @@ class SimdKernel(traced.PrintedKernel):
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        entering = self._given(block, np.arange(self.width), True, 0, until)
+        entering = self._golden_series(block, np.arange(self.width), True, 0, until)
         lanes = Lanes(inputs, entering, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         names = self.forms(block, motion).traced.outcomes
@@ -99,27 +99,27 @@ class SimdKernel(traced.PrintedKernel):
         out = np.zeros((ticks if keep else 0, code.kernel.outputs, lanes), dtype)
         outcomes: list[np.ndarray] = []
         for number in range(group.max() + 1):
-            mine = np.flatnonzero(group == number)
-            filled = mine[np.minimum(np.arange(self.size(len(mine))), len(mine) - 1)]
-            course = self._course(block, filled, grouped)
+            members = np.flatnonzero(group == number)
+            vector_lanes = members[np.minimum(np.arange(self.size(len(members))), len(members) - 1)]
+            course = self._course(block, vector_lanes, grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
-            # The output for all lanes is large. It is not held twice if all lanes form one group.
-            whole = len(filled) == lanes
-            own_out = out if whole else np.zeros((*out.shape[:2], len(filled)), dtype)
-            entering = self._given(block, filled, grouped, first, last)
+            # The output is large, so one group of all lanes writes into it without a copy.
+            one_group = len(vector_lanes) == lanes
+            group_out = out if one_group else np.zeros((*out.shape[:2], len(vector_lanes)), dtype)
+            entering = self._golden_series(block, vector_lanes, grouped, first, last)
             vectors = Lanes(
-                [column[filled] for column in inputs],
-                *(entering, tables, own_out if keep else None, first),
+                [column[vector_lanes] for column in inputs],
+                *(entering, tables, group_out if keep else None, first),
             )
-            columns = code.follow(vectors, course, progress)
+            columns = code.run_course(vectors, course, progress)
             # Count also the ticks that no lane had to run.
             if progress is not None:
-                progress(ticks * len(filled) - self.width * course.vector_ticks)
+                progress(ticks * len(vector_lanes) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
             for column, values in zip(outcomes, columns, strict=True):
-                column[mine] = values[: len(mine)]
-            if not whole:
-                out[:, :, mine] = own_out[:, :, : len(mine)]
+                column[members] = values[: len(members)]
+            if not one_group:
+                out[:, :, members] = group_out[:, :, : len(members)]
         reference = out[:, : tick.series]
         if self.signals:
             numbers = np.ascontiguousarray(reference).view(self._dtype)
@@ -127,25 +127,25 @@ class SimdKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
-        """Return a block's inputs, each lane's group, and whether running by groups is cheaper."""
+        """Return a block's inputs, each lane's group, and whether computing by groups is faster."""
         inputs, group = self.groups(block)
         vectors = (-(-np.bincount(group) // self.width)).sum()
         grouped = bool(vectors <= (1.0 + UNSHARED) * -(-len(group) // self.width))
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        # Plans the ticks of some lanes: where each vector begins, and where each lane ends.
+        # Plans the ticks of lanes: in which tick each vector begins and each lane ends.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None
         if trunk is not None and block.acts is not None:
-            begins = trunk.begins(block.acts[lanes].reshape(-1, self.width).min(axis=1))
+            begins = trunk.start_ticks(block.acts[lanes].reshape(-1, self.width).min(axis=1))
         return LaneCourse(begins, ends, trunk)
 
-    def _given(
+    def _golden_series(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        # Returns the golden run's series that the lanes are compared with.
+        # Returns the reference series of the golden runs; zeros if lanes are not compared.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -154,6 +154,7 @@ class SimdKernel(traced.PrintedKernel):
         return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
+        # Returns the compiled code for this block, from the cache if it was compiled before.
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 

@@ -1,4 +1,4 @@
-"""Compiles LLVM IR to callable functions for this machine's CPU, with an optional disk cache."""
+"""Compiles LLVM IR to functions for the CPU of this machine, with an optional cache on disk."""
 
 import ctypes
 import dataclasses
@@ -52,10 +52,10 @@ def host_target() -> Host:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    features = frozenset(name for name, there in llvm.get_host_cpu_features().items() if there)
+    features = frozenset(name for name, has in llvm.get_host_cpu_features().items() if has)
     if not features & FUSED:
         raise UserError(
-            f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so its results would differ"
+            f"CPU {llvm.get_host_cpu_name()} has no fused multiply-add, so results would differ"
             " from those of other machines: expected x86-64-v3 (Intel or AMD since 2013) or"
             " aarch64; in an emulator or a virtual machine, pass the CPU of the host through; or"
             " use --engine xla"
@@ -72,8 +72,8 @@ class HostModule:
     """Compiled functions. They can be called as long as this object lives."""
 
     def __init__(self, code: bytes, names: Sequence[str]) -> None:
-        # JITLink places code and constants side by side. The older loader may not, and then aborts
-        # the process.
+        # JITLink puts code and constants next to each other. The older loader may not, and then
+        # aborts the process.
         self._jit = llvm.create_lljit_compiler(_machine(host_target()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
         for name in names:
@@ -101,8 +101,7 @@ def compile_functions(
 
 def emit_object(text: str, target: Host) -> bytes:
     """Compile a module's text to an object file of position-independent code."""
-    # This initialises LLVM.
-    host_target()
+    host_target()  # initialises LLVM
     return emit_for_machine(text, _machine(target))
 
 

@@ -1,14 +1,17 @@
-"""Generates a split time loop as one LLVM module of functions, and defines the layout of their
-buffers.
+"""Generates the functions that run a time loop on the CPU, as one LLVM module.
 
-shared_begin  makes the state of a group from its inputs
-shared_run    runs some ticks of a group: advances its state, writes one row of numbers per tick
-lane_begin    makes the state and held numbers of `width` lanes from their inputs
-lane_run      runs the same ticks of these lanes, reading the rows
-lane_finish   writes their results
+Lanes are robots that run side by side. Lanes with equal varied parameters form a group, and the
+numbers that are equal in a group are computed once for the group. The module has these functions:
 
-`make_calls` makes a list of calls of these functions. For each number of the program, buffers of
-lanes hold `width` consecutive numbers, and buffers of groups hold one.
+    shared_begin  computes the first state of a group from the group's inputs
+    shared_run    advances a group by some ticks and writes one row of numbers per tick
+    lane_begin    computes the first state and the constant numbers of `width` lanes
+    lane_run      advances the same lanes by the same ticks and reads the rows of their group
+    lane_finish   writes the results of the lanes
+
+`make_calls` makes a list of calls of these functions. This file also defines the layout of their
+buffers. A buffer of lanes contains `width` consecutive values of each number, and a buffer of
+groups contains one value.
 """
 
 import bisect
@@ -23,40 +26,40 @@ from ravenjax.ir.regions import Region
 from ravenjax.ir.time_loop import Split
 
 WINDOW = 200
-"""Operations, counted from the earliest that is not placed yet, among which the next is chosen."""
+"""Number of operations, from the earliest unscheduled, among which the next is chosen."""
 LATENCIES: dict[str, int] = TEXTS["latencies"]
-"""Cycles until an operation's result is available; of other operations 2."""
+"""Cycles until an operation's result is available; for operations that are not listed, 2."""
 
 
 def schedule_operations(
     operations: Sequence[Operation], arranged: Iterable[int | Region]
 ) -> list[int | Region]:
-    """Reorder operations between regions and within each, in a valid order; one operation begins
-    each cycle.
+    """Return the operations in an order in which a CPU waits less for results.
 
-    Code is traced joint by joint, arm by arm, stage by stage. This gives long chains in which each
-    operation waits for the previous one, and a CPU looks at most some hundred operations ahead.
-    Therefore operations of later chains move up, within a window, to where an earlier one would
-    wait. A wider window finds more work but keeps more numbers alive than there are registers.
+    Operations are reordered between regions and within each region. The model is a CPU that begins
+    one operation per cycle. Code is traced joint by joint, arm by arm, stage by stage. This gives
+    long chains in which each operation waits for the previous one, and a CPU looks at most some
+    hundred operations ahead. Operations of later chains therefore move, within a window, to where
+    an earlier chain waits. A wider window needs more registers than a CPU has.
     Measured on a tick of 4 250 vector operations: 4 450 cycles as traced, 3 950 with this window.
     """
     out: list[int | Region] = []
     between: list[int] = []
     for item in arranged:
         if isinstance(item, Region):
-            out += _straight(operations, between)
-            out.append(item._replace(operations=_straight(operations, item.operations)))
+            out += _scheduled(operations, between)
+            out.append(item._replace(operations=_scheduled(operations, item.operations)))
             between = []
         else:
             between.append(item)
-    return out + list(_straight(operations, between))
+    return out + list(_scheduled(operations, between))
 
 
-def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
-    """Order operations: of those whose operands have begun, take the first in the window that need
-    not wait.
+def _scheduled(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
+    """Return operations without regions in an order with less waiting.
 
-    If all must wait, take the first of those that wait least.
+    In each cycle, the first operation in the window begins whose operands are available. If there
+    is none, the operation begins that waits least.
     """
     # From here on operations are identified by their index in `order`.
     place = {i: k for k, i in enumerate(order)}
@@ -73,12 +76,12 @@ def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[in
     # Operations in the window with no operand missing, in order.
     candidates: list[int] = []
     result: list[int] = []
-    now = inside = 0
+    now = window_end = 0
     while len(result) < len(order):
-        while inside < min(len(result) + WINDOW, len(order)):
-            if not missing[inside]:
-                candidates.append(inside)
-            inside += 1
+        while window_end < min(len(result) + WINDOW, len(order)):
+            if not missing[window_end]:
+                candidates.append(window_end)
+            window_end += 1
         k = next((k for k in candidates if ready[k] <= now), None)
         if k is None:
             k = min(candidates, key=ready.__getitem__)
@@ -89,14 +92,14 @@ def _straight(operations: Sequence[Operation], order: Sequence[int]) -> tuple[in
         for reader in readers[k]:
             ready[reader] = max(ready[reader], now + cycles)
             missing[reader] -= 1
-            if not missing[reader] and reader < inside:
+            if not missing[reader] and reader < window_end:
                 bisect.insort(candidates, reader)
         now += cycles > 0
     return tuple(result)
 
 
 PARAMETERS: dict[str, str] = TEXTS["parameters"]
-"""Functions that can be called, and their parameters. Strides and steps are in bytes."""
+"""Name of each function of the module -> its parameters. Strides and steps are in bytes."""
 ARGUMENTS = {
     name: [parameter.split()[0] for parameter in parameters.split(", ")]
     for name, parameters in PARAMETERS.items()
@@ -119,7 +122,7 @@ class VectorKernel:
     prologue: BufferLayout
     row: BufferLayout
     results: BufferLayout
-    outputs: int  # how many numbers each tick returns
+    outputs: int  # number of outputs of each tick
 
 
 def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKernel:
@@ -155,7 +158,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.functions: list[str] = []
 
     def kernel(self) -> VectorKernel:
-        # Prints the five functions and what they call.
+        # Prints the five functions, and `make_calls`, which calls them.
         self._shared_begin()
         self._shared_run()
         self._lane_begin()
@@ -179,6 +182,7 @@ class _LlvmModule(LoopPrinting[Place]):
     # --- functions ---
 
     def _function(self, name: str, printer: LlvmPrinter) -> None:
+        # Adds a function without a loop, whose body is the lines of the printer.
         body = "\n".join(f"  {line}" for line in printer.lines)
         self.functions.append(
             f"define void @{name}({_noalias(name)}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -186,7 +190,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.declared |= printer.declared
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
-        """Write a function that repeats its body; steps: bytes that each pointer advances by."""
+        """Add a function that repeats its body. steps: bytes by which each pointer advances."""
         self.functions.append(repeat_lines(name, _noalias(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
@@ -197,7 +201,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("shared_begin", printer)
 
     def _shared_run(self) -> None:
-        # Prints the loop over ticks of what all lanes of a group share.
+        # Prints the loop over ticks for the numbers that all lanes of a group share.
         printer = LlvmPrinter(1, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._group_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
@@ -209,7 +213,7 @@ class _LlvmModule(LoopPrinting[Place]):
     def _of_this_tick(
         self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
     ) -> dict[int, str]:
-        """Add the sources of the tick's inputs; return the tick's number, which is a value."""
+        """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
             if k:
@@ -221,7 +225,7 @@ class _LlvmModule(LoopPrinting[Place]):
         return tick_values
 
     def _lane_begin(self) -> None:
-        # Prints the initial state of the lanes, and values that stay the same in all ticks.
+        # Prints the first state of the lanes, and the numbers that are constant in time.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_places()
         self.print_begin(printer, inputs, state)
@@ -250,6 +254,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._loop("lane_run", printer, steps)
 
     def _lane_finish(self) -> None:
+        # Prints the results of the lanes from their last state.
         printer, buffers = LlvmPrinter(self.width, self.features), self.buffers
         state = self._lane_places() | self._group_places("%group", splat=True)
         results = buffers.results.places("%results")

@@ -1,10 +1,11 @@
-"""Prints straight-line programs as LLVM IR: about one instruction per operation, `width` parallel
-lanes.
+"""Prints a program without loops as LLVM IR, about one vector instruction per operation.
 
-A `Place` gives the location of numbers in memory. Every float operation becomes one instruction
-that LLVM may neither fuse nor reassociate, so all widths and CPUs give the same bits. WebAssembly
-is the exception: there `fma` rounds twice. A program may be lowered with functions of the C
-library. It then calls them for one lane at a time; Python's `math` calls the same functions.
+Each instruction computes `width` lanes. A `Place` gives the location of numbers in memory. LLVM may
+neither fuse nor reassociate operations on floats, so all widths and CPUs give the same bits.
+WebAssembly is the exception, because its `fma` rounds twice.
+
+Sine and similar functions are polynomials, or functions of the C library. The C library's are
+called for one lane at a time, and Python's `math` calls the same functions.
 """
 
 import struct
@@ -42,12 +43,12 @@ class LlvmPrinter(Printing[Place]):
         if name == "lookup":
             return self._lookup(program, detail, inputs[0])
         if name in ("select", "rarely"):
-            logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
-            if logic and dtype in ("int32", "uint32") and self.width > 1:
-                return self._chosen_apart(dtype, inputs)
+            is_logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
+            if is_logic and dtype in ("int32", "uint32") and self.width > 1:
+                return self._select_as_floats(dtype, inputs)
             return self.select(dtype, *inputs)
         sources = [program.operations[o] for o in operands]
-        # A NaN does not count as a known number: `max` and `min` must pass it on.
+        # A constant NaN does not count as known, because `max` and `min` must return it.
         known = [
             o.name == "constant" and not np.isnan(from_bits(o.dtype, o.detail)) for o in sources
         ]
@@ -112,6 +113,7 @@ class LlvmPrinter(Printing[Place]):
         return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
+        # Returns a constant as text, with the same value in each lane.
         if dtype == "bool":
             text = "true" if value else "false"
         elif dtype.startswith("float"):
@@ -132,8 +134,8 @@ class LlvmPrinter(Printing[Place]):
         if place.splat and self.width > 1:
             number = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
             start = self.op(f"insertelement {wide} poison, {scalar} {number}, i64 0")
-            order = f"<{self.width} x i32> zeroinitializer"
-            value = self.op(f"shufflevector {wide} {start}, {wide} poison, {order}")
+            zeros = f"<{self.width} x i32> zeroinitializer"
+            value = self.op(f"shufflevector {wide} {start}, {wide} poison, {zeros}")
         else:
             value = self.op(f"load {wide}, ptr {address}, align {stored_size(dtype)}")
         if dtype != "bool":
@@ -148,11 +150,11 @@ class LlvmPrinter(Printing[Place]):
 
     # --- operations ---
 
-    def _chosen_apart(self, dtype: str, inputs: list[str]) -> str:
-        """Choose between bit patterns as if they were floats.
+    def _select_as_floats(self, dtype: str, inputs: list[str]) -> str:
+        """Select one of two integers as if they were floats.
 
-        With AVX-512, LLVM 22.1 combines logic with a constant and a following choice into one
-        instruction (a masked vpternlog) that may take the wrong bits.
+        With AVX-512, LLVM 22.1 combines a logic operation on a constant and a following select into
+        one instruction (a masked vpternlog), which may give the wrong bits.
         """
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
@@ -185,7 +187,7 @@ class LlvmPrinter(Printing[Place]):
                 words["shift"] = TEXTS["shifts"][name]
                 if name == "sar":
                     words["y"] = self.intrinsic("umin", dtype, x[1], words["last"])
-                # A constant shift is within the width; otherwise `simplify` would have removed it.
+                # A constant amount is less than the width; the builder removes other shifts.
                 plain = name == "sar" or known[1]
                 return self._sequence("plain_shift" if plain else "shift", words)
             case "div" | "rem" if not real and bits == 32:
@@ -237,7 +239,7 @@ class LlvmPrinter(Printing[Place]):
             suffix = f"{self._suffix(dtype)}.{self._suffix(source)}"
             name = f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}"
             return self.call(wide, name, (before, x))
-        # Right except for NaN and values that are too large.
+        # The truncation is right except for NaN and for values that are too large.
         best = self._truncated(source, x)
         for condition, value in (
             (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
@@ -248,6 +250,7 @@ class LlvmPrinter(Printing[Place]):
         return best
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
+        # Converts an integer to an integer of another width.
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
             return x
@@ -262,7 +265,7 @@ class LlvmPrinter(Printing[Place]):
         return self._converted(dtype, "float64", result) if dtype == "float32" else result
 
     def _truncated(self, source: str, x: str) -> str:
-        """Convert as C's `(int)x` on x86 does, in one instruction there."""
+        """Convert as C's `(int)x` on x86, where one instruction does it."""
         wide, before = self.type("int32"), self.type(source)
         form = TEXTS["truncations"].get(str(self.width))
         if source == "float32" and form and form["feature"] in self.features:
@@ -277,13 +280,13 @@ class LlvmPrinter(Printing[Place]):
         dtype = program.tables[table][0]
         offset = sum(stored_size(kind) * length for kind, length in program.tables[:table])
         start, scalar = self.address(Place("%tables", offset)), _STORED[dtype]
-        at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
+        addresses = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
-            return self.op(f"load {scalar}, ptr {at}, align {stored_size(dtype)}")
+            return self.op(f"load {scalar}, ptr {addresses}, align {stored_size(dtype)}")
         value = self._constant(dtype, 0)
-        # This is rare, and every CPU supports it.
+        # Lanes are loaded one by one, which is rare and works on every CPU.
         for lane in range(self.width):
-            address = self.op(f"extractelement <{self.width} x ptr> {at}, i64 {lane}")
+            address = self.op(f"extractelement <{self.width} x ptr> {addresses}, i64 {lane}")
             loaded = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
             value = self.op(
                 f"insertelement {self._wide(scalar)} {value}, {scalar} {loaded}, i64 {lane}"
@@ -298,11 +301,10 @@ BRANCH_WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 2000}'
 def repeat_lines(
     name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = ""
 ) -> str:
-    """Return a function that repeats the lines of a printer (block "again") %count times; %tick
-    counts.
+    """Return a function that repeats the lines of a printer %count times, with the counter %tick.
 
-    The pointers of `steps` begin at their parameter, whose name ends in 0. Each advances by the
-    given number of bytes per iteration.
+    The lines begin in block "again". steps: pointer -> number of bytes by which it advances per
+    iteration, from the parameter with the same name and a 0 at the end.
     """
     last = printer.block
     lines = [

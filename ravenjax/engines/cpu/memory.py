@@ -1,4 +1,4 @@
-"""Describes the locations of numbers in the buffers of compiled code."""
+"""Describes where each number of a program lies in the buffers of compiled code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """An address: pointer and offset in bytes; `splat`: one number for all lanes."""
+    """A memory address: pointer and offset in bytes. splat: all lanes read the same number."""
 
     pointer: str
     offset: int = 0
@@ -19,7 +19,7 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class BufferLayout:
-    """Layout of a row of bytes with numbers of these types, each once for every lane."""
+    """Layout of a row of bytes that contains each number once for every lane."""
 
     types: tuple[str, ...]
     offsets: tuple[int, ...]  # bytes from the start of the row, one per number
@@ -75,7 +75,7 @@ class BufferLayout:
         return [view.reshape(-1).astype(dtype) for view, dtype in views]
 
     def words(self, lane: int) -> np.ndarray:
-        """Return the indices of the 32-bit words of one lane's numbers: a buffer of width 1."""
+        """Return the indices of the 32-bit words that contain the numbers of one lane."""
         sizes = np.array([stored_size(dtype) // 4 for dtype in self.types], np.int64)
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)

@@ -1,9 +1,9 @@
 """Runs one compiled robot whose caller advances it tick by tick, for example in a training session.
 
 The robot runs the operations of engine `simd` for one lane and gives the same bits. State, inputs
-and tables are plain memory. Between two ticks the caller may change inputs, for example to arm a
-fault. The caller may copy the state, to try something on a copy of the robot. It may write the
-operator's motion row by row.
+and tables are plain memory. Between two ticks the caller may change inputs, for example to start a
+fault. The caller may also copy the state and run the copy, and may write the operator's motion row
+by row.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,12 +40,13 @@ class StepCode:
         objects: jit.Objects | None = None,
         key: str = "",
     ) -> None:
-        """begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32
-        outputs of the tick); finish(inputs, state) -> named numbers. `inputs` and `entering`:
-        records of numbers of the right types, 32 bits each; `tables`: lengths of float32 tables.
-        objects: cache of compiled code. key: hash of everything that decides the functions, except
-        the modules below this package, which are added; "": nothing is cached. Raises TypeError if
-        a tick returns anything but float32.
+        """Trace and compile three functions.
+
+        begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32
+        outputs of the tick); finish(inputs, state) -> named numbers. inputs, entering: examples of
+        the records, numbers of 32 bits. tables: lengths of float32 tables. objects: cache of
+        compiled code. key: hash of all inputs of the functions, without source files; "": nothing
+        is cached. Raises TypeError if a tick returns anything but float32.
         """
         self.inputs = RecordKind.of(inputs)
         self.entering = RecordKind.of((np.int32(0), entering))
@@ -86,9 +87,9 @@ class StepCode:
 class Stepper:
     """One robot that runs a `StepCode`.
 
-    `inputs`, `entering` and `tables` are arrays to write to. `inputs[k][0] = x` changes an input,
-    `entering[k][0] = x` an input of the next tick, and `tables[k]` is a table that steppers may
-    share.
+    The caller writes to the arrays `inputs`, `entering` and `tables`: `inputs[k][0] = x` changes an
+    input, `entering[k][0] = x` an input of the next tick, and `tables[k]` is a table that several
+    steppers may share.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
@@ -130,7 +131,7 @@ class Stepper:
         return self.code.outcomes.read(self._results[0])
 
     def snapshot(self) -> np.ndarray:
-        """Return a copy of the state, for `restore` of any stepper of the same code."""
+        """Return a copy of the state, which any stepper of the same code can `restore`."""
         return self._state[0].copy()
 
     def restore(self, snapshot: np.ndarray) -> None:
@@ -138,7 +139,7 @@ class Stepper:
         self._state[0] = snapshot
 
     def change(self, function: Callable[[Any], Any]) -> None:
-        """Replace the state by `function` of it as a record of numbers."""
+        """Replace the state by `function(state)`, with the state as a record of numbers."""
         kind = self.code.state
         with lazy.at_once():
             self._state[0] = kind.row(function(kind.read(self._state[0])))

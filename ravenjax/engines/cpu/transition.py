@@ -1,9 +1,10 @@
-"""Advances a state step by step with a program on single numbers: (fixed, state, entering, tables)
--> (state, leaving).
+"""Runs a program that computes the next state of one robot and its outputs, step by step.
 
-Each of these is a row of bytes in memory. `entering` and `leaving` may have many rows, one per
-step. No operations are fused. `Compiled` and `Interpreted` give the same bits; `Interpreted` runs
-`ir.semantics`, to check `Compiled`.
+The program is a function (fixed, state, entering, tables) -> (state, leaving) of single numbers.
+Each argument is a row of bytes in memory. `entering`, the inputs, and `leaving`, the outputs, may
+have many rows, one per step. No operations are fused. `Compiled` runs the program as machine code.
+`Interpreted` runs each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same
+bits.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class RecordKind:
         return RecordKind(record, BufferLayout.aligned(map(str, tree.tree_leaves(record))))
 
     def shapes(self) -> Any:
-        """Return the record of shapes that tracing takes."""
+        """Return the record of JAX's shapes, for tracing."""
         return traced.record_shapes(self.record)
 
     def row(self, value: Any) -> np.ndarray:
@@ -117,8 +118,9 @@ class StateTransition:
 
 
 class Memory(NamedTuple):
-    """The arrays of bytes that transitions read and write: fixed numbers, state (overwritten), rows
-    in and out; and the concatenated tables.
+    """The arrays of bytes that a transition reads and writes, and its concatenated tables.
+
+    The state is overwritten in each step. There is one row of inputs and outputs per step.
     """
 
     fixed: np.ndarray  # [bytes]
@@ -135,10 +137,11 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """See `Compiled`; without tables."""
+        """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
         transition = self._transitions[name]
 
         def take() -> None:
+            # Makes one transition for each row of inputs.
             fixed = read_row(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
                 state = read_row(transition.state, memory.state)
@@ -194,14 +197,14 @@ class BoundTransition:
             self._function(*self._arguments)
 
     def leave_at(self, address: int) -> None:
-        """Write the outputs to another address from now on."""
+        """Set the address for the outputs of later calls."""
         self._leaving.value = address
 
 
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR of each transition; see `STEPS`. features: of the CPU; None: this one's."""
+    """Return LLVM IR with a function for each transition. features: CPU features; None: host's."""
     features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
@@ -212,10 +215,11 @@ def print_module(
 
 
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
+    # Prints the loop over the steps of one transition.
     program = transition.program
     state = transition.state.places("%state")
-    given = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
-    sources = {i: given[k] for i, k in program.reads.items()}
+    places = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
+    sources = {i: places[k] for i, k in program.reads.items()}
     targets = [*state, *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]

@@ -1,6 +1,9 @@
-"""Runs a compiled time loop on one GPU, chunk after chunk of ticks, and transfers the numbers.
+"""Runs a compiled time loop on one GPU, one chunk of ticks after another, and copies inputs and
+results.
 
-While lanes run through one chunk, the GPU computes the rows of their groups for the next chunk.
+Robots (lanes) with equal varied parameters form a group, and a row of numbers per tick is computed
+once for the group. While lanes run through one chunk, the GPU computes these rows for the next
+chunk.
 """
 
 import dataclasses
@@ -20,8 +23,8 @@ from ravenjax.engines.trace_key import Objects
 CHUNK = 1000
 """Largest number of ticks of a launch.
 
-Where blocks run at different times, a launch has as many ticks as fit in memory, because a block
-waits for another one at the earliest at the end of a launch.
+If blocks run at different times, a launch has as many ticks as fit in memory, because blocks wait
+for each other at the end of each launch.
 """
 ROW_WORDS = 2**25
 """Largest number of words for the rows of a chunk."""
@@ -66,19 +69,19 @@ class CudaCode:
         names += ("lane_begin", "lane_branch", "lane_finish", "lane_snapshot")
         self.functions = {name: module.function(name) for name in names}
 
-    def follow(
+    def run_course(
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run lanes along `course`; return their results, each [lanes]."""
-        at_once = self.grouped and course.scattered and lanes.out is None
-        chunk = course.last - course.first if at_once else CHUNK
+        """Run lanes through the ticks of `course`; return their results, each [lanes]."""
+        one_launch = self.grouped and course.scattered and lanes.out is None
+        chunk = course.last - course.first if one_launch else CHUNK
         with DeviceSession(self.device) as session:
             run = _Run(self, session, lanes, places, course, chunk)
             run.run(progress)
             return run.finish()
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
-        """Return the snapshots of a golden run before tick `last`; all lanes are that run."""
+        """Return snapshots of a golden run before tick `last`; all lanes are equal to this run."""
         ends = np.full(len(places.thread), max(last, 1))
         course = plan_course(places, self.form.threads, ends)
         with DeviceSession(self.device) as session:
@@ -116,26 +119,28 @@ class _Run:
             session.upload(column.view(np.uint32))
             for column in (places.group, course.spans, course.ends)
         )
-        self.saved = session.room(self.total * source.saved)
-        self.state = session.room(self.blocks * source.state * self.threads)
-        self.group_state = session.room(self.groups * source.group_state)
-        self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
+        self.saved = session.allocate(self.total * source.saved)
+        self.state = session.allocate(self.blocks * source.state * self.threads)
+        self.group_state = session.allocate(self.groups * source.group_state)
+        self.rows = [session.allocate(self.groups * self.chunk * source.row) for _ in range(2)]
         entering = self.groups if code.grouped else self.total
-        self.given = [session.room(entering * self.chunk * source.tick_inputs) for _ in range(2)]
+        self.given = [
+            session.allocate(entering * self.chunk * source.tick_inputs) for _ in range(2)
+        ]
         out_words = self.total * self.chunk * source.outputs
-        self.out = None if lanes.out is None else session.room(out_words)
+        self.out = None if lanes.out is None else session.allocate(out_words)
         # Device memory for the snapshots of the group and of the lane.
         self.snapshots: dict[str, object] = {}
 
     def trunk(self) -> Trunk:
-        """Run the lanes; return the states of the first lane and of its group before each chunk."""
+        """Run the lanes; return snapshots of the first lane and of its group before each chunk."""
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
-        snapshots = Trunk.room(self.chunk, count, source.group_state, source.state)
-        own = {"group": snapshots.group, "lane": snapshots.lane}
-        self.snapshots = {what: session.room(states.size) for what, states in own.items()}
+        snapshots = Trunk.allocate(self.chunk, count, source.group_state, source.state)
+        stored = {"group": snapshots.group, "lane": snapshots.lane}
+        self.snapshots = {what: session.allocate(states.size) for what, states in stored.items()}
         self.run(None)
-        for what, states in own.items():
+        for what, states in stored.items():
             session.read(states, self.snapshots[what], session.main)
         return snapshots
 
@@ -155,7 +160,7 @@ class _Run:
             count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
-                    # That launch read the buffers that are written next.
+                    # The launch before the last reads the buffers that are written next.
                     session.finish(finished[k - 1])
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
@@ -185,11 +190,11 @@ class _Run:
         session.launch(code.functions["lane_begin"], *where, self.inputs, self.state, self.total)
         if len(course.snapshots):
             snapshots = session.upload(course.snapshots)
-            own = session.upload(course.snapshot.view(np.uint32))
-            session.launch(code.functions["lane_branch"], *where, snapshots, own, self.state)
+            starts = session.upload(course.snapshot.view(np.uint32))
+            session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
 
     def _leave_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
-        """Copy a state of "group" or "lane" to the snapshots, if these are collected."""
+        """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
         if self.snapshots and words:
             self.session.launch(
                 self.code.functions[f"{what}_snapshot"],
@@ -203,15 +208,15 @@ class _Run:
         )
 
     def _make_rows(self, k: int, first: int) -> object:
-        """Start computing the rows of chunk `k`; return a mark that is reached when they exist."""
-        count, given = min(self.chunk, self.course.last - first), self.given[k % 2]
+        """Start computing the rows of chunk `k`; return a mark that is reached at the end."""
+        count, buffer = min(self.chunk, self.course.last - first), self.given[k % 2]
         urgent, entering, source = self.session.urgent, self.lanes.tick_inputs, self.code.source
         self._leave_snapshot("group", source.group_state, urgent, self.group_state, k)
         if source.tick_inputs and len(entering):
             ticks = slice(first, first + count)
-            here = entering[:, ticks] if self.code.grouped else entering[ticks]
-            self.session.write(given, column_words(np.ascontiguousarray(here)), urgent)
-        buffers = self.group_inputs, self.group_state, self.tables, given, self.rows[k % 2]
+            part = entering[:, ticks] if self.code.grouped else entering[ticks]
+            self.session.write(buffer, column_words(np.ascontiguousarray(part)), urgent)
+        buffers = self.group_inputs, self.group_state, self.tables, buffer, self.rows[k % 2]
         self._by_group("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
@@ -224,7 +229,7 @@ class _Run:
     def finish(self) -> list[np.ndarray]:
         """Return the results, each [lanes]."""
         session, types = self.session, self.code.source.results
-        results = session.room(len(types) * self.total)
+        results = session.allocate(len(types) * self.total)
         buffers = self.inputs, self.state, self.saved, results
         finish = self.code.functions["lane_finish"]
         session.launch(finish, self.blocks, self.threads, session.main, *buffers, self.total)

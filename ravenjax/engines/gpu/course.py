@@ -1,8 +1,9 @@
-"""Assigns lanes to threads of a launch, and decides the ticks and the snapshot from which each
-block runs.
+"""Assigns simulated robots (lanes) to threads of a GPU, and decides in which tick each block of
+threads begins.
 
-All threads of a block begin in the same tick: the first tick that any of its lanes needs. The block
-stops when its last lane ends. Until its fault acts, a lane equals its golden run.
+Until its fault acts, a robot equals its golden run. A block can therefore begin from a snapshot of
+the golden run. All threads of a block begin in the same tick: the first tick that any of its lanes
+needs. The block stops when its last lane ends.
 """
 
 import dataclasses
@@ -16,7 +17,7 @@ from ravenjax.engines.lanes import Trunk
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """Which thread computes which lane."""
+    """Assignment of lanes to threads."""
 
     lane: np.ndarray  # [threads]: the lane of each thread, in whole blocks
     thread: np.ndarray  # [lanes]: the thread of each lane
@@ -25,7 +26,11 @@ class Places:
 
 
 def place_lanes(group: np.ndarray, threads: int) -> Places:
-    """Give whole warps to each group, filled with its last lane, and whole blocks to all."""
+    """Assign lanes to threads. Each group fills whole warps, and all groups fill whole blocks.
+
+    group: group of each lane, int [lanes]. threads: number per block. A thread without its own lane
+    repeats the lane of the thread before it.
+    """
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     warps = -(-sizes // WARP)
@@ -43,22 +48,22 @@ def place_lanes(group: np.ndarray, threads: int) -> Places:
 
 
 EVERY = 100
-"""Ticks from one snapshot of a golden run to the next; each takes two launches."""
+"""Ticks from one snapshot of a golden run to the next. A snapshot needs two launches."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BlockCourse:
-    """When each block of a launch runs, and from where."""
+    """The ticks that each block of threads runs, and the snapshots from which it starts."""
 
-    # int32 [blocks, 2]: the first tick of each block, and the first that it does not run.
+    # int32 [blocks, 2]: the first tick of each block, and the first tick that it does not run.
     spans: np.ndarray
     # int32 [threads]: the first tick that the thread's lane does not run.
     ends: np.ndarray
     # uint32 [snapshots, words]: states of a lane from which warps start.
     snapshots: np.ndarray
-    # int32 [warps]: snapshot of each warp; -1: it begins as lanes do.
+    # int32 [warps]: index of the snapshot of each warp; -1: the warp starts in tick 0.
     snapshot: np.ndarray
-    # uint32 [groups, words]: state at tick `first`; None: as groups begin.
+    # uint32 [groups, words]: state of each group at tick `first`; None: `first` is 0.
     group_state: np.ndarray | None
 
     @property
@@ -73,7 +78,7 @@ class BlockCourse:
 
     @property
     def scattered(self) -> bool:
-        """Whether blocks run at such different times that in most ticks most of them are idle."""
+        """Whether blocks run at such different times that most blocks are idle in most ticks."""
         ticks = (self.spans[:, 1] - self.spans[:, 0]).sum(dtype=np.int64)
         return 2 * ticks < len(self.spans) * (self.last - self.first)
 
@@ -92,11 +97,11 @@ def plan_course(
     acts: np.ndarray | None = None,
     trunks: Sequence[Trunk | None] | None = None,
 ) -> BlockCourse:
-    """Let each block run from the last snapshot before any of its lanes acts to the last of their
-    ends.
+    """Plan the ticks of each block of threads.
 
-    acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every
-    `EVERY` ticks. Without them every block runs from the first tick.
+    A block begins at the last snapshot before the fault of any of its lanes acts, and stops at the
+    last end of its lanes. acts, ends: int [lanes], as in `interface.Block`. trunks: golden run of
+    each group, with snapshots every `EVERY` ticks; None: every block begins in tick 0.
     """
     acts = np.zeros_like(ends) if acts is None else acts
     trunks = [None] * len(places.first) if trunks is None else trunks
@@ -104,17 +109,19 @@ def plan_course(
     earliest = np.minimum(acts[places.lane], own_ends - 1).reshape(-1, WARP).min(axis=1)
     begins = np.zeros(len(earliest), np.int64)
     for number, trunk in enumerate(trunks):
-        mine = places.group == number
+        of_group = places.group == number
         if trunk is not None:
-            begins[mine] = trunk.begins(earliest[mine])
+            begins[of_group] = trunk.start_ticks(earliest[of_group])
     begins = begins.reshape(-1, threads // WARP).min(axis=1)
     spans = np.stack([begins, own_ends.reshape(-1, threads).max(axis=1)], axis=1).astype(np.int32)
 
-    at = np.repeat(begins // EVERY, threads // WARP)
-    pairs, snapshot = np.unique(np.stack([places.group, at], axis=1), axis=0, return_inverse=True)
+    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
+    pairs, snapshot = np.unique(
+        np.stack([places.group, snapshot_number], axis=1), axis=0, return_inverse=True
+    )
     states = [trunks[group].lane[row] for group, row in pairs.tolist() if row]
-    order = np.cumsum(pairs[:, 1] > 0) - 1
-    snapshot = np.where(at > 0, order[snapshot.reshape(-1)], -1).astype(np.int32)
+    position = np.cumsum(pairs[:, 1] > 0) - 1
+    snapshot = np.where(snapshot_number > 0, position[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
     shared = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)

@@ -1,9 +1,9 @@
-"""Prints straight-line programs as CUDA C: one statement per operation, one robot per thread.
+"""Prints a program without loops as CUDA C: one statement per operation, one robot per thread.
 
-The code calls the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid the
-compiler to fuse operations or to flush denormal numbers, so every float operation is rounded
-separately. Therefore all devices give the same bits, except for the payload of a NaN. Numbers have
-32 bits; there is no float64.
+The code calls only the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid
+the compiler to fuse operations or to flush denormal numbers, so every operation on floats is
+rounded separately. Therefore all devices give the same bits, except for the payload of a NaN.
+Numbers have 32 bits.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _TYPES = _TEXTS["types"]
 
 
 class CudaPrinter(Printing[str]):
-    """Prints the body of one function. A place is the text of an lvalue for a 32-bit word."""
+    """Prints the body of one function. A place is the C text of a 32-bit word in memory."""
 
     def __init__(self, indent: str = "  ") -> None:
         super().__init__()
@@ -38,6 +38,7 @@ class CudaPrinter(Printing[str]):
         return "".join(f"{line}\n" for line in self.lines)
 
     def _constant(self, dtype: str, value: Any) -> str:
+        # Returns a constant as C text, exact to the bit.
         if dtype == "bool":
             return "true" if value else "false"
         if dtype == "int32":
@@ -57,6 +58,7 @@ class CudaPrinter(Printing[str]):
         self.line(f"{place} = {_TEXTS['words'][dtype][1].format(value)};")
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
+        # Prints one operation. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
         first = program.operations[operands[0]]
         if name == "lookup":
@@ -67,6 +69,7 @@ class CudaPrinter(Printing[str]):
         return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
+        # Prints the beginning of an `if`, with variables for the results of its block.
         names = [self._name() for _ in types]
         for dtype, name in zip(types, names, strict=True):
             self.line(f"{_TYPES[dtype]} {name} = 0;")
@@ -92,7 +95,11 @@ class CudaPrinter(Printing[str]):
 def _operation_text(
     name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any
 ) -> str:
-    """Return an operation on `x` of types `sources`. known: the first operand if a constant."""
+    """Return the C text of an operation.
+
+    x: texts of the operands. sources: their types. known: value of the first operand if it is a
+    constant, else None.
+    """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
         raise NotImplementedError(f"operation {name!r} of float64 has no CUDA form")

@@ -1,8 +1,8 @@
-"""Uses NVIDIA GPUs through NVIDIA's Python bindings: lists devices, compiles, manages memory,
-launches.
+"""Lists NVIDIA GPUs, compiles code for them, manages their memory and launches kernels, through
+NVIDIA's Python bindings.
 
-The packages are optional and are imported at first use. Every call is checked. An error that a user
-can correct is a UserError of one line.
+The bindings are optional packages that are imported at first use. The return code of every call is
+checked. An error that a user can correct becomes a UserError of one line.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ INSTALL = "pip install 'ravenjax[cuda]'"
 
 
 def _bindings() -> tuple[Any, Any]:
+    # Returns the modules of the driver and of the compiler. Raises UserError without them.
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:
@@ -52,16 +53,16 @@ def visible_gpus() -> tuple[Device, ...]:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(
-            f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none"
+            f"engine 'cuda' finds no NVIDIA driver ({reason}). Engine 'simd' needs no GPU"
         ) from None
     if not gpus:
-        raise UserError("engine 'cuda' finds no NVIDIA GPU; engine 'simd' needs none")
+        raise UserError("engine 'cuda' finds no NVIDIA GPU. Use engine 'simd', which needs no GPU")
     return gpus
 
 
 @dataclasses.dataclass(frozen=True)
 class Device:
-    """One GPU, identified by its number among the visible ones."""
+    """One GPU, identified by its number among the visible GPUs."""
 
     number: int
 
@@ -130,13 +131,15 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
         ) from None
     if int(architecture[3:]) not in architectures:
         raise UserError(
-            f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} knows "
-            f"sm_{min(architectures)} to sm_{max(architectures)}; engine 'simd' needs no GPU"
+            f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} supports"
+            f" sm_{min(architectures)} to sm_{max(architectures)}. Use engine 'simd', which needs"
+            " no GPU"
         )
     return nvrtc, (major, minor)
 
 
 def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
+    # Compiles CUDA C to machine code of one GPU architecture.
     _, program = nvrtc.nvrtcCreateProgram(text.encode(), b"tick.cu", 0, [], [])
     try:
         (code,) = nvrtc.nvrtcCompileProgram(program, len(flags), [flag.encode() for flag in flags])
@@ -178,14 +181,15 @@ class Function:
 
 
 class DeviceSession:
-    """One thread's work on one device: its streams, and memory that is freed at the end."""
+    """The streams and the memory of one thread on one device, which are freed at the end."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self._rooms: list[Any] = []
+        self._allocated: list[Any] = []
         self._events: list[Any] = []
 
     def __enter__(self) -> DeviceSession:
+        # Creates two streams: `urgent` computes rows and copies, `main` runs lanes.
         driver, _ = _bindings()
         _call("cuCtxSetCurrent", self.device.context)
         lowest, highest = _call("cuCtxGetStreamPriorityRange")
@@ -195,9 +199,10 @@ class DeviceSession:
         return self
 
     def __exit__(self, *_: object) -> None:
+        # Waits for all work, and frees memory, events and streams.
         for stream in (self.main, self.urgent):
             _call("cuStreamSynchronize", stream)
-        for room in self._rooms:
+        for room in self._allocated:
             _call("cuMemFreeAsync", room, self.main)
         for event in self._events:
             _call("cuEventDestroy", event)
@@ -205,18 +210,18 @@ class DeviceSession:
             _call("cuStreamSynchronize", stream)
             _call("cuStreamDestroy", stream)
 
-    def room(self, words: int) -> Any:
+    def allocate(self, words: int) -> Any:
         """Allocate zeroed memory for `words` 32-bit words, usable from both streams."""
         size = max(words, 4)
         address = _call("cuMemAllocAsync", 4 * size, self.main)
-        self._rooms.append(address)
+        self._allocated.append(address)
         _call("cuMemsetD32Async", address, 0, size, self.main)
         self.wait(self.urgent, self.mark(self.main))
         return address
 
     def upload(self, words: np.ndarray) -> Any:
-        """Return new device memory that holds an array."""
-        address = self.room(words.nbytes // 4)
+        """Return new device memory with a copy of an array."""
+        address = self.allocate(words.nbytes // 4)
         self.write(address, words, self.urgent)
         self.wait(self.main, self.mark(self.urgent))
         return address
@@ -235,7 +240,7 @@ class DeviceSession:
     def launch(
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
-        """Start a kernel. Integers are passed as ints, all else as addresses; None: null."""
+        """Start a kernel. Integer arguments become C ints, others addresses, and None null."""
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(
@@ -245,7 +250,7 @@ class DeviceSession:
         )
 
     def mark(self, stream: Any) -> Any:
-        """Return a mark of the point that a stream has reached in its work."""
+        """Return a mark that is reached when the work queued in a stream so far is done."""
         driver, _ = _bindings()
         event = _call("cuEventCreate", driver.CUevent_flags.CU_EVENT_DISABLE_TIMING)
         self._events.append(event)

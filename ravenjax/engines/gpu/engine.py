@@ -1,9 +1,10 @@
-"""Engine `cuda`: generates CUDA C for the tick and its time loop, with one robot per thread. NVRTC
-compiles the code.
+"""Engine `cuda`: generates CUDA C for one tick of a robot and runs it for many robots on NVIDIA
+GPUs.
 
-Lanes in which all varied parameters are equal form a group, and what is equal in them is computed
-once. All visible GPUs compute blocks. Operations, their order and their rounding equal those of
-engine `simd`. Both engines therefore give the same bits if the CPU fuses multiply-adds.
+One thread computes one robot (lane). NVRTC, NVIDIA's compiler library, compiles the code. Lanes
+with equal varied parameters form a group, and numbers that are equal in a group are computed once.
+All visible GPUs are used. Operations, their order and their rounding equal those of engine `simd`.
+Both engines therefore give the same bits if the CPU fuses multiply-adds.
 """
 
 import collections
@@ -30,7 +31,7 @@ from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers.setup import Precision
 
 WAVES = 4
-"""How many times a block of lanes fills the device, at most."""
+"""Most times that a block of lanes fills the device."""
 SEATS = 2
 """Threads per device: while the lanes of one thread run, the other packs and unpacks its lanes."""
 _KERNELS = itertools.count()
@@ -54,7 +55,7 @@ class CudaKernel(traced.PrintedKernel):
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
         # As many lanes as run at once on all devices.
-        self.branches = sum(one.multiprocessors * form_for(one).threads for one in devices)
+        self.branches = sum(gpu.multiprocessors * form_for(gpu).threads for gpu in devices)
 
     def size(self, rows: int) -> int:
         """Return the lanes of whole warps, at most those of a block; see `interface.Kernel`."""
@@ -73,8 +74,8 @@ class CudaKernel(traced.PrintedKernel):
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
-            tables, given = traced.motion_tables(motion), _given(golden_run, places, True)
-            trunk = code.trunk(Lanes(inputs, given, tables, None), places, last)
+            tables, golden = traced.motion_tables(motion), _golden_series(golden_run, places, True)
+            trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
         if len(ends):
             return trunk, self.run(_repeated(block, ends), motion).outcomes
         none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
@@ -82,6 +83,7 @@ class CudaKernel(traced.PrintedKernel):
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
+        # Yields a device that has a free thread, and waits for one if necessary.
         device = self._seats.get()
         try:
             yield device
@@ -94,38 +96,39 @@ class CudaKernel(traced.PrintedKernel):
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
             ticks = self.program.ticks if block.reference is None else 0
-            out = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
-            tables, given = traced.motion_tables(motion), _given(block, places, grouped)
-            lanes = Lanes(inputs, given, tables, out if ticks else None)
+            signals = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
+            tables, golden = traced.motion_tables(motion), _golden_series(block, places, grouped)
+            lanes = Lanes(inputs, golden, tables, signals if ticks else None)
             course = self._course(block, places, grouped, code)
-            outcomes = code.follow(lanes, places, course, progress)
+            outcomes = code.run_course(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
-        return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32))
+        return BlockResult(dict(zip(names, outcomes, strict=True)), signals.view(np.float32))
 
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
-        They do if the groups fit on the device at once, or if at most half of the threads are
-        wasted.
+        Lanes run by group if all groups fit on the device at the same time, or if at most half of
+        the threads have no lane.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
         warps = int((-(-np.bincount(group) // WARP)).sum())
-        at_once = device.multiprocessors * form.threads // WARP
-        grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
-        placed = place_lanes(group if grouped else np.zeros_like(group), form.threads)
-        return inputs, placed, grouped
+        resident_warps = device.multiprocessors * form.threads // WARP
+        grouped = warps <= max(resident_warps, 2 * -(-len(group) // WARP))
+        places = place_lanes(group if grouped else np.zeros_like(group), form.threads)
+        return inputs, places, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
-        # Plans the ticks of all threads, from the snapshots that they start from.
+        # Plans the ticks of all threads, and the snapshots from which they start.
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
-        # The outputs of each tick are needed, from the first tick on.
+        # Golden runs need the outputs of every tick, so they begin in tick 0.
         if block.reference is None or not grouped:
             return plan_course(places, code.form.threads, ends)
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
     def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
+        # Returns the compiled code for this block, from the cache if it was compiled before.
         forms, form = self.forms(block, motion), form_for(device)
 
         def printed() -> KernelSource:
@@ -140,25 +143,28 @@ class CudaKernel(traced.PrintedKernel):
 
 
 def _repeated(block: Block, ends: np.ndarray) -> Block:
-    repeated = block.picked(np.zeros(len(ends), np.int64))
+    repeated = block.select_lanes(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
-    """Return the lanes of a block.
+    """Return the number of lanes of a block, for a campaign of `runs` runs.
 
-    Each device gets the same number of blocks. All lanes except the last ones fill it a whole
-    number of times.
+    Each device gets the same number of blocks, and each block fills the device a whole number of
+    times, if there are enough runs.
     """
-    wave = devices[0].multiprocessors * form_for(devices[0]).threads
+    resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
     share = -(-runs // len(devices))
-    blocks = -(-share // (wave * WAVES))
-    unit = wave if share > wave else WARP
+    blocks = -(-share // (resident_lanes * WAVES))
+    unit = resident_lanes if share > resident_lanes else WARP
     return -(-share // blocks // unit) * unit
 
 
-def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
-    """Return the golden runs' series as the code reads it; an empty series reads as zeros."""
+def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
+    """Return the reference series of the golden runs, in the layout that the code reads.
+
+    If lanes are not compared, the array is empty, and the code reads zeros.
+    """
     if not block.compared:
         return np.zeros((0, 0, 0), np.float32)
     if grouped:
@@ -202,4 +208,4 @@ class CudaEngine:
 def require_float32(precision: Precision) -> None:
     """Raise UserError for a precision that this engine does not support."""
     if precision.needs_x64:
-        raise UserError("engine 'cuda' computes in float32; for float64 take engine 'xla'")
+        raise UserError("engine 'cuda' computes in float32. For float64 use engine 'xla'")

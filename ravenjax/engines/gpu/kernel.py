@@ -1,24 +1,27 @@
-"""Generates a split time loop as one CUDA C module, and defines the buffer layouts of its kernels.
+"""Generates the kernels that run a time loop on a GPU, as one CUDA C module.
 
-shared_begin    makes the state of each group from its inputs; one thread per group
-shared_run      runs some ticks of each group: advances its state, writes one row per tick
-lane_begin      makes the state of each lane from its inputs; one thread per lane
-lane_branch     sets the state of the lanes of some warps from snapshots
-lane_run        runs the same ticks of each lane, reading its group's rows, from the first
-                tick of its block to the lane's end
-lane_finish     writes the results of each lane
-group_snapshot  copies the state of the first group; one thread per number
-lane_snapshot   copies the state of the first lane; one thread per number
+Lanes are robots that run side by side, one per thread. Lanes with equal varied parameters form a
+group, and the numbers that are equal in a group are computed once for the group. The kernels are:
 
-A lane that has ended waits for the other lanes of its block, while its group continues. So the
-lane's last tick stores in `saved` those numbers of the group's state that the lane's results need.
-A row contains the same numbers.
+    shared_begin    computes the first state of each group from its inputs; one thread per group
+    shared_run      advances each group by some ticks and writes one row of numbers per tick
+    lane_begin      computes the first state of each lane from its inputs; one thread per lane
+    lane_branch     sets the state of the lanes of some warps from snapshots
+    lane_run        advances each lane by the same ticks and reads its group's rows, from the first
+                    tick of its block to the lane's end
+    lane_finish     writes the results of each lane
+    group_snapshot  copies the state of the first group; one thread per number
+    lane_snapshot   copies the state of the first lane; one thread per number
 
-Every number takes a 32-bit word. Lanes fill whole blocks of threads, and the lanes of a warp belong
-to one group. Inputs, `saved` and results of lanes are [number, lane]; their state is [block,
-number, thread]. Buffers of groups are [group, number], rows [group, tick, number]. Inputs and
-outputs of each tick are [tick, number, lane], or [group, tick, number] if they are equal in a
-group.
+A lane that has ended waits for the other lanes of its block, while its group continues. The lane's
+results need numbers of the group's state at the lane's last tick. That tick therefore stores these
+numbers in the buffer `saved`. A row contains the same numbers.
+
+This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
+blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes
+are [number, lane]; their state is [block, number, thread]. Buffers of groups are [group, number],
+rows [group, tick, number]. Inputs and outputs of each tick are [tick, number, lane], or [group,
+tick, number] if they are equal in a group.
 """
 
 import collections
@@ -31,27 +34,30 @@ from ravenjax.ir.time_loop import Split
 
 WARP = 32
 VECTOR = 4
-"""Words that one instruction moves."""
+"""Number of 32-bit words that one instruction loads or stores."""
 
 _MOST_PLAIN = 128
-"""Most words of state for plain C. Assembly is 2 % slower, but compiles in 2 s, not 13 s."""
+"""Most words of state that plain C accesses. With assembly, code is 2 % slower, but compiles in 2 s
+instead of 13 s.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How `lane_run` uses a multiprocessor, which should hold one block of it.
+    """Settings of kernel `lane_run`, with which one block of threads fills a multiprocessor.
 
-    No number of the state stays in a register from one tick to the next; registers are for the
-    computation of a tick. Measured (analysis/engines/gpu.md).
+    The state is in memory between ticks, so that all registers serve the computation of a tick.
+    The values are measured (analysis/engines/gpu.md).
     """
 
     threads: int = 384  # per block, with 168 registers each
     # Largest number of words of a thread's state in shared memory; the others are in device memory.
     shared_words: int = 148
-    # Statements across which the compiler may move memory accesses. With more it would hold too
-    # many numbers at once.
+    # Number of statements across which the compiler may move memory accesses. With more, it would
+    # need too many registers.
     region: int = 1000
-    # Operations of a tick from which on warps begin it together, to share fetched instructions.
+    # Least number of operations of a tick for which all warps begin the tick together, because
+    # they then share fetched instructions.
     in_step_from: int = 5000
 
 
@@ -61,8 +67,8 @@ class KernelSource:
 
     text: str
     results: tuple[str, ...]  # types
-    outputs: int  # how many numbers leave each tick
-    # How many numbers enter each tick, besides the tick's number.
+    outputs: int  # number of outputs of each tick
+    # Number of inputs of each tick, without the tick's number.
     tick_inputs: int
     state: int
     group_state: int
@@ -72,7 +78,7 @@ class KernelSource:
 
 
 def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
-    """Generate the module of `split`. given_by_group: a group shares a tick's inputs."""
+    """Generate the module of `split`. given_by_group: inputs of ticks are equal in a group."""
     return _CudaModule(split, form, given_by_group).source()
 
 
@@ -93,6 +99,7 @@ class _CudaModule(LoopPrinting[str]):
                 )
 
     def source(self) -> KernelSource:
+        # Returns the module's text with the sizes of its buffers.
         text = render_template(
             "gpu/kernel.cu.j2",
             # Registers are limited to what a block of this many threads may have.
@@ -139,7 +146,7 @@ class _CudaModule(LoopPrinting[str]):
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
-        """Return how often the loop of a lane reads each operation of a step, and where first."""
+        """Return operation -> number of reads in a tick of a lane, and place of the first read."""
         times, first = collections.Counter[int](), dict[int, int]()
         for place, i in enumerate(self.split.lane):
             for o in self.step.operations[i].operands:
@@ -148,33 +155,33 @@ class _CudaModule(LoopPrinting[str]):
         return times, first
 
     def _kept(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the numbers of a lane's state in device memory (those read least) and in shared
-        memory.
+        """Return the indices of a lane's state in device memory, and of those in shared memory.
 
-        Both are in the order of first use, because neighbours are read together.
+        Numbers that are read least are in device memory. Both are in the order of first use,
+        because one instruction reads neighbours.
         """
         times, first = self._reads()
-        at = {k - self.inputs: i for i, k in self.step.reads.items()}
+        operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
-        order = sorted(numbers, key=lambda k: times[at.get(k, -1)])
+        order = sorted(numbers, key=lambda k: times[operation_of.get(k, -1)])
         far = max(0, len(order) - self.form.shared_words)
         device, shared = (
-            tuple(sorted(part, key=lambda k: first.get(at.get(k, -1), -1)))
+            tuple(sorted(part, key=lambda k: first.get(operation_of.get(k, -1), -1)))
             for part in (order[:far], order[far:])
         )
         return device, shared
 
     def _row_order(self) -> tuple[int, ...]:
-        """Return the numbers of a row: those that a tick reads, in order, then those only saved."""
+        """Return the operations of a row: those that a tick reads, then those only for results."""
         _, first = self._reads()
-        after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
-        return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
+        only_saved = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
+        return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(only_saved))
 
     def _finish_reads(self) -> tuple[int, ...]:
-        """Return the numbers of a group's state that the results of its lanes need."""
+        """Return the indices of a group's state on which the results of its lanes depend."""
         reads = self.finish.reads
-        read = {reads[i] - self.inputs for i in self.finish.needed() if i in reads}
-        return tuple(k for k in self.split.shared_state if k in read)
+        indices = {reads[i] - self.inputs for i in self.finish.needed() if i in reads}
+        return tuple(k for k in self.split.shared_state if k in indices)
 
     def _state_in_loop(self) -> dict[int, str]:
         # State that is used often lies in shared memory, the rest in global memory.
@@ -198,7 +205,7 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _shared_run(self) -> str:
-        # Prints one tick of what all lanes of a group share.
+        # Prints one tick of the numbers that all lanes of a group share.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         words, tick_values = self._of_this_tick(f"given[(size_t)tick * {self.tick_inputs} + {{}}]")
@@ -245,7 +252,10 @@ class _CudaModule(LoopPrinting[str]):
         }
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
-        """Return the words of packed truths, the word of each held number, and the statements."""
+        """Return names of words with packed truth values, the text of each held number, and code.
+
+        Held numbers are constant in time. The code computes them before the loop.
+        """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
         printer.lines += [f"  unsigned k{i};" for i in numbers]

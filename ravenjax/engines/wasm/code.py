@@ -1,7 +1,7 @@
-"""Compiles LLVM IR to a WebAssembly module. The module uses 128-bit vectors, has no fused
-multiply-add, and imports only its memory.
+"""Compiles LLVM IR to a WebAssembly module, so that a browser can run the simulated robot.
 
-LLVM writes an object file. `link_module` makes a loadable module of it, like a linker.
+The module uses 128-bit vectors, has no fused multiply-add, and imports only its memory. LLVM writes
+an object file. `link_module` converts the file into a loadable module, as a linker does.
 """
 
 import io
@@ -52,10 +52,10 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
 
     defined: names of all its functions, in order.
 
-    The code calls no outside function, holds no data and needs no stack: it imports only its
-    memory. Therefore LLVM has already written the final number of each function into its calls. The
-    sections of types, imports, functions and code are kept, and only exports are added. Format: the
-    WebAssembly core specification; WebAssembly tool conventions, Linking.md.
+    The code calls no outside function, contains no data and needs no stack: it imports only its
+    memory. Therefore LLVM has already written the final number of each function into the calls. The
+    sections of types, imports, functions and code are copied, and only exports are added. Format:
+    the WebAssembly core specification; WebAssembly tool conventions, Linking.md.
     """
     reader = _Reader(code)
     if reader.read(len(MAGIC)) != MAGIC:
@@ -74,7 +74,7 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
     count, name = imports.number(), (imports.content().decode(), imports.content().decode())
     if count != 1 or name != MEMORY:
         raise Unlinkable(
-            f"the object imports {count} things, first {'.'.join(name)}, expected only its memory"
+            f"the object has {count} imports, first {'.'.join(name)}, expected only its memory"
         )
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
@@ -101,8 +101,8 @@ _OPTIMISATION = 2
 
 
 def emit_module(text: str, names: Sequence[str]) -> bytes:
-    """Return the module of a text's functions `names`."""
-    # LLVM's options hold for the whole process and must be set first.
+    """Return a WebAssembly module with the functions `names` of LLVM IR `text`."""
+    # LLVM's options are those of the whole process and must be set first.
     jit.host_target()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()

@@ -153,7 +153,7 @@ class ScanKernel:
             with traced.x64_context(self.program.setup):
                 self._compile(*self._arguments(block, motion))
 
-        small = block.picked(np.arange(block.lanes)[: self.size(1)])
+        small = block.select_lanes(np.arange(block.lanes)[: self.size(1)])
         blocks = [block] if small.lanes == block.lanes else [block, small]
         threads.map_in_threads(compile_for, blocks, 2)
 

@@ -1,6 +1,6 @@
-"""Finds the groups of a campaign that draw their faults at random.
+"""Finds the groups of a campaign whose faults are drawn at random.
 
-All other groups enumerate fixed values. Their rates have no sampling interval, because nothing is
+All other groups enumerate fixed values. Their rates have no confidence interval, because nothing is
 sampled.
 """
 
@@ -14,12 +14,11 @@ SAMPLED = ("random", "lhs", "sobol")
 
 
 def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
-    """Return the names of groups in which every fault has at least one drawn value, even if only
-    its onset is drawn, or an effect that draws numbers itself.
+    """Return the names of the groups whose faults are drawn at random; None without groups.
 
-    `config` has the form stored in a manifest, in which no group names hazards. Return None if it
-    has no groups. Drawn parameters of the robot or operator do not count, because they do not
-    change the fault.
+    A fault is drawn if at least one of its values is, for example its start, or if its effect draws
+    random numbers. Drawn parameters of the robot or operator do not count, because they do not
+    change the fault. config: campaign as stored in a manifest, where no group names hazards.
     """
     if "group" not in config:
         return None
@@ -39,7 +38,7 @@ def _draws(group: Mapping[str, Any]) -> bool:
 
 
 def _is_random(effect: Any) -> bool:
-    """Return whether the effect, or each of a list, draws random numbers in each run."""
+    """Return whether an effect, or every effect of a list, draws random numbers in each run."""
     return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 

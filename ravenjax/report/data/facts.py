@@ -1,7 +1,7 @@
-"""Derives from the result table, in SQL, the facts about each run that the report counts.
+"""Computes facts about each run, such as whether its fault evaded, by SQL from the result table.
 
-SQL allows a table that does not fit into memory. `define_facts` creates the table `facts` for a
-database connection that holds results. `derive_facts` returns the same facts for a DataFrame.
+With SQL, the table may be larger than the memory. `define_facts` creates the table `facts` in a
+database connection that contains results. `derive_facts` returns the same facts for a DataFrame.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ the checks.
 ACTION = "param:reaction.action"
 
 FACTS = "facts"
-"""Name of the table that `define` creates."""
+"""Name of the table that `define_facts` creates, with one row for each run."""
 
 
 class Choices(NamedTuple):
@@ -90,7 +90,7 @@ def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
 
 
 def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Return those of a result table's columns that `define_facts` reads."""
+    """Return the columns of a result table that `define_facts` reads."""
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = (
         "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
@@ -127,10 +127,10 @@ def define_facts(
     types = table.types()
     names = list(types)
     unique = _number(table, types, chosen.end_ms)
-    action, anybody = action_sql(names, chosen.action), "true"
+    action, plain = action_sql(names, chosen.action), "true"
     if ACTION in names:
         (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
-        anybody = f"{action} = 0" if idle else "true"
+        plain = f"{action} = 0" if idle else "true"
     valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
     terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
     base = {
@@ -147,7 +147,7 @@ def define_facts(
         },
         **{name: sql.format(**terms) for name, sql in _COLUMNS["times"].items()},
         "action": f"({action})::TINYINT",
-        "plain": anybody,
+        "plain": plain,
         **_first_fault(names, chosen.robot),
         **(more or {}),
     }
@@ -157,11 +157,11 @@ def define_facts(
     base["response"] = f"({base['response']})::{query.enum_type(['', *verdict.RESPONSES])}"
     base["hazard"] = f"({base['hazard']})::{query.enum_type(['', *verdict.HAZARDS])}"
     derived["outcome"] = f"({derived['outcome']})::{query.enum_type(list(OUTCOMES))}"
-    numbered, own = (
+    numbered, fault = (
         (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
     )
     table.run(
-        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM'
+        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {fault} AS "distinct" FROM'
         f" {numbered}) SELECT *, {_listed(derived)}, plain AND NOT failed AND (activated OR NOT"
         " faulty) AS sample FROM base"
     )
@@ -181,11 +181,11 @@ def faulty_sql(names: Sequence[str]) -> str:
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
-    """Return SQL for the number of the operator's action; `usual` for runs that do not set it."""
+    """Return SQL for the operator's action, an index into ACTIONS; `usual` is the default."""
     if ACTION not in names:
         return str(usual)
-    own = quote_name(ACTION)
-    return f"CASE WHEN {own} IS NULL OR isnan({own}) THEN {usual} ELSE {own}::INTEGER END"
+    action = quote_name(ACTION)
+    return f"CASE WHEN {action} IS NULL OR isnan({action}) THEN {usual} ELSE {action}::INTEGER END"
 
 
 def first_sql(*times_ms: str) -> str:
@@ -195,14 +195,15 @@ def first_sql(*times_ms: str) -> str:
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
-    """Return SQL for whether a number, or NaN, is above a limit in the table's precision."""
+    """Return SQL for whether a column is above a limit, in the column's precision; NaN is not."""
     return (
         f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
     )
 
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    # Numbers distinct faults. Windows that differ only beyond the run's end are the same.
+    # Creates the table `numbers`, in which equal faults have the same number, and returns whether
+    # all faults differ. Windows that differ only after the end of the run are equal.
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # Adding 0 turns a negative zero into a positive one.
     terms = [
@@ -211,19 +212,19 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         if not name.endswith(("_duration_ms", "_every_ms"))
     ]
     for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
-        start, again = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
-        again = f"CASE WHEN {start} + {again} < {end_ms} THEN {again} ELSE 0 END"
+        start, every_ms = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
+        every_ms = f"CASE WHEN {start} + {every_ms} < {end_ms} THEN {every_ms} ELSE 0 END"
         # Packet numbers begin at 1.
-        beyond = f"{start} + {slot}_duration_ms >= {end_ms} + ({slot}_trigger = 'packet')::INTEGER"
-        length = f"CASE WHEN {again} = 0 AND {beyond} THEN -1 ELSE {slot}_duration_ms END"
-        terms += [again, length]
+        lasts = f"{start} + {slot}_duration_ms >= {end_ms} + ({slot}_trigger = 'packet')::INTEGER"
+        length = f"CASE WHEN {every_ms} = 0 AND {lasts} THEN -1 ELSE {slot}_duration_ms END"
+        terms += [every_ms, length]
     key = f"hash({', '.join(terms) or '0'})"
     random = ", ".join(f"'{name}'" for name in RANDOM)
     effects = [name for name in inputs if name.endswith("_effect")]
     draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     if drawn:
-        # Copies of a fault that draws numbers itself are further faults, also with other seeds.
+        # An effect that draws random numbers differs in every run, so each run is distinct.
         copy = f"row_number() OVER (PARTITION BY {key} ORDER BY row)"
         key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
     keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
@@ -241,6 +242,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
+    # Returns the different words in columns of text, which become enumerated types.
     first = {
         name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
     }
@@ -251,9 +253,9 @@ def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, 
 
 
 def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
-    # The columns of the first fault as SQL; empty ones if no run has a fault.
+    # SQL for the columns that describe a run's first fault.
     if "fault0_site" not in names:
-        # no run of the campaign has a fault
+        # The campaign has no faults.
         return {"site": "''", "layer": quote_text(OTHER_LAYER)}
     cases = " ".join(
         f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites

@@ -1,8 +1,8 @@
-"""Counts false cues and false alarms in fault-free motion: golden runs of a campaign, and runs in
-its folder fault_free.
+"""Counts false cues and false alarms in fault-free motion.
 
-Each motion counts once, with the time until its first alarm. A cue that flickers after its first
-onset therefore does not raise the rate.
+Fault-free motions are the golden runs of a campaign and the runs in its folder fault_free. Each
+motion counts once, with the time until its first alarm. A cue that stops and starts again therefore
+does not raise the rate.
 """
 
 import math
@@ -30,8 +30,7 @@ _ALARM = re.compile(r"detector\d+_threshold\d+_first_ms")
 class Motions(NamedTuple):
     """Different fault-free motions. Golden runs of one robot and operator count once."""
 
-    # Holds the table TABLE: operator, length_ms, the columns golden_..., and first alarms of
-    # detectors.
+    # Database with the table TABLE: operator, length_ms, golden_..., first alarms of detectors.
     table: ResultTable
     count: int
     hours: float  # in pedal-down
@@ -44,7 +43,7 @@ class Motions(NamedTuple):
         return count
 
     def came(self, column: str) -> int:
-        """Return in how many motions an event came. `column`: the time at which it first came."""
+        """Return the number of motions with an event. column: time of the first event, -1: none."""
         return self.with_event(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
@@ -85,10 +84,10 @@ def rounded_up(hours: float) -> float:
 def make_fault_free_table(
     table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions
 ) -> Motions:
-    """Create TABLE from the golden runs in `source` and from the additional fault-free motion
-    `beside`.
+    """Create TABLE from golden runs and from additional fault-free motion.
 
-    `names`: columns of `source`. `end`: when its runs end in ms, a number or a column.
+    source: table of the golden runs, with the columns `names`. end: time at which its runs end in
+    ms, a number or a column. beside: the additional motion.
     """
     golden = [
         name
@@ -100,12 +99,12 @@ def make_fault_free_table(
     columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
     # If runs ended a shared golden run early, keep its longest part.
     if end in names:
-        own = ", ".join(
+        keys = ", ".join(
             quote_name(name)
             for name in names
             if name in ("operator", "seed") or name.startswith("param:")
         )
-        source = f"(SELECT * FROM {source} QUALIFY {end} = max({end}) OVER (PARTITION BY {own}))"
+        source = f"(SELECT * FROM {source} QUALIFY {end} = max({end}) OVER (PARTITION BY {keys}))"
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
         available = {column.name for column in schema.table_columns(manifest.shape)}
@@ -123,8 +122,9 @@ def make_fault_free_table(
 
 
 def _beside(name: str, available: set[str]) -> str:
-    own = name.removeprefix("golden_")
-    if name not in available and own in available:
-        return quote_name(own)
+    # Returns SQL for a `golden_` column from a fault-free run's own column.
+    measured = name.removeprefix("golden_")
+    if name not in available and measured in available:
+        return quote_name(measured)
     # Nobody reacts in these runs, so only the time of a reaction is unknown.
     return quote_name(name) if name in available else "-1"

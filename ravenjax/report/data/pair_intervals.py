@@ -1,6 +1,7 @@
-"""Computes intervals over pairs of runs.
+"""Computes confidence intervals of differences between paired runs, such as runs with and without
+the operator's reaction.
 
-All pairs of one drawn fault form one unit. Enumerated faults have no interval.
+The pairs of one drawn fault are one unit of the bootstrap. Enumerated faults have no interval.
 """
 
 import math
@@ -26,7 +27,7 @@ class PairedRates(NamedTuple):
     change: Estimate  # after minus before, a fraction
     before_only: int  # pairs in which only the run before has it
     after_only: int
-    p: float  # exact p-value that both are alike; NaN if nothing was drawn
+    p: float  # exact p-value of the hypothesis that both rates are equal; NaN if nothing was drawn
 
 
 def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
@@ -35,7 +36,10 @@ def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
 
 
 def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
-    """Return a share of pairs: Wilson's if each pair has its own fault, else by resampling."""
+    """Return the share of true values in `hit` (bool [pairs]) with a confidence interval.
+
+    The interval is Wilson's if each pair has its own fault, otherwise a bootstrap over faults.
+    """
     if among is None:
         return share_of_cells(int(hit.sum()), len(hit))
     if among.count == len(hit):
@@ -44,11 +48,11 @@ def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
 
 
 def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) -> PairedRates:
-    """Compare bool [pairs] of both sides.
+    """Return the rates of an event in the runs of each side of some pairs, and their difference.
 
-    If every pair has a different fault, the interval of the change is Bonett and Price's. It is the
-    same interval, with as many pairs as there are faults, if nothing differs. Otherwise faults are
-    resampled.
+    after, before: whether the event occurred, bool [pairs]. among: the fault of each pair. If every
+    pair has a different fault, or if no pair differs, the interval of the difference is Bonett and
+    Price's. Otherwise faults are resampled.
     """
     difference = after.astype(float) - before
     if among is None:
@@ -57,14 +61,14 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
         change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before)
     else:
         p = paired.exchange_p(after, before, among.unit)
-        alike = not difference.any() and among.count >= units.FEWEST
+        unchanged = not difference.any() and among.count >= units.FEWEST
         change = (
             paired.difference_of_counts(0, 0, among.count)
-            if alike
+            if unchanged
             else _resampled(difference, among)
         )
-    only, other = int((before & ~after).sum()), int((after & ~before).sum())
-    return PairedRates(pair_rate(before, among), pair_rate(after, among), change, only, other, p)
+    lost, gained = int((before & ~after).sum()), int((after & ~before).sum())
+    return PairedRates(pair_rate(before, among), pair_rate(after, among), change, lost, gained, p)
 
 
 def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:

@@ -1,8 +1,8 @@
-"""Queries all runs of a campaign: the result table joined with the facts of each run.
+"""Queries all runs of a campaign: the result table, joined with the facts of each run.
 
-Counts in the report's sections are over all rows. Computations that need the rows themselves take
-at most a given number of rows. These are drawn by a hash of the row number, so that the same table
-always gives the same rows. The page states when rows were drawn.
+Counts in the report use all rows. Computations that need the rows in memory use at most a given
+number of rows. These rows are chosen by a hash of the row number, so the same table always gives
+the same rows. The page states whether all rows were used.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Runs:
     def __init__(
         self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
     ) -> None:
-        """Take a `table` with `results` and a column `row`. `beside`: further fault-free motion."""
+        """Create the facts of a `table` that contains `results` with a column `row`.
+
+        beside: additional fault-free motion in the result folder.
+        """
         self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
         # When a run ended, in ms: one number for all runs, or the column of facts that has it for
@@ -79,16 +82,14 @@ class Runs:
         self.table.close()
 
     def once(self, question: Callable[[Runs], _Answer]) -> _Answer:
-        """Return the answer to a question that several sections ask, computed at the first call."""
+        """Return `question(self)`, computed once, because several sections need the result."""
         if question not in self._answers:
             self._answers[question] = question(self)
         return self._answers[question]
 
     @property
     def cue_leads(self) -> bool:
-        """Return whether it is a finding, and no consequence of definitions, that the cue precedes
-        the motion.
-        """
+        """Whether the cue can come before an unintended motion; see the function `cue_leads`."""
         manifest = self.manifest
         return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
@@ -125,7 +126,7 @@ class Runs:
         return classes
 
     def cube(self) -> pd.DataFrame:
-        """Return counts (`runs`) by the words and flags of facts."""
+        """Return the number of runs (`runs`) for each combination of group, outcome and so on."""
         return self.once(_count_cube)
 
     def groups(self) -> list[str]:
@@ -135,10 +136,11 @@ class Runs:
     def delays(
         self, event: str, start: str, end: str, where: str, by: str | None = None
     ) -> dict[str, Delays]:
-        """Return delays from `start` until an event came, or until `end` if it never came.
+        """Return the delays from `start` to an event, or to `end` if the event did not occur.
 
-        The arguments are expressions over columns of `facts` in ms; an event is -1 if it never
-        came. All runs together are stored under "", or runs are grouped by the values of a column.
+        event, start, end: SQL for times in ms, over columns of `facts`; the event's is -1 if it did
+        not occur. where: condition on the runs. by: column whose values group the runs and are the
+        keys of the result; without this column, the only key is "".
         """
         name = quote_name(by) if by else "''"
         frame = self.table.frame(
@@ -152,7 +154,7 @@ class Runs:
         }
         return by_name if by or by_name else {"": NONE}
 
-    def those(self, where: str) -> str:
+    def matching(self, where: str) -> str:
         """Return a query for the rows of `results` whose facts fulfil a condition."""
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
@@ -160,7 +162,7 @@ class Runs:
         """Return the different fault-free motions: golden runs, and those added to the folder."""
         return self.once(_fault_free_motions)
 
-    def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
+    def whole_rows(self, rows: list[int]) -> list[dict[str, Any]]:
         """Return these rows in their order, with all columns of `results` and of `facts`."""
         if not rows:
             return []
@@ -173,10 +175,10 @@ class Runs:
         return frame.set_index("row").loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
     def drawn(self, columns: str, where: str, most: int, by: str = "row") -> pd.DataFrame:
-        """Return joined rows of `results` and `facts` in order: all rows that fulfil a condition,
-        or about `most` of them.
+        """Return joined rows of `results` and `facts`, in order, that fulfil the condition `where`.
 
-        `by`: rows with equal values here are drawn together or not at all.
+        Of more than `most` rows, about `most` are drawn. by: column; rows with the same value are
+        drawn together.
         """
         share = min(1.0, most / max(1, self.count(where)))
         return self.table.frame(
@@ -187,6 +189,7 @@ class Runs:
 
 
 def _count_cube(runs: Runs) -> pd.DataFrame:
+    # Counts the runs for each combination of words and flags, in one query.
     words = ("group", "response", "hazard", "outcome")
     names = ", ".join(
         map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
@@ -196,28 +199,32 @@ def _count_cube(runs: Runs) -> pd.DataFrame:
 
 
 def _fault_free_motions(runs: Runs) -> Motions:
-    source = runs.those("plain") if runs.count("NOT plain") else RESULTS
+    source = runs.matching("plain") if runs.count("NOT plain") else RESULTS
     return make_fault_free_table(runs.table, runs.names, source, runs.end, runs.beside)
 
 
 def after_onset(event: str) -> str:
-    """Return SQL for a time of facts; -1 before the first effect, as another cause had it then."""
+    """Return SQL for the time of an event in ms; -1 if the event came before the fault's effect.
+
+    Such an event has another cause than the fault.
+    """
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
 def cue_leads(manifest: Manifest, number: int) -> bool:
-    """Return whether it is a finding that a cue comes before an unintended motion.
+    """Return whether a haptic set's cue can come before an unintended motion.
 
-    Cue and tip-error detector fire at a distance of the reported tip from the nominal model. An
-    unintended motion begins where the true tip is farther than the limit from that model and from
-    other references. So an alarm at the limit or beyond cannot warn of the motion, by definition.
-    A harm of the campaign's own may begin earlier or later.
+    The cue comes at a distance of the reported tip from the nominal model. An unintended motion
+    begins where the true tip is farther than the limit from that model and from other references.
+    By definition, a cue at the limit or beyond cannot come before the motion. Only for a smaller
+    threshold is it a finding that the cue comes first. A harm of the
+    campaign's own may begin earlier or later. number: index of the haptic set.
     """
     return manifest.cues[number].threshold_mm < manifest.limit_mm or bool(manifest.rules.harms)
 
 
 def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
-    """Return whether it is a finding that a detector at a threshold alarms before the motion."""
+    """Return whether a detector's alarm can come before an unintended motion, as in `cue_leads`."""
     return detector.kind != TIP_ERROR or threshold < manifest.limit_mm or bool(manifest.rules.harms)
 
 
@@ -227,21 +234,21 @@ def _more(manifest: Manifest) -> dict[str, str]:
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
     and the times at which runs ended if these differ.
     """
-    warned = {
+    cue_times = {
         f"warned{k}_ms": events.beyond_golden_sql(f"cue{k}_first_ms")
         for k in range(len(manifest.cues))
     }
-    alarms = {
+    alarm_times = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
         for d, detector in enumerate(manifest.detectors)
         for k in range(len(detector.thresholds))
     }
-    ended = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
-    return warned | alarms | ended | _own_checks(manifest)
+    end_times = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
+    return cue_times | alarm_times | end_times | _own_checks(manifest)
 
 
 def _own_checks(manifest: Manifest) -> dict[str, str]:
-    own = manifest.shape.own_checks
+    checks = manifest.shape.own_checks
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(own)}
-    return times | {"built_in_told_ms": column} if own else {}
+    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(checks)}
+    return times | {"built_in_told_ms": column} if checks else {}

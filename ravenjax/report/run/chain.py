@@ -1,9 +1,9 @@
-"""Describes how one run's fault propagates to failure: when each signal differs from the golden run
-and leaves its normal range.
+"""Computes when the fault of one run first changed each signal, on its way to the failure.
 
-Signals are the seams of the robot's tick, separately for each arm. A signal's time is the earliest
-time of its numbers. A signal is *visible* from the tick in which it leaves its normal range: a
-check of that range at that seam could have detected the fault.
+A *signal* is a seam of the robot's tick, on one arm. For each signal the result contains the tick
+in which the signal first differs from the golden run, and the tick in which it leaves its normal
+range. From that second tick on, the fault is *visible* in the signal. A signal with several numbers
+has the earliest tick of its numbers.
 """
 
 import math
@@ -27,13 +27,13 @@ DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
 )
 """Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
 NEVER = np.iinfo(np.int32).max
-"""Takes the place of -1 where the earliest of several times is sought."""
+"""Replaces -1, which means never, where the earliest of several times is computed."""
 HARMS = {
     "unintended motion": "unintended_first_ms",
     "loss of motion": "loss_first_ms",
     "false report": "false_report_first_ms",
 }
-"""Column of the result table that holds the time at which each hazard began."""
+"""Hazard -> column of the result table with the time at which the hazard began."""
 
 
 class SignalTicks(NamedTuple):
@@ -63,7 +63,8 @@ class ChainLink(NamedTuple):
     differs_in: str
     leaves_ms: int
     leaves_in: str
-    # Time from leaving its range to harm; None if it never was visible, or if there is no harm.
+    # Time from leaving the normal range to harm; None if the signal never left its range, or
+    # without harm.
     left_ms: int | None
 
 
@@ -108,16 +109,19 @@ class Chain(NamedTuple):
 
 
 def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
-    """Return every signal in the robot's order. `ticks`: columns, arrays [runs] or numbers."""
+    """Return the times of every signal, in the robot's order.
+
+    ticks: columns of the table of explained runs, as arrays [runs] or numbers of one run.
+    """
     runs = np.size(ticks["run_id"])
-    named: dict[str, list[Crossing]] = {}
-    for place in list_crossings(robot.seams, arms):
-        named.setdefault(place.signal, []).append(place)
+    by_signal: dict[str, list[Crossing]] = {}
+    for crossing in list_crossings(robot.seams, arms):
+        by_signal.setdefault(crossing.signal, []).append(crossing)
     out = []
-    for name, places in named.items():
-        differs = _stacked(ticks, [f"{DIFFERS}{place.name}" for place in places], runs)
-        leaves = _stacked(ticks, [f"{LEAVES}{place.name}" for place in places], runs)
-        seam = places[0].seam
+    for name, crossings in by_signal.items():
+        differs = _stacked(ticks, [f"{DIFFERS}{crossing.name}" for crossing in crossings], runs)
+        leaves = _stacked(ticks, [f"{LEAVES}{crossing.name}" for crossing in crossings], runs)
+        seam = crossings[0].seam
         out.append(
             SignalTicks(
                 name,
@@ -127,8 +131,8 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
                 earliest_time(leaves),
                 _late(differs).argmin(axis=0),
                 _late(leaves).argmin(axis=0),
-                tuple(place.channel.name for place in places),
-                any(place.channel.site for place in places),
+                tuple(crossing.channel.name for crossing in crossings),
+                any(crossing.channel.site for crossing in crossings),
             )
         )
     return out
@@ -174,57 +178,57 @@ def chain_table(
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():
         harm = np.where(results["hazard"].astype(str) == hazard, results[column], harm)
-    parts, run = [], np.arange(len(results))
+    tables, run_order = [], np.arange(len(results))
     columns = {str(name): ticks[name].to_numpy() for name in ticks}
-    for place, one in enumerate(list_signals(columns, robot, arms)):
-        names, differing = np.array([*one.channels, ""], object), one.differs >= 0
-        arm, _, seam = one.name.rpartition("/")
-        shows = one.leaves >= 0
-        own = {
+    for order, signal in enumerate(list_signals(columns, robot, arms)):
+        names, differing = np.array([*signal.channels, ""], object), signal.differs >= 0
+        arm, _, seam = signal.name.rpartition("/")
+        is_visible = signal.leaves >= 0
+        columns_of = {
             "run_id": columns["run_id"],
             "index": columns["index"],
-            "layer": one.layer,
+            "layer": signal.layer,
             "arm": arm,
             "seam": seam,
-            "differs_ms": one.differs,
-            "differs_in": names[one.differing],
-            "leaves_ms": one.leaves,
-            "leaves_in": names[np.where(shows, one.leaving, -1)],
+            "differs_ms": signal.differs,
+            "differs_in": names[signal.differing],
+            "leaves_ms": signal.leaves,
+            "leaves_in": names[np.where(is_visible, signal.leaving, -1)],
             "harm_ms": harm,
-            "left_ms": np.where(shows & (harm >= 0), harm - one.leaves, np.nan),
+            "left_ms": np.where(is_visible & (harm >= 0), harm - signal.leaves, np.nan),
         }
-        parts.append(pd.DataFrame(own | {"run": run, "place": place}).loc[differing])
-    whole = pd.concat(parts, ignore_index=True).sort_values(
+        tables.append(pd.DataFrame(columns_of | {"run": run_order, "place": order}).loc[differing])
+    table = pd.concat(tables, ignore_index=True).sort_values(
         ["run", "place"], kind="stable", ignore_index=True
     )
-    return whole.drop(columns=["run", "place"])
+    return table.drop(columns=["run", "place"])
 
 
-def _link(one: SignalTicks, harm: int) -> ChainLink:
+def _link(signal: SignalTicks, harm: int) -> ChainLink:
     # One signal of the chain: when it first differed, and when it left its normal range.
-    leaves = int(one.leaves[0])
+    leaves = int(signal.leaves[0])
     return ChainLink(
-        one.layer,
-        one.name,
-        one.meaning,
-        int(one.differs[0]),
-        one.channels[int(one.differing[0])],
+        signal.layer,
+        signal.name,
+        signal.meaning,
+        int(signal.differs[0]),
+        signal.channels[int(signal.differing[0])],
         leaves,
-        one.channels[int(one.leaving[0])] if leaves >= 0 else "",
+        signal.channels[int(signal.leaving[0])] if leaves >= 0 else "",
         harm - leaves if harm >= 0 and leaves >= 0 else None,
     )
 
 
 def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> list[NearCheck]:
     # Checks that the fault brought nearer to their limit than the golden run, or tripped.
-    out = []
+    near = []
     for name in (column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)):
         margin, golden = float(ticks[f"{NEAR}{name}"]), float(ticks[f"{GOLDEN_NEAR}{name}"])
         tripped, check = int(row[f"check_{name}_first_ms"]), robot.check(name)
         if (math.isfinite(margin) and margin < golden) or tripped >= 0:
             ms = int(ticks[f"{NEAR_MS}{name}"])
-            out.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
-    return out
+            near.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
+    return near
 
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
@@ -238,6 +242,6 @@ def _late(ticks: np.ndarray) -> np.ndarray:
 
 
 def earliest_time(ticks: np.ndarray) -> np.ndarray:
-    """Return the first of several times, [.., runs] -> [runs]; -1 is never."""
+    """Return the first of several times in ms, [.., runs] -> [runs]; -1 means never."""
     first = _late(ticks).min(axis=0)
     return np.where(first == NEVER, -1, first)

@@ -1,4 +1,4 @@
-"""Writes the chain of one run as sentences, tables and a chart."""
+"""Describes how one run's fault propagates to failure, in sentences, tables and a chart."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,64 +14,64 @@ ROW = 15  # px per signal
 MARGIN_MS = 8
 
 
-def chain_title(one: Chain) -> str:
+def chain_title(chain: Chain) -> str:
     """Return the title, which names the run."""
-    return f"run {one.run_id} · {one.verdict}"
+    return f"run {chain.run_id} · {chain.verdict}"
 
 
-def chain_sentences(one: Chain) -> list[str]:
-    """Return the chain as sentences. The last one names where a check could detect the fault."""
-    return wording.fill_template("chain.txt.j2", chain=one)
+def chain_sentences(chain: Chain) -> list[str]:
+    """Return the chain as sentences. The last sentence names a signal that a check could test."""
+    return wording.fill_template("chain.txt.j2", chain=chain)
 
 
-def chain_timeline(one: Chain) -> Chart | None:
+def chain_timeline(chain: Chain) -> Chart | None:
     """Return a chart with a row for each signal in the robot's order; None if no signal differs.
 
     Marks show when a signal differs and when it leaves its range. Events of the run are vertical
     lines.
     """
-    if not one.links:
+    if not chain.links:
         return None
-    differs = np.array([link.differs_ms for link in one.links], float)
-    leaving = [(place, link) for place, link in enumerate(one.links) if link.leaves_ms >= 0]
-    places, leaves, since = (
+    differs = np.array([link.differs_ms for link in chain.links], float)
+    leaving = [(place, link) for place, link in enumerate(chain.links) if link.leaves_ms >= 0]
+    places, leaves, differs_before = (
         np.array([(place, link.leaves_ms, link.differs_ms) for place, link in leaving], float)
         .reshape(-1, 3)
         .T
     )
     moments = [
-        ("fault", one.fault_ms, "series3"),
-        ("cue", one.cue_ms, CUE),
-        ("alarm", one.told_ms, RESPONSE),
-        (one.hazard, one.harm_ms, "series6"),
+        ("fault", chain.fault_ms, "series3"),
+        ("cue", chain.cue_ms, CUE),
+        ("alarm", chain.told_ms, RESPONSE),
+        (chain.hazard, chain.harm_ms, "series6"),
     ]
     moments = [moment for moment in moments if moment[1] >= 0]
-    every = np.concatenate([differs, leaves, [ms for _, ms, _ in moments]])
-    margin = max(MARGIN_MS, 0.04 * float(every.max() - every.min()))
-    low, high = max(0.0, float(every.min()) - margin), float(every.max()) + margin
-    upright = np.array([-0.5, len(one.links) - 0.5])
-    layers = ["", *(link.layer for link in one.links)]
+    all_times = np.concatenate([differs, leaves, [ms for _, ms, _ in moments]])
+    margin = max(MARGIN_MS, 0.04 * float(all_times.max() - all_times.min()))
+    low, high = max(0.0, float(all_times.min()) - margin), float(all_times.max()) + margin
+    full_height = np.array([-0.5, len(chain.links) - 0.5])
+    layers = ["", *(link.layer for link in chain.links)]
     names = (
         link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
-        for link, layer in zip(one.links, layers, strict=False)
+        for link, layer in zip(chain.links, layers, strict=False)
     )
     return Chart(
-        chain_title(one),
+        chain_title(chain),
         ChartAxis("time, ms", low, high, unit="ms"),
-        ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(names)),
+        ChartAxis("signals, in the robot's order", 0, len(chain.links), names=tuple(names)),
         (
             *(
-                Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), upright)
+                Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), full_height)
                 for name, ms, colour in moments
             ),
             Dots(
                 "differs in any bit",
                 SAME,
                 differs,
-                np.arange(len(one.links), dtype=float),
+                np.arange(len(chain.links), dtype=float),
                 tips=tuple(
                     f"{link.signal}, {link.differs_in} differs at {_ms(link.differs_ms)}"
-                    for link in one.links
+                    for link in chain.links
                 ),
             ),
             Dots(
@@ -83,19 +83,19 @@ def chain_timeline(one: Chain) -> Chart | None:
                     f"{link.signal}, {link.leaves_in} out of its range at {_ms(link.leaves_ms)}"
                     for _, link in leaving
                 ),
-                x_low=since,
+                x_low=differs_before,
                 x_high=leaves,
                 diamond=True,
             ),
         ),
-        height=ROW * len(one.links),
+        height=ROW * len(chain.links),
     )
 
 
-def timeline_figure(one: Chain) -> Figure | None:
+def timeline_figure(chain: Chain) -> Figure | None:
     """Return the timeline as a figure; None if no signal differs."""
-    chart = chain_timeline(one)
-    first, *_, last = chain_sentences(one)
+    chart = chain_timeline(chain)
+    first, *_, last = chain_sentences(chain)
     return None if chart is None else print_figure([chart], 7.6, title=f"{first}\n{last}")
 
 

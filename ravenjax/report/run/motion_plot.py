@@ -1,4 +1,4 @@
-"""Draws a recorded operator: the whole recording, and the part that is replayed."""
+"""Draws the recorded motion of an operator, and marks the part that the campaign replays."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,26 +38,26 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
 
 def _charts(course: TipCourse) -> list[Chart]:
     # A part may be played backwards after it ends; only the way forward is drawn.
-    last = int(np.argmax(course.replayed_s)) + 1 if len(course.replayed_s) else 0
-    after_s = course.replayed_s[:last]
+    count = int(np.argmax(course.replayed_s)) + 1 if len(course.replayed_s) else 0
+    after_s = course.replayed_s[:count]
     before = _place_and_speed(course.recorded_s, course.recorded)
-    after = _place_and_speed(np.arange(last) * TICK_S, course.replayed[:last])
+    after = _place_and_speed(np.arange(count) * TICK_S, course.replayed[:count])
     colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
     charts = []
-    for row, words in enumerate(ROWS):
-        for times in (course.recorded_s, after_s) if last else (course.recorded_s,):
+    for row, title in enumerate(ROWS):
+        for times in (course.recorded_s, after_s) if count else (course.recorded_s,):
             begin, end = float(times[0]), float(times[-1])
             near = (course.recorded_s >= begin - NEAR_S) & (course.recorded_s <= end + NEAR_S)
             recorded_s, recorded = course.recorded_s[near], before[near, row]
-            every = np.concatenate([recorded, after[:, row]])
-            low, high = float(np.nanmin(every)), float(np.nanmax(every))
+            all_values = np.concatenate([recorded, after[:, row]])
+            low, high = float(np.nanmin(all_values)), float(np.nanmax(all_values))
             margin = 0.05 * (high - low) or 1.0
             low, high = low - margin, high + margin
             floor, top = np.full(2, low), np.full(2, high)
             marks: list[Mark] = [Curve("recorded", SAME, recorded_s, recorded)]
             if near.sum() <= DOTS:
                 marks.append(Dots("", SAME, recorded_s, recorded, in_legend=False))
-            if last:
+            if count:
                 marks.append(Curve(f"replayed, {course.arm}", colour, after_s, after[:, row]))
             marks += [
                 Curve(label, tint, np.array(span), floor, floor, top)
@@ -71,9 +71,9 @@ def _charts(course: TipCourse) -> list[Chart]:
                 Curve("jump", "series3", np.full(2, spike), np.array([low, high]), dashed=True)
                 for spike in course.spikes
             ]
-            across = ChartAxis("time in the recording, s", begin, end)
-            up = ChartAxis("", low, high)
-            charts.append(Chart(f"{course.arm} {words}", across, up, tuple(marks), height=100))
+            x_axis = ChartAxis("time in the recording, s", begin, end)
+            y_axis = ChartAxis("", low, high)
+            charts.append(Chart(f"{course.arm} {title}", x_axis, y_axis, tuple(marks), height=100))
     return charts
 
 

@@ -1,4 +1,4 @@
-"""Draws one run: distance of the true and the reported tip, force, commands and states."""
+"""Draws one run over time: distances of the tips, forces, commands and states."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,8 +31,10 @@ def trace_plot(
 ) -> Path:
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
-    series: as `store.logs.trace.log.write_trace` takes them. threshold_mm: of the cue whose force
-    is drawn. events: {label: time in ms} of vertical markers; negative times are left out.
+    The panels show distances of the tips from the nominal model, forces, DAC commands and states.
+    series: time series by name, as for `store.logs.trace.log.write_trace`. threshold_mm, cue:
+    threshold and number of the haptic set whose force is drawn. events: {label: time in ms} of
+    vertical markers; negative times are left out.
     """
     seconds = np.arange(len(next(iter(series.values())))) / 1e3
     ends, limit = seconds[[0, -1]], np.full(2, threshold_mm)
@@ -72,21 +74,21 @@ def trace_plot(
         for number, (label, ms) in enumerate((events or {}).items())
         if ms >= 0
     ]
-    acting = [
+    flags = [
         values for name, values in series.items() if name.startswith("fault") and "_active" in name
     ]
-    spans = np.array(active_spans(np.any(acting, axis=0) if acting else ())) / 1e3
+    spans = np.array(active_spans(np.any(flags, axis=0) if flags else ())) / 1e3
     charts = []
-    for words, curves in panels.items():
+    for panel, curves in panels.items():
         values = [curve.y for curve in curves if np.isfinite(curve.y).any()]
         low = min(0.0, *(float(np.nanmin(part)) for part in values), 0.0)
         high = 1.15 * max((float(np.nanmax(part)) for part in values), default=0.0) or 1.0
-        reach, floor = np.array([low, high]), np.full(2, low)
+        height, floor = np.array([low, high]), np.full(2, low)
         curves += [
-            Curve(name, colour, np.full(2, s), reach, dashed=True) for name, colour, s in marks
+            Curve(name, colour, np.full(2, s), height, dashed=True) for name, colour, s in marks
         ]
         curves += [Curve("fault", "cue", span, floor, floor, floor - low + high) for span in spans]
-        across, up = ChartAxis("time, s", 0.0, float(ends[1]) + 1e-3), ChartAxis("", low, high)
-        charts.append(Chart(words, across, up, tuple(curves), height=100))
+        x_axis, y_axis = ChartAxis("time, s", 0.0, float(ends[1]) + 1e-3), ChartAxis("", low, high)
+        charts.append(Chart(panel, x_axis, y_axis, tuple(curves), height=100))
     save_panels(path, charts, columns=1, title=title)
     return path

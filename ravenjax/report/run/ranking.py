@@ -1,4 +1,4 @@
-"""Ranks the runs of a result table from worst to least bad."""
+"""Ranks the runs of a result table from the worst outcome to the mildest."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -60,7 +60,10 @@ def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun
 
 
 def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
-    """Return the `most` worst runs of a table or query, by an expression over its columns."""
+    """Return the `most` worst runs of a table.
+
+    cases: SQL for the table. value: SQL for the measure, larger is worse.
+    """
     rows = table.rows(
         f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}"
     )
@@ -76,12 +79,14 @@ COMPARED = (
     "tip_path_mm",
     "told_ms",
 )
-"""Columns that show whether a run had the outcome that is stored."""
+"""Columns that are compared to decide whether two runs have the same outcome."""
 
 
 def faulty_rows(folder: Path, group: str | None) -> list[int]:
-    """Return the row numbers of valid runs with a fault, of one group or of all; none if no fault
-    evades the checks.
+    """Return the row numbers of valid runs with a fault; none if no fault evades the checks.
+
+    group: name of one group, or None for all groups.
+
 
     Raises UserError for an unknown group or if there are no such runs, and StoreError as
     `query.open_folder` does.
@@ -100,21 +105,21 @@ def faulty_rows(folder: Path, group: str | None) -> list[int]:
         rows = table.rows(f"SELECT row, {evades} FROM {RESULTS} WHERE {condition} ORDER BY row")
     if not rows:
         place = f"{folder}" if group is None else f"group {group!r} of {folder}"
-        raise UserError(f"{place}: no valid run with a fault, so there is nothing to explain")
+        raise UserError(f"{place} has no valid run with a fault, so no run can be explained")
     return [row for row, _ in rows] if any(evading for _, evading in rows) else []
 
 
 def count_changed(folder: Path, results: pd.DataFrame) -> int:
-    """Return how many of these runs are stored with a different outcome."""
+    """Return how many of these runs have another outcome than the same runs in the folder."""
     names = [name for name in COMPARED if name in results]
-    listed = ", ".join(map(str, results["index"].tolist()))
+    rows = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:
         columns = ", ".join(["row", *map(quote_name, names)])
-        stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({listed})").set_index(
+        stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})").set_index(
             "row"
         )
     words = {name: str for name in ("response", "hazard") if name in names}
     computed = results.set_index("index").loc[stored.index, names].astype(words)
     stored = stored.astype(words)
-    alike = (stored == computed) | (stored.isna() & computed.isna())
-    return int((~alike.all(axis=1)).sum())
+    unchanged = (stored == computed) | (stored.isna() & computed.isna())
+    return int((~unchanged.all(axis=1)).sum())

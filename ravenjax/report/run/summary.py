@@ -54,7 +54,7 @@ class RunSummary(NamedTuple):
             self.title,
             f"  fault    {self.fault}",
             f"  verdict  {self.verdict}",
-            *(course or ["  nothing happened that did not also happen in the golden run"]),
+            *(course or ["  every event of this run is also in the golden run"]),
             *(f"  largest  {peak}" for peak in self.largest),
         ]
 
@@ -92,12 +92,15 @@ def summarize_run(
 
 
 def _distances(robot: Robot, series: Series) -> Iterator[tuple[str, str, float, int]]:
-    # The largest distance of each true tip from the model and from the golden run, and when.
+    # Yields for each arm and reference the largest distance of the true tip from the reference in
+    # mm, and its tick: (arm, name of the reference, distance, tick).
     for arm in robot.arms:
-        for other, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
-            if f"{arm}/tip" not in series or f"{arm}/{other}" not in series:
+        for reference, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
+            if f"{arm}/tip" not in series or f"{arm}/{reference}" not in series:
                 continue
-            distance = 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/{other}"], axis=1)
+            distance = 1e3 * np.linalg.norm(
+                series[f"{arm}/tip"] - series[f"{arm}/{reference}"], axis=1
+            )
             if np.isfinite(distance).any():
                 ms = int(np.nanargmax(distance))
                 yield arm, name, float(distance[ms]), ms
@@ -152,16 +155,16 @@ def _pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, floa
 
 
 def _changes(series: Series, name: str) -> list[tuple[int, int, int]]:
-    # When a state changed, its last value and the new one.
+    # Returns (tick, old value, new value) for each change of a state.
     values = np.asarray(series.get(name, ())).astype(int if name == "runlevel" else bool)
-    places = np.flatnonzero(np.diff(values)) + 1
-    return [(int(ms), int(values[ms - 1]), int(values[ms])) for ms in places]
+    ticks = np.flatnonzero(np.diff(values)) + 1
+    return [(int(ms), int(values[ms - 1]), int(values[ms])) for ms in ticks]
 
 
 def active_spans(active: ArrayLike) -> list[tuple[int, int]]:
-    """Return where each stretch of true values begins and ends."""
+    """Return [begin, end) of each stretch of true values in `active`, bool [ticks]."""
     edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
     return [
-        (int(first), int(end))
-        for first, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)
+        (int(start), int(end))
+        for start, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)
     ]

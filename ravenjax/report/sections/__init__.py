@@ -1,7 +1,7 @@
 """Collects the sections of the report.
 
-Each section is a module of this package, which contains a query and figures, and a template with
-the same name. A module lists its sections in SECTIONS; they need no other registration.
+Each section is a module of this package and a template with the same name. The module computes the
+numbers and figures, and lists its sections in SECTIONS. A section needs no other registration.
 """
 
 import importlib
@@ -19,8 +19,7 @@ class Section(NamedTuple):
     name: str  # id of the section, and name of its template
     title: str  # in the list of links
     place: int  # sections are sorted by this number
-    # Returns what the template reads, from the runs and the result's folder. None leaves the
-    # section out.
+    # Returns the template's variables, from the runs and the result folder; None: no section.
     content: Callable[[Runs, Path], dict[str, Any] | None]
 
 
@@ -30,5 +29,5 @@ def all_sections() -> list[Section]:
         importlib.import_module(f"{__name__}.{module.name}")
         for module in pkgutil.iter_modules(__path__)
     ]
-    found = [one for module in modules for one in getattr(module, "SECTIONS", ())]
-    return sorted(found, key=lambda one: one.place)
+    sections = [section for module in modules for section in getattr(module, "SECTIONS", ())]
+    return sorted(sections, key=lambda section: section.place)

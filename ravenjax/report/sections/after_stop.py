@@ -1,5 +1,5 @@
-"""Section "After a stop": how long each check took to stop the robot, and how far the tip still
-moved.
+"""Section "After a stop": how long each check took to stop the robot, and how far the tip moved
+until it stood still.
 """
 
 from typing import NamedTuple
@@ -32,14 +32,17 @@ class StopRow(NamedTuple):
 
 def stop_rows(runs: Runs) -> list[StopRow]:
     """Return a row for all stops, then one for each check that stopped, most frequent first."""
-    causes = sorted(_of(runs, "response_cause::VARCHAR"), key=lambda row: (-row.n, row.cause))
+    causes = sorted(
+        _count_stops(runs, "response_cause::VARCHAR"), key=lambda row: (-row.n, row.cause)
+    )
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
-    return [*(row._replace(cause=ALL) for row in _of(runs, "''")), *causes]
+    return [*(row._replace(cause=ALL) for row in _count_stops(runs, "''")), *causes]
 
 
-def _of(runs: Runs, by: str) -> list[StopRow]:
-    # Counts stopped runs of each class by whether motion and cue came before the stop.
+def _count_stops(runs: Runs, by: str) -> list[StopRow]:
+    # Returns a row for each value of `by` (SQL): how many stopped runs had the motion or the cue
+    # before the stop, and how many after it.
     stop = f"{FACTS}.response_ms"
     moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
@@ -63,7 +66,7 @@ def _of(runs: Runs, by: str) -> list[StopRow]:
             n,
             Quantiles(*took),
             Quantiles(*off_mm),
-            *(tables.of_faults(runs, k, n, groups) for k in hits),
+            *(tables.fault_share(runs, k, n, groups) for k in hits),
         )
         for cause, groups, n, took, off_mm, *hits in counts
     ]

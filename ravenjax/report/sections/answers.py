@@ -1,5 +1,5 @@
-"""First page of the report: which faults evade, how soon they can be noticed, and what a cue
-changes.
+"""First page of the report: which faults evade the checks, how soon people can notice them, and
+what a haptic cue changes.
 """
 
 import math
@@ -35,10 +35,10 @@ class ClassRow(NamedTuple):
     evaded: Rate  # of distinct faults
     unintended: Rate  # of distinct faults, with or without an alarm
     loss: Rate  # of distinct faults, with or without an alarm
-    # Of faults with an unintended motion: those that could be known before it, as in
-    # `detectors.knowledge_sql`.
+    # Share of faults with an unintended motion that a cue, check or detector reported before the
+    # motion, as in `detectors.knowledge_sql`.
     before: Rate
-    # Time from the first effect by which half of these faults could be known.
+    # Time from the first effect until half of these faults were reported.
     half_ms: Estimate
     mm: Quantiles  # excursion of the true tip while the robot was live
     # Faults whose motion exceeded the limit only while the robot was not live, as after a stop.
@@ -47,7 +47,7 @@ class ClassRow(NamedTuple):
 
 
 def interval_scale(rows: Sequence[ClassRow]) -> float:
-    """Return the share at which the drawn intervals end: a round number, at most 1."""
+    """Return the end of the axis for drawn intervals: a multiple of 0.05, at most 1."""
     ends = (
         np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
     )  # a bound may be NaN
@@ -55,7 +55,7 @@ def interval_scale(rows: Sequence[ClassRow]) -> float:
 
 
 class Announced(NamedTuple):
-    """What a cue announces of evading faults before the motion exceeds the limit."""
+    """How early one haptic set's cue comes in runs whose fault evades, and its false cues."""
 
     cue: CueRecord
     times: EventTimes  # of the cue
@@ -64,31 +64,34 @@ class Announced(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """What the cue would change: pairs of runs if there are any, else what it announces."""
+    """Effect of the cue: comparisons of runs with and without a reaction, and the cue's lead."""
 
     pairs: list[Difference]  # over all faults, one for each reaction
-    # By the cue that the verdicts use; None: no cue, or nothing evaded.
+    # Lead of the cue that the verdicts use; None: no cue, or no fault evaded.
     announced: Announced | None
-    # True if it is a finding that this cue comes before the motion, not a consequence of the
-    # definitions.
+    # True if that cue can come before the motion, as in `cue_leads`.
     leads: bool
-    lower: int  # number of cues for which it is a finding
-    # The cue that announces most without a false cue, if it is another one and leads.
+    lower: int  # number of haptic sets whose cue can come before the motion
+    # The haptic set that warns of most motions without a false cue, if it is better than that of
+    # the verdicts.
     better: Announced | None
 
 
 def detection_answers(runs: Runs) -> EventTimes:
-    """Return how soon anyone could know of the unintended motions of a campaign.
+    """Return when the cue, a check or a detector first reported each unintended motion.
 
-    A cue at the motion's own limit or beyond cannot come before it and has no lead. Detectors count
-    at their lowest threshold without a false alarm.
+    Alarms that by definition cannot come before the motion have no lead (`cue_leads`). Detectors
+    count at their lowest threshold without a false alarm.
     """
-    said, early = (detectors.knowledge_sql(runs, leading) for leading in (False, True))
-    return tables.event_times(runs, said, early)
+    any_ms, leading_ms = (detectors.knowledge_sql(runs, leading) for leading in (False, True))
+    return tables.event_times(runs, any_ms, leading_ms)
 
 
 def golden_halts(runs: Runs) -> list[tuple[str, int]]:
-    """Return the groups whose golden runs halt for long with the pedal down, and the longest ms."""
+    """Return (group, longest halt in ms) for groups whose golden runs halt with the pedal down.
+
+    Halts of up to HALT_MS are left out.
+    """
     return runs.table.rows(
         'SELECT "group"::VARCHAR AS name, max(golden_halted_ms) AS ms'
         f" FROM {RESULTS} GROUP BY name HAVING ms > {HALT_MS} ORDER BY name"
@@ -96,7 +99,10 @@ def golden_halts(runs: Runs) -> list[tuple[str, int]]:
 
 
 def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
-    """Return a row for each value of a column of facts, most evasive first; by "" one for all."""
+    """Return a row for each value of the column `kind` of facts, those that evade most first.
+
+    Without a column, the only row is for all faults.
+    """
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     delays, lags = (
         runs.delays(event, start, runs.end, UNINTENDED, kind or None)
@@ -114,47 +120,48 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
     for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
-        soon = latency.incidence_curve(delays.get(name, NONE)).quantile_interval(0.5)
+        half_ms = latency.incidence_curve(delays.get(name, NONE)).quantile_interval(0.5)
         before = latency.lead_time(lags.get(name, NONE)).before
         if not runs.sampled(groups):
-            soon, before = tables.without_interval(soon), tables.without_interval(before)
-        evaded, unintended, loss = (tables.of_faults(runs, k, n, groups) for k in hits)
+            half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
+        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)
         rates = evaded, unintended, loss, before
-        rows.append(ClassRow(name, *rates, soon, Quantiles(*mm), not_live, farthest))
-    return sorted(rows, key=lambda row: [*map(tables.least_last, (row.evaded, row.unintended))])
+        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, farthest))
+    return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:
-    """Return what the cue would change."""
+    """Return the effect of the haptic cue in a campaign."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
-    some = runs.count(condition) and runs.motions().count
-    announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if some]
-    first = announcements[manifest.verdict_cue] if announcements else None
-    able = [cue_leads(manifest, k) for k in range(len(manifest.cues))]
+    any_rows = runs.count(condition) and runs.motions().count
+    announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if any_rows]
+    used = announcements[manifest.verdict_cue] if announcements else None
+    can_lead = [cue_leads(manifest, k) for k in range(len(manifest.cues))]
     quiet = [
-        one
-        for one, leading in zip(announcements, able, strict=False)
-        if leading and not one.false.k
+        cue
+        for cue, leading in zip(announcements, can_lead, strict=False)
+        if leading and not cue.false.k
     ]
-    best = max(quiet, key=lambda one: (one.times.before, one.cue.threshold_mm), default=None)
-    surpassed = best and first and (not runs.cue_leads or best.times.before > first.times.before)
-    whole = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]
-    return Changed(whole, first, runs.cue_leads, sum(able), best if surpassed else None)
+    best = max(quiet, key=lambda cue: (cue.times.before, cue.cue.threshold_mm), default=None)
+    better = best and used and (not runs.cue_leads or best.times.before > used.times.before)
+    comparisons = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]
+    return Changed(comparisons, used, runs.cue_leads, sum(can_lead), best if better else None)
 
 
-def _announced(runs: Runs, k: int, chosen: str) -> Announced:
-    # How early a haptic set's cue comes, and how often it comes without a fault.
-    free = runs.motions()
+def _announced(runs: Runs, k: int, condition: str) -> Announced:
+    # Computes how early the cue of haptic set `k` comes, and how often it comes without a fault.
+    motions = runs.motions()
     return Announced(
         runs.manifest.cues[k],
-        tables.event_times(runs, after_onset(f"warned{k}_ms"), where=chosen),
-        tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
-        free.cue_rate(k),
+        tables.event_times(runs, after_onset(f"warned{k}_ms"), where=condition),
+        tables.wilson_share(motions.came(f"golden_cue{k}_first_ms"), motions.count),
+        motions.cue_rate(k),
     )
 
 
 def _changed_groups(runs: Runs) -> dict[str, list[str]]:
+    # Returns group -> paths of the parameters that only this group changes.
     paths = {
         group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
@@ -165,6 +172,7 @@ def _changed_groups(runs: Runs) -> dict[str, list[str]]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
+    # Returns the variables of the first page's template.
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,

@@ -1,5 +1,5 @@
-"""Section "Chains": which signals carry and show the faults that evade, and the worst explained
-runs.
+"""Section "Chains": which signals the faults that evade pass through, in which signals they are
+visible, and an explanation of the worst runs.
 """
 
 from __future__ import annotations
@@ -40,30 +40,32 @@ def chain_sentences(one: Propagation) -> list[str]:
     return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
 
 
-def seam_graph(one: Propagation) -> Chart | None:
+def seam_graph(summary: Propagation) -> Chart | None:
     """Return a chart of the seams in the robot's order; None without runs.
 
-    Each seam has a mark at the share of runs that it carries, and one at the share of runs that it
-    shows.
+    Each seam has two marks: the share of runs in which its signal differs from the golden run
+    before harm, and the share in which the signal leaves its normal range before harm.
     """
-    if not one.carriers:
+    if not summary.carriers:
         return None
     return _signal_chart(
-        "Which signals carry and show the faults that evade",
+        "In which signals faults that evade differ, and are visible",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
-        one.carriers,
-        ("differs before harm", "series3", [row.carries for row in one.carriers]),
+        summary.carriers,
+        ("differs before harm", "series3", [row.carries for row in summary.carriers]),
         (
             "leaves its normal range before harm",
             "series2",
-            [row.shows if row.ranged else None for row in one.carriers],
+            [row.shows if row.ranged else None for row in summary.carriers],
         ),
     )
 
 
-def lead_chart(one: Propagation) -> Chart | None:
-    """Return a chart of the median lead of each signal over harm; None if no signal leads."""
-    rows = [row for row in one.carriers if row.shows.k]
+def lead_chart(summary: Propagation) -> Chart | None:
+    """Return a chart of the median time from visible to harm of each signal; None if no fault is
+    visible before harm.
+    """
+    rows = [row for row in summary.carriers if row.shows.k]
     if not rows:
         return None
     most = max(max(row.lead_ms.value, float(np.nan_to_num(row.lead_ms.high))) for row in rows)
@@ -71,13 +73,13 @@ def lead_chart(one: Propagation) -> Chart | None:
         "How long before harm a signal leaves its range",
         ChartAxis("median, ms before harm", 0.0, 1.05 * most, unit="ms"),
         rows,
-        ("of the faults that it shows", "series2", [row.lead_ms for row in rows]),
+        ("of the faults visible in the signal", "series2", [row.lead_ms for row in rows]),
     )
 
 
-def draw_charts(one: Propagation, path: Path) -> bool:
+def draw_charts(summary: Propagation, path: Path) -> bool:
     """Write both charts as a file (.svg, .png or .pdf); return False without runs."""
-    charts = [chart for chart in (seam_graph(one), lead_chart(one)) if chart is not None]
+    charts = [chart for chart in (seam_graph(summary), lead_chart(summary)) if chart is not None]
     if charts:
         save_panels(path, charts, columns=1)
     return bool(charts)
@@ -89,8 +91,11 @@ def _signal_chart(
     carriers: Sequence[Carrier],
     *marks: tuple[str, str, Sequence[Rate | Estimate | None]],
 ) -> Chart:
-    """Return a chart with a row for each seam. A mark has a name, a colour and a value a row;
-    the last is a diamond."""
+    """Return a chart with a row for each seam.
+
+    marks: name, colour and one value per row of each series; the marks of the last series are
+    diamonds.
+    """
     dots = []
     for name, colour, values in marks:
         known = [(place, value) for place, value in enumerate(values) if value is not None]
@@ -112,6 +117,7 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without explained runs.
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -131,21 +137,24 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
 
 
 def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
-    # The chains of the explained runs that moved the tip most, evading ones first.
-    manifest, far = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
+    # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
+    manifest, extent = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
-        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({far}), {far}"
-        f" DESC, row LIMIT {MOST}",
+        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({extent}),"
+        f" {extent} DESC, row LIMIT {MOST}",
         [ticks["index"].tolist()],
     )
     by_row = ticks.set_index("index", drop=False)
     out = []
-    for row in runs.numbered([row for (row,) in rows]):
-        own = by_row.loc[int(row["index"])].to_dict()
-        one = chain.trace_chain(row, own, manifest.robot, manifest.shape.arms, manifest.rules.cue)  # type: ignore[arg-type]
-        words = chain_words.chain_sentences(one)
-        out.append({"chain": one, "sentences": words, "timeline": chain_words.chain_timeline(one)})
+    for row in runs.whole_rows([row for (row,) in rows]):
+        ticks_row = by_row.loc[int(row["index"])].to_dict()
+        arms, cue = manifest.shape.arms, manifest.rules.cue
+        link = chain.trace_chain(row, ticks_row, manifest.robot, arms, cue)  # type: ignore[arg-type]
+        words = chain_words.chain_sentences(link)
+        out.append(
+            {"chain": link, "sentences": words, "timeline": chain_words.chain_timeline(link)}
+        )
     return out
 
 
@@ -158,12 +167,12 @@ class Carrier(NamedTuple):
     seam: str
     layer: str
     meaning: str
-    ranged: bool  # True if it has a normal range
-    carries: Rate
-    shows: Rate
-    lead_ms: Estimate  # median over the runs that it shows; NaN: none
-    # Share of runs in which this seam was the first to show the fault. Ties within a tick are
-    # resolved by the robot's order.
+    ranged: bool  # True if the seam has a normal range
+    carries: Rate  # runs in which the signal differs from the golden run before harm
+    shows: Rate  # runs in which the fault is visible in the signal before harm
+    lead_ms: Estimate  # median time from visible to harm; NaN: never visible
+    # Share of runs in which the fault was visible in this seam first. Of several seams with the
+    # same tick, the first in the robot's order counts.
     first: Rate
 
 
@@ -175,13 +184,13 @@ class Propagation(NamedTuple):
     groups: Sequence[str]  # groups whose evading faults are all explained
     partial: Sequence[str]  # groups of which only some or no evading faults are explained
     counted: str  # unit of the intervals: "faults", "robots", or "" without intervals
-    carriers: Sequence[Carrier]  # seams that carry a run, in the robot's order
-    hidden: Rate  # runs that no signal showed before harm
-    lead_ms: Estimate  # median, from the first signal that shows the fault to harm
+    carriers: Sequence[Carrier]  # seams that differ before harm in some run, in the robot's order
+    hidden: Rate  # runs whose fault was visible in no signal before harm
+    lead_ms: Estimate  # median time from visible in any signal to harm
 
     @property
     def visible(self) -> Rate:
-        """Return the share of runs that some signal showed before harm."""
+        """The share of runs whose fault was visible in some signal before harm."""
         hidden = self.hidden
         k = hidden.n - hidden.k
         return Rate(k, hidden.n, k / hidden.n, 1 - hidden.high, 1 - hidden.low)
@@ -189,74 +198,78 @@ class Propagation(NamedTuple):
     @property
     def first_places(self) -> list[Carrier]:
         """Return the signals at which runs were visible first, most frequent first."""
-        return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
+        return sorted((row for row in self.carriers if row.first.k), key=lambda row: -row.first.k)
 
 
 def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
-    """Summarise the explained runs `ticks`, as `store.access.explained` has them."""
+    """Summarise how faults propagate in explained runs.
+
+    ticks: table of `store.access.explained`, one row per run.
+    """
     facts = robots.faults_with_units(runs, "unintended_ms AS harm", CHOSEN)
-    there = facts["row"].isin(ticks["index"])
-    lacking = set(facts.loc[~there, "group"])
-    whole = sorted(set(facts["group"]) - lacking)
-    mine = facts.loc[facts["group"].isin(whole)].reset_index(drop=True)
-    rows = ticks.set_index("index").loc[mine["row"]]
-    among, noun = robots.drawn_units(runs, mine)
+    is_explained = facts["row"].isin(ticks["index"])
+    lacking = set(facts.loc[~is_explained, "group"])
+    complete = sorted(set(facts["group"]) - lacking)
+    faults = facts.loc[facts["group"].isin(complete)].reset_index(drop=True)
+    rows = ticks.set_index("index").loc[faults["row"]]
+    drawn, noun = robots.drawn_units(runs, faults)
 
     def rate(hit: np.ndarray) -> Rate:
-        return pair_intervals.pair_rate(hit, among)
+        return pair_intervals.pair_rate(hit, drawn)
 
     def median(values: np.ndarray) -> Estimate:
         """Return the median of the values above 0."""
-        there = values > 0
-        some, each = values[there], np.ones(int(there.sum()), bool)
-        own = units.group_units(np.zeros(len(some), int)) if among is None else among.where(there)
-        return latency.delay_quantile(some, each, 0.5, own)
+        positive = values > 0
+        times, came = values[positive], np.ones(int(positive.sum()), bool)
+        one_unit = units.group_units(np.zeros(len(times), int))
+        times_drawn = one_unit if drawn is None else drawn.where(positive)
+        return latency.delay_quantile(times, came, 0.5, times_drawn)
 
-    harm = mine["harm"].to_numpy(np.int64)
+    harm = faults["harm"].to_numpy(np.int64)
     seams = _seams(rows, runs.manifest)
-    # How long before harm each seam showed each run, ms [seams, runs]; 0: not before.
+    # Time from leaving the normal range to harm, ms [seams, runs]; 0: not visible before harm.
     leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
     leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
     best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
-    firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(mine), int)
+    firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
     carriers = [
         Carrier(
-            one.name,
-            one.layer,
-            one.meaning,
-            one.ranged,
-            rate((one.differs >= 0) & (one.differs <= harm)),
+            seam.name,
+            seam.layer,
+            seam.meaning,
+            seam.ranged,
+            rate((seam.differs >= 0) & (seam.differs <= harm)),
             rate(leads[place] > 0),
             median(leads[place]),
             rate((firsts == place) & (best > 0)),
         )
-        for place, one in enumerate(seams)
+        for place, seam in enumerate(seams)
     ]
     return Propagation(
-        len(mine),
+        len(faults),
         len(facts),
-        whole,
+        complete,
         sorted(lacking),
         noun,
-        [one for one in carriers if one.carries.k],
+        [row for row in carriers if row.carries.k],
         rate(best <= 0),
         median(best),
     )
 
 
 def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
-    """Return the signals of both arms as one, in the robot's order. Their channels are left out."""
+    """Return the signals with both arms joined, at the earlier time, in the robot's order."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}
-    for one in (
+    for seam in (
         chain.list_signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ()
     ):
-        by_seam.setdefault(one.name.rpartition("/")[2], []).append(one)
+        by_seam.setdefault(seam.name.rpartition("/")[2], []).append(seam)
     return [
         arms[0]._replace(
             name=name,
-            differs=chain.earliest_time(np.stack([one.differs for one in arms])),
-            leaves=chain.earliest_time(np.stack([one.leaves for one in arms])),
+            differs=chain.earliest_time(np.stack([seam.differs for seam in arms])),
+            leaves=chain.earliest_time(np.stack([seam.leaves for seam in arms])),
         )
         for name, arms in by_seam.items()
     ]

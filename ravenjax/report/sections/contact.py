@@ -32,14 +32,15 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group; none without contact or faults."""
     if not runs.manifest.shape.contact:
         return []
-    groups = _of(runs, f'{FACTS}."group"::VARCHAR')
+    groups = _contact_by(runs, f'{FACTS}."group"::VARCHAR')
     if len(groups) == 1:
         return groups
-    return [*(row._replace(group=ALL) for row in _of(runs, "''")), *groups]
+    return [*(row._replace(group=ALL) for row in _contact_by(runs, "''")), *groups]
 
 
-def _of(runs: Runs, by: str) -> list[ContactRow]:
-    # Contact forces by class, and how many faults raise them above the golden run's.
+def _contact_by(runs: Runs, by: str) -> list[ContactRow]:
+    # Returns a row for each value of `by` (SQL): contact forces, and the number of faults with a
+    # larger force than in the golden run.
     parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
     names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
     columns = (
@@ -49,9 +50,11 @@ def _of(runs: Runs, by: str) -> list[ContactRow]:
     )
     rows = []
     for name, groups, n, peak, impulse, *numbers in tables.class_counts(runs, by, columns):
-        harder, vessel, *met = (tables.of_faults(runs, k, n, groups) for k in numbers[::2])
+        harder, vessel, *pressed = (tables.fault_share(runs, k, n, groups) for k in numbers[::2])
         row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
-        rows.append(row._replace(instruments=met[0], instruments_n=numbers[5]) if met else row)
+        rows.append(
+            row._replace(instruments=pressed[0], instruments_n=numbers[5]) if pressed else row
+        )
     return rows
 
 

@@ -108,7 +108,7 @@ class CoverageTable(NamedTuple):
                 f"{suggest_name(name, named)}"
             )
         found = _first_ms(self.harmful, named[name])
-        faults = runs.numbered(self.harmful["row"].tolist())
+        faults = runs.whole_rows(self.harmful["row"].tolist())
         columns = (self.harmful[key] for key in ("run_id", "site", "harm_ms"))
         return [
             (

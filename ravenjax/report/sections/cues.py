@@ -1,12 +1,13 @@
-"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the threshold that
-the data choose.
+"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the best threshold
+according to the data.
 
-A hazard here is an unintended motion. The cue missed it if the run had no cue, or if the golden run
-had a cue by then, too. A false cue is the first cue of a fault-free motion. Each fault counts once.
+A hazard is an unintended motion here. The cue missed the hazard if the run had no cue, or if the
+golden run had a cue by the same time. A false cue is the first cue of a fault-free motion. Each
+fault counts once.
 
-A single threshold is named if the intervals of missed hazards and false cues decide it
-(`stats.alarms.choice`). Otherwise the report names the thresholds that may be best, and the hours
-of fault-free motion that would decide more.
+If the confidence intervals of missed hazards and false cues leave only one best threshold
+(`stats.alarms.choice`), the report names this threshold. Otherwise the report names all thresholds
+that may be best, and the hours of fault-free motion that would decide between more of them.
 """
 
 import math
@@ -35,12 +36,12 @@ HARMLESS = "sample AND faulty AND NOT unintended"
 
 
 WEIGHTS = (1, 10, 100, 1000)
-"""Number of false cues that a missed hazard weighs, if one hazard comes per hour."""
+"""Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
 _WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most {}"
 """Texts of the two kinds of rules for the choice of a threshold."""
 MOST_LISTED = 3
-"""Thresholds that are listed individually. Of more, the least and the greatest are named."""
+"""Largest number of thresholds that are listed. Of more, the least and the greatest are named."""
 
 
 class CueRow(NamedTuple):
@@ -51,18 +52,15 @@ class CueRow(NamedTuple):
     missed: Rate  # share of runs with an unintended motion
     false: Rate  # share of fault-free motions
     per_hour: AlarmRate | None
-    # Of faulty runs without an unintended motion: those with a cue that the golden run does not
-    # have.
+    # Share of faulty runs without an unintended motion that have a cue, and no golden cue.
     harmless: Rate
     # True if no other set has both fewer misses and fewer false cues.
     best: bool
-    # True if it is a finding that the cue comes before the motion, not a consequence of the
-    # definitions.
-    leads: bool
+    leads: bool  # True if the cue can come before the motion, as in `cue_leads`
     delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
-    # Of runs with an unintended motion: those with the cue before it.
+    # Share of runs with an unintended motion that have the cue before the motion.
     before: Rate
-    lead_ms: Estimate  # median over these runs
+    lead_ms: Estimate  # median time from the cue to the motion over these runs
     # Median over these runs of the largest force, in device units; NaN: never felt.
     force: float
     felt_ms: float  # median of the time with force in these runs, ms
@@ -70,7 +68,7 @@ class CueRow(NamedTuple):
 
     @property
     def told(self) -> str:
-        """Return the set in words."""
+        """The threshold and gains of the haptic set, in words."""
         return (
             f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
         )
@@ -110,16 +108,16 @@ def cue_rows(runs: Runs) -> list[CueRow]:
             CueRow(
                 k,
                 cue,
-                tables.of_faults(runs, hazards - times.alarmed, hazards),
-                tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
+                tables.fault_share(runs, hazards - times.alarmed, hazards),
+                tables.wilson_share(free.came(f"golden_cue{k}_first_ms"), free.count),
                 free.cue_rate(k),
-                tables.of_faults(runs, felt[k], harmless),
+                tables.fault_share(runs, felt[k], harmless),
                 False,
                 cue_leads(runs.manifest, k),
                 times.half_ms,
                 times.before,
                 times.lead_ms,
-                *runs.table.row(f"SELECT {medians} FROM {runs.those(came)}"),
+                *runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}"),
             )
         )
     best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
@@ -130,28 +128,32 @@ def cue_rows(runs: Runs) -> list[CueRow]:
 
 
 def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
-    """Return what the data choose for each of WEIGHTS and of FALSE_PER_HOUR.
+    """Return the best haptic set for each cost in WEIGHTS and each limit in FALSE_PER_HOUR.
 
-    There are no choices without unintended or fault-free motion. `rows`: as returned by `rows`.
+    Without unintended or fault-free motion, the list is empty. rows: those of `cue_rows`.
     """
-    able = [row for row in rows if row.missed.n and row.per_hour is not None]
-    if not able:
+    usable = [row for row in rows if row.missed.n and row.per_hour is not None]
+    if not usable:
         return []
-    alarms, hours = _alarm_counts(runs, able), runs.motions().hours
-    # With a single threshold there is nothing to weigh.
-    several = len({row.cue.threshold_mm for row in able}) > 1
-    by_weight = [_cheapest(able, alarms, weight, hours) for weight in WEIGHTS if several]
-    return [*by_weight, *(_rare(able, alarms, most) for most in FALSE_PER_HOUR)]
+    alarms, hours = _alarm_counts(runs, usable), runs.motions().hours
+    # With a single threshold, every cost chooses this threshold.
+    differ = len({row.cue.threshold_mm for row in usable}) > 1
+    by_weight = [_cheapest(usable, alarms, weight, hours) for weight in WEIGHTS if differ]
+    return [*by_weight, *(_rare(usable, alarms, most) for most in FALSE_PER_HOUR)]
 
 
-def hours_to_offer(of: Sequence[Choice]) -> float:
-    """Return hours that would decide every limit, or else the next weight; 0 if none would."""
-    able = [one for one in of if math.isfinite(one.hours)]
-    limits = [one.hours for one in able if one.rule.startswith(_LIMIT.partition("{")[0])]
-    return max(limits) if limits else min((one.hours for one in able), default=0.0)
+def hours_to_offer(choices: Sequence[Choice]) -> float:
+    """Return the hours of fault-free motion that would decide the open choices; 0 if none would.
+
+    These are the hours for all limits of false cues, or else those for the next cost.
+    """
+    decidable = [one for one in choices if math.isfinite(one.hours)]
+    limits = [one.hours for one in decidable if one.rule.startswith(_LIMIT.partition("{")[0])]
+    return max(limits) if limits else min((one.hours for one in decidable), default=0.0)
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
+    # Counts missed hazards and false cues of the haptic sets, for the choice of a threshold.
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
     # Count joint patterns: each set's own misses do not show which hazards one set misses and
     # another catches.
@@ -172,25 +174,25 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # The set of least cost, if a missed motion costs `weight` false cues.
+    # Chooses the set of least cost, if a missed motion costs `weight` false cues.
     def possible(times: float) -> np.ndarray:
         return choice.cheapest_alarms(alarms, weight, times)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
-    more = hours * choice.hours_to_decide(possible)
+    more_hours = hours * choice.hours_to_decide(possible)
     now, rule = possible(1.0), _WEIGHT.format(f"{weight:,}")
-    best = _choice(rule, rows, cost, now, now, more, possible(math.inf))
-    return best._replace(least_mm=math.nan)
+    found = _choice(rule, rows, cost, now, now, more_hours, possible(math.inf))
+    return found._replace(least_mm=math.nan)
 
 
 def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
-    # The set that misses least with at most `most` false cues an hour.
-    possible, keeps = choice.rarest_alarms(alarms, most)
-    undecided = alarms.count[possible & ~keeps]
-    more = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
-    end, _ = choice.rarest_alarms(alarms, most, math.inf)
+    # Chooses the set that misses fewest motions with at most `most` false cues an hour.
+    possible, within = choice.rarest_alarms(alarms, most)
+    undecided = alarms.count[possible & ~within]
+    more_hours = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
+    in_the_end, _ = choice.rarest_alarms(alarms, most, math.inf)
     cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
-    return _choice(rule, rows, cost, possible, keeps, more, end)
+    return _choice(rule, rows, cost, possible, within, more_hours, in_the_end)
 
 
 def _choice(
@@ -198,33 +200,37 @@ def _choice(
     rows: Sequence[CueRow],
     cost: Sequence[float],
     possible: np.ndarray,
-    keeps: np.ndarray,
+    certain: np.ndarray,
     hours: float,
-    end: np.ndarray,
+    in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule. `possible`: sets that may be best; `end`: after endless
-    hours. `keeps`: sets that certainly keep the rule. `hours` would decide more.
+    """Return the choice under one rule, with bool [sets] for each question.
+
+    possible: sets that may be best. certain: sets that certainly keep the rule. in_the_end: sets
+    that may be best even after unlimited fault-free motion. hours: fault-free motion that would
+    rule out more sets.
     """
-    sure = np.flatnonzero(possible & keeps).tolist()
+    certain_best = np.flatnonzero(possible & certain).tolist()
     thresholds, remainder = (
         sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which).tolist()})
-        for which in (possible, end)
+        for which in (possible, in_the_end)
     )
-    if len(thresholds) > 1 or not sure:
+    if len(thresholds) > 1 or not certain_best:
         return Choice(
             rule,
             possible=_words(thresholds),
             hours=hours if math.isfinite(hours) else math.nan,
             remainder=_words(remainder) if len(remainder) > 1 else "",
-            least_mm=min((rows[k].cue.threshold_mm for k in sure), default=math.nan),
+            least_mm=min((rows[k].cue.threshold_mm for k in certain_best), default=math.nan),
         )
     # Of equal sets, take the one with fewer false cues.
-    best = rows[min(sure, key=lambda k: (cost[k], rows[k].hourly))]
-    same = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
-    return Choice(rule, best, len(same) - 1)
+    best = rows[min(certain_best, key=lambda k: (cost[k], rows[k].hourly))]
+    equal = [row for row in rows if (row.missed, row.per_hour) == (best.missed, best.per_hour)]
+    return Choice(rule, best, len(equal) - 1)
 
 
 def _words(thresholds: Sequence[float]) -> str:
+    # Lists thresholds in words: 2, 3 or 4 mm, or a range if there are many.
     numbers = [f"{value:g}" for value in thresholds]
     if len(numbers) > MOST_LISTED:
         return f"{numbers[0]} to {numbers[-1]} mm"
@@ -236,38 +242,43 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     """Return a chart of missed hazards over false cues per hour, with one mark per set; None
     without either.
 
-    A line joins the sets that no other set beats.
+    A line joins the sets for which no other set has both fewer misses and fewer false cues.
     """
-    able = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
-    if not able:
+    shown = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
+    if not shown:
         return None
-    best = sorted((hourly.per_hour, row.missed.value) for row, hourly in able if row.best)
+    best = sorted((hourly.per_hour, row.missed.value) for row, hourly in shown if row.best)
     front_x, front_y = np.array(best).reshape(-1, 2).T
     marks: list[Mark] = [
         Curve("front", CUE, front_x, front_y, step=True, dashed=True, in_legend=False)
     ]
     for is_best, name, colour in (
-        (False, "beaten by another", SAME),
-        (True, "no other does better", CUE),
+        (False, "another set is better in both", SAME),
+        (True, "no set is better in both", CUE),
     ):
-        mine = [pair for pair in able if pair[0].best == is_best]
-        if mine:
-            marks.append(_marks(mine, name, colour))
-    most = max(one.per_hour for _, one in able) or max(one.high for _, one in able) or 1.0
-    missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in able) or 0.01
-    up = "unintended motions without a cue"
+        pairs = [pair for pair in shown if pair[0].best == is_best]
+        if pairs:
+            marks.append(_marks(pairs, name, colour))
+    largest_hourly = (
+        max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
+    )
+    largest_missed = (
+        max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    )
+    y_title = "unintended motions without a cue"
     return Chart(
         "Missed hazards, false cues",
-        ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * most),
-        ChartAxis(up, 0.0, min(1.0, 1.05 * missed), share=True),
+        ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * largest_hourly),
+        ChartAxis(y_title, 0.0, min(1.0, 1.05 * largest_missed), share=True),
         tuple(marks),
     )
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
+    # Returns marks for some haptic sets: false cues per hour, missed hazards, intervals.
     missed = np.array([row.missed[-3:] for row, _ in pairs]).T
     hourly = np.array([one[-3:] for _, one in pairs]).T
-    # Gains that change only the force coincide in one mark, which gets one label.
+    # Sets that differ only in gains have the same mark, which gets only one label.
     thresholds = [row.cue.threshold_mm for row, _ in pairs]
     return Dots(
         name,
@@ -284,6 +295,7 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
 
 
 def _words_of(row: CueRow) -> str:
+    # Describes a haptic set's results in words, for its mark in the chart.
     interval = (
         wording.format_interval(row.missed)
         or f"{wording.format_count(row.missed.k)} of {wording.format_count(row.missed.n)}"
@@ -295,6 +307,7 @@ def _words_of(row: CueRow) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of the section's template.
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
     hours = hours_to_offer(chosen)

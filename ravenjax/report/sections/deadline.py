@@ -1,5 +1,5 @@
-"""Section "Deadlines": until when an action prevents the harm of a fault, and whether the fault is
-visible by then.
+"""Section "Deadlines": the last moment at which an action prevents the harm of a fault, and whether
+the fault is visible by then.
 """
 
 from collections.abc import Iterator
@@ -40,12 +40,12 @@ class DeadlineRow(NamedTuple):
     name: str
     action: str
     preventable: Rate  # faults whose harm the action prevents at some time from the effect on
-    goal_ms: Estimate  # latest time at which it prevents the harm of GOAL of the faults; NaN: none
-    goal: Rate  # faults whose harm it prevents at that time
-    half_ms: Estimate  # the same for HALF
-    in_time: Rate  # faults that a signal shows by the deadline
-    margin_ms: Estimate  # median of deadline minus first visible; NaN: no signal shows half of them
-    not_monotone: int
+    goal_ms: Estimate  # latest time at which the action helps in a share GOAL; NaN: none
+    goal: Rate  # faults whose harm the action prevents at that time
+    half_ms: Estimate  # latest time at which the action helps in a share HALF
+    in_time: Rate  # faults that are visible in a signal by the deadline
+    margin_ms: Estimate  # median time from visible to deadline; NaN: less than half are visible
+    not_monotone: int  # faults for which a later action prevents the harm, but an earlier does not
     harms_alone: int  # faults for which the action, without the fault, does harm too
 
 
@@ -53,13 +53,13 @@ class DeadlineSummary(NamedTuple):
     """The deadlines of a campaign."""
 
     harmful: int  # harmful faults with deadlines
-    lacking: int  # harmful faults without
+    lacking: int  # harmful faults without deadlines
     counted: str  # unit of the intervals: "faults", "robots", or "" without intervals
-    visible_ms: Estimate  # median; NaN: no signal shows half of the faults
+    visible_ms: Estimate  # median time until a fault is visible; NaN: less than half are visible
     rows: list[DeadlineRow]
 
     def of(self, kind: str) -> dict[str, list[DeadlineRow]]:
-        """Return the rows of each site or group, most faults first; of all faults for ""."""
+        """Return the rows by name of site or group, most faults first. kind: as in DeadlineRow."""
         names: dict[str, list[DeadlineRow]] = {}
         for row in self.rows:
             if row.kind == kind:
@@ -71,41 +71,41 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
     """Summarise a table of `ravenjax deadline`."""
     faults = robots.faults_with_units(runs, "site::VARCHAR AS site", UNINTENDED)
     row_of = runs.table.frame("SELECT row, run_id AS run FROM results")
-    whole = table.merge(row_of, on="run").merge(faults, on="row")
+    joined = table.merge(row_of, on="run").merge(faults, on="row")
     rows = [
-        _summarize(runs, kind, str(name), str(action), some)
+        _summarize(runs, kind, str(name), str(action), of_action)
         for kind in ("", "site", "group")
-        for name, part in (whole.groupby(kind) if kind else [("", whole)])
-        for action, some in part.groupby("action", sort=False)
+        for name, part in (joined.groupby(kind) if kind else [("", joined)])
+        for action, of_action in part.groupby("action", sort=False)
     ]
-    once = whole.drop_duplicates("run")
-    among, noun = robots.drawn_units(runs, once)
-    visible = _latest(-once["visible_ms"].fillna(np.inf).to_numpy(), HALF, among)
-    return DeadlineSummary(len(once), len(faults) - len(once), noun, _opposite(visible), rows)
+    by_run = joined.drop_duplicates("run")
+    among, noun = robots.drawn_units(runs, by_run)
+    visible = _latest(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, among)
+    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, _opposite(visible), rows)
 
 
-def _summarize(runs: Runs, kind: str, name: str, action: str, some: pd.DataFrame) -> DeadlineRow:
-    # One row of the table: how late an action still prevents the harm, and how often.
-    among, _ = robots.drawn_units(runs, some)
-    late, margin = (some[column].to_numpy(float) for column in ("deadline_ms", "margin_ms"))
-    late, margin = np.where(late >= 0, late, -np.inf), np.where(margin == margin, margin, -np.inf)
-    goal, half = (_latest(late, share, among) for share in (GOAL, HALF))
+def _summarize(runs: Runs, kind: str, name: str, action: str, rows: pd.DataFrame) -> DeadlineRow:
+    # Summarises the deadlines of one action over the faults in `rows`.
+    among, _ = robots.drawn_units(runs, rows)
+    last, margin = (rows[column].to_numpy(float) for column in ("deadline_ms", "margin_ms"))
+    last, margin = np.where(last >= 0, last, -np.inf), np.where(margin == margin, margin, -np.inf)
+    goal, half = (_latest(last, share, among) for share in (GOAL, HALF))
     return DeadlineRow(
         *(kind, name, action),
-        pair_intervals.pair_rate(late >= 0, among),
+        pair_intervals.pair_rate(last >= 0, among),
         goal,
-        pair_intervals.pair_rate(late >= goal.value, among),
+        pair_intervals.pair_rate(last >= goal.value, among),
         half,
         pair_intervals.pair_rate(margin >= 0, among),
         _latest(margin, HALF, among),
-        *(int(hit.sum()) for hit in (~some["monotone"].to_numpy(), some["harms_alone"].to_numpy())),
+        *(int(hit.sum()) for hit in (~rows["monotone"].to_numpy(), rows["harms_alone"].to_numpy())),
     )
 
 
 def _latest(values: np.ndarray, share: float, among: Units | None) -> Estimate:
-    """Return the largest number that this share of the values reaches; NaN if that is -inf."""
-    own = units.group_units(np.zeros(len(values), int)) if among is None else among
-    return _opposite(latency.delay_quantile(-values, np.isfinite(values), share, own))
+    """Return the largest number that a share of the `values` reaches or exceeds; NaN if -inf."""
+    unit = units.group_units(np.zeros(len(values), int)) if among is None else among
+    return _opposite(latency.delay_quantile(-values, np.isfinite(values), share, unit))
 
 
 def _opposite(found: Estimate) -> Estimate:
@@ -131,17 +131,17 @@ def deadline_tables(summary: DeadlineSummary) -> Iterator[tuple[str, list[tuple[
 
 
 def deadline_chart(table: pd.DataFrame) -> Chart:
-    """Return a chart of the share of harmful faults that each action prevents, by its time."""
+    """Return a chart of the share of faults whose harm an action prevents, over its time."""
     most = float(table["deadline_ms"].to_numpy().max(initial=2))
     curves = []
-    for place, (action, some) in enumerate(table.groupby("action", sort=False)):
-        late = np.sort(some["deadline_ms"].to_numpy(float))
-        at = np.unique(np.concatenate([[0.0], late[late >= 0] + 1]))
-        share = 1 - np.searchsorted(late, at) / len(late)
+    for place, (action, rows) in enumerate(table.groupby("action", sort=False)):
+        deadlines = np.sort(rows["deadline_ms"].to_numpy(float))
+        times_ms = np.unique(np.concatenate([[0.0], deadlines[deadlines >= 0] + 1]))
+        share = 1 - np.searchsorted(deadlines, times_ms) / len(deadlines)
         name, colour = ACTIONS[str(action)], f"series{place}"
-        curves.append(Curve.steps(name, colour, at, share, start=1.0, end=most))
+        curves.append(Curve.steps(name, colour, times_ms, share, start=1.0, end=most))
     return Chart(
-        "Until when an action prevents the harm",
+        "Share of faults whose harm an action still prevents",
         ChartAxis(
             "time of the action after the fault's first effect", 1.0, most, log=True, unit="ms"
         ),
@@ -151,6 +151,7 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without deadlines.
     try:
         table = explained.read_rows(folder / explained.DEADLINES, runs.manifest, "deadline")
     except StoreError as error:

@@ -1,8 +1,9 @@
 """Section "Detectors": recall, delay and false alarms of each detector at each threshold.
 
-The robot's checks and the haptic cue of the verdicts are shown as two detectors with one threshold
-each. Rates and times use one run of each fault. Curves use every run or a random subset. If faults
-were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or intervals.
+The robot's checks and the haptic cue that the verdicts use appear as two more detectors, with one
+threshold each. Rates and times use one run of each fault. Curves use every run, or a random subset.
+If faults were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or
+intervals.
 """
 
 import dataclasses
@@ -25,25 +26,22 @@ from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
-"""Abscissas of the curves. They are denser where alarms are few, which is where a detector would be
-used.
-"""
+"""Abscissas of the curves, denser at low rates of alarms, because detectors are used there."""
 DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, over all resamples. There are between 100 and 400
 resamples.
 """
 MOST_DRAWN = 20_000
-"""Largest number of runs for a curve. Of more runs, about this number is drawn, which makes bands
-too wide rather than too narrow.
+"""Largest number of runs for a curve. Of more runs, about this number is drawn, so bands are wider.
 """
 SCORED = "plain AND faulty AND activated AND NOT failed"
 MOST_THRESHOLDS = 12
-"""Thresholds of a detector in the table. Of more, this number is taken at even spacing, and the
-quiet one.
+"""Largest number of a detector's thresholds in the table. Of more thresholds, this number is listed
+at even spacing, and the lowest threshold without a false alarm.
 """
 HEIGHT = 340  # px, of a chart
 DRAWN = 6
-"""Curves shown at first: those with the largest areas. The legend can show the others."""
+"""Number of curves that are visible at first, those with the largest areas."""
 CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
 TELLING = "share of alarms with an unintended motion"
 
@@ -56,7 +54,7 @@ class DetectorThreshold(NamedTuple):
     caught: Rate  # of faults with an unintended motion: those with an alarm
     harmless: Rate  # of faults without an unintended motion: those with an alarm
     precision: Rate  # of faults with an alarm: those with an unintended motion
-    false: AlarmRate | None  # on fault-free motion; None: unknown
+    false: AlarmRate | None  # false alarms per hour of fault-free motion; None: unknown
     # Median over faults with an unintended motion, from the fault's first effect.
     delay_ms: Estimate
     # Of faults with an unintended motion: those with an alarm before it.
@@ -64,9 +62,7 @@ class DetectorThreshold(NamedTuple):
     # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.
     lead_ms: Estimate
     quiet: bool  # lowest threshold without a false alarm on fault-free motion
-    # True if it is a finding that the alarm comes before the motion, not a consequence of the
-    # definitions.
-    leads: bool
+    leads: bool  # True if the alarm can come before the motion, as in `detector_leads`
 
 
 class ThresholdAlarms(NamedTuple):
@@ -94,29 +90,29 @@ class DetectorRow(NamedTuple):
 
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
-    """Return every source of alarms at each threshold: detectors, the checks, the cue."""
-    manifest, free, result = runs.manifest, runs.motions(), []
+    """Return all sources of alarms: each threshold of each detector, the checks, and the cue."""
+    manifest, motions, result = runs.manifest, runs.motions(), []
     for d, detector in enumerate(manifest.detectors):
         score = f"golden_detector{d}_score"
         events = [
             run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds
         ]
-        counts = [free.with_event(event) for event in events]
+        counts = [motions.with_event(event) for event in events]
         thresholds = list(zip(detector.thresholds, counts, strict=True))
         quiet = min((threshold for threshold, count in thresholds if not count), default=None)
         for k, (threshold, count) in enumerate(thresholds):
-            rate = free.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
-            early = detector_leads(manifest, detector, threshold)
+            rate = motions.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
+            leads = detector_leads(manifest, detector, threshold)
             column, is_quiet = f"alarm{d}_{k}_ms", threshold == quiet
             result.append(
-                ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet, early)
+                ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet, leads)
             )
     checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
     result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
     if manifest.cues:
-        cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
+        cues = motions.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
-        rate = free.cue_rate(manifest.verdict_cue)
+        rate = motions.cue_rate(manifest.verdict_cue)
         result.append(
             ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads)
         )
@@ -124,12 +120,10 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
 
 
 def knowledge_sql(runs: Runs, leading: bool = False) -> str:
-    """Return SQL for the time at which anyone could first know of each run's fault, -1 if never.
+    """Return SQL for the time in ms at which a run's fault was first reported, -1 if never.
 
-    The sources are the cue, the checks, and detectors at their lowest threshold without a false
-    alarm.
-    `leading`: leave out alarms that cannot come before the motion by definition, cues and tip
-    errors at its limit or beyond.
+    Reports come from the cue, from checks, and from detectors at their lowest threshold without a
+    false alarm. leading: leave out alarms that by definition cannot come before the motion.
     """
     trusted = [
         f"({after_onset(alarms.column)})"
@@ -142,39 +136,39 @@ def knowledge_sql(runs: Runs, leading: bool = False) -> str:
 
 def detector_rows(runs: Runs) -> list[DetectorRow]:
     """Return one row per detector, then the rows of the checks and the cue."""
-    found, detectors = runs.once(list_alarms), runs.manifest.detectors
+    measured, detectors = runs.once(list_alarms), runs.manifest.detectors
     result = []
-    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in found)):
-        shown = _shown([alarms for alarms in found if alarms.name == name])
-        what, roc, recall = "", None, None
+    for number, name in enumerate(dict.fromkeys(alarms.name for alarms in measured)):
+        shown = _shown([alarms for alarms in measured if alarms.name == name])
+        kind, roc, recall = "", None, None
         if number < len(detectors):
-            what, (roc, recall) = _what(detectors[number]), _bands(runs, number)
+            kind, (roc, recall) = _what(detectors[number]), _bands(runs, number)
         auc = roc.area if roc else None
-        result.append(DetectorRow(name, what, threshold_rows(runs, shown), roc, recall, auc))
+        result.append(DetectorRow(name, kind, threshold_rows(runs, shown), roc, recall, auc))
     return result
 
 
 def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
-    """Return what each threshold does, in the given order."""
+    """Return recall, precision, false alarms and times for each item of `found`, in its order."""
     kinds = ("unintended", "NOT unintended")
-    conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
+    conditions = [f"{kind} AND {alarms.column} >= 0" for alarms in found for kind in kinds]
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     result = []
-    for one, hits, misses in zip(found, counts[::2], counts[1::2], strict=True):
-        times = tables.event_times(runs, after_onset(one.column))
+    for alarms, caught, harmless in zip(found, counts[::2], counts[1::2], strict=True):
+        times = tables.event_times(runs, after_onset(alarms.column))
         result.append(
             DetectorThreshold(
-                one.name,
-                one.threshold,
-                tables.of_faults(runs, hits, unintended),
-                tables.of_faults(runs, misses, others),
-                tables.of_faults(runs, hits, hits + misses),
-                one.false,
+                alarms.name,
+                alarms.threshold,
+                tables.fault_share(runs, caught, unintended),
+                tables.fault_share(runs, harmless, others),
+                tables.fault_share(runs, caught, caught + harmless),
+                alarms.false,
                 times.half_ms,
                 times.before,
                 times.lead_ms,
-                one.quiet,
-                one.leads,
+                alarms.quiet,
+                alarms.leads,
             )
         )
     return result
@@ -187,13 +181,14 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
 
 
 def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
-    # Of MOST_THRESHOLDS or fewer, these are all.
+    # Returns the thresholds that the table lists.
     places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
     few = len(alarms) <= MOST_THRESHOLDS
-    return [one for k, one in enumerate(alarms) if few or k in places or one.quiet]
+    return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
 
 
 def _what(detector: DetectorRecord) -> str:
+    # Describes the kind and the settings of a detector in words.
     words = [detector.kind.replace("_", " ")]
     if detector.kind == "steps":
         words.append(f"fused: {detector.fusion}")
@@ -203,7 +198,8 @@ def _what(detector: DetectorRecord) -> str:
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
-    # Bootstrap bands of both curves; none if all runs, or all faults, are alike.
+    # Returns bootstrap bands of the ROC curve and the precision-recall curve of a detector; (None,
+    # None) if all runs have the same outcome, or all have the same fault.
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
     score = f"detector{number}_score"
@@ -233,7 +229,7 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
 
 
 def _chart(
-    title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
+    title: str, rows: Sequence[DetectorRow], kind: str, x_title: str, y_title: str
 ) -> Chart | None:
     areas = {
         number: getattr(row, kind).area.value
@@ -255,27 +251,28 @@ def _chart(
             curve, low, high = (np.asarray(part, float) for part in band.curve)
             low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
-        places = [
-            (one, one.harmless.value, one.caught.value)
+        points = [
+            (level, level.harmless.value, level.caught.value)
             if kind == "roc"
-            else (one, one.caught.value, one.precision.value)
-            for one in row.thresholds
+            else (level, level.caught.value, level.precision.value)
+            for level in row.thresholds
         ]
-        places = [place for place in places if np.isfinite(place[1:]).all()]
-        if places:
-            own, x, y = zip(*places, strict=True)
-            size = tuple(11.0 if one.quiet or band is None else 7.0 for one in own)
+        points = [place for place in points if np.isfinite(place[1:]).all()]
+        if points:
+            thresholds, x, y = zip(*points, strict=True)
+            size = tuple(11.0 if level.quiet or band is None else 7.0 for level in thresholds)
             tips = tuple(
-                row.name if np.isnan(one.threshold) else f"{row.name} at {one.threshold:g}"
-                for one in own
+                row.name if np.isnan(level.threshold) else f"{row.name} at {level.threshold:g}"
+                for level in thresholds
             )
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
-    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (across, up))
+    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (x_title, y_title))
     return Chart(title, x_axis, y_axis, tuple(marks), HEIGHT)
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of the section's template; None without detectors.
     if not runs.manifest.detectors:
         return None
     detectors = detector_rows(runs)

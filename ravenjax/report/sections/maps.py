@@ -97,7 +97,7 @@ class Sweep(NamedTuple):
 
 
 def summarize_sweep(runs: Runs) -> Sweep:
-    """Return what a campaign swept, and which faults had which outcome."""
+    """Return the inputs that a campaign varies, and the outcomes of its faults."""
     faulty = runs.count("sample AND faulty") > 0
     measures, condition, unit = (
         (MEASURES, "sample AND faulty", "faults") if faulty else (FREE_MEASURES, "sample", "runs")
@@ -113,78 +113,80 @@ def summarize_sweep(runs: Runs) -> Sweep:
     }
     kinds = [f"{slot}_{key}" for slot in slots for key in ("site", "effect")]
     columns = [f"{RESULTS}.{quote_name(name)}" for name in (*kinds, *titles)]
-    columns += [f"({one.sql})::BOOLEAN AS {quote_name(one.name)}" for one in measures]
+    columns += [f"({measure.sql})::BOOLEAN AS {quote_name(measure.name)}" for measure in measures]
     faults = runs.drawn(", ".join(columns), condition, MOST)
     block = np.full(len(faults), "", object)
     for slot in slots:
         site, effect = (faults[f"{slot}_{key}"].astype(str) for key in ("site", "effect"))
-        there, name = site != "", site + " · " + effect
-        block = np.where(there, np.where(block == "", name, block + " + " + name), block)
+        is_used, name = site != "", site + " · " + effect
+        block = np.where(is_used, np.where(block == "", name, block + " + " + name), block)
     block = np.where(block == "", NO_FAULT, block)
     varied = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
     return Sweep(measures, unit, faults, block, varied)
 
 
 def all_maps(runs: Runs) -> list[dict[str, Any]]:
-    """Return the map of all faults if they are of several sites and effects, then the map of each,
-    most unintended motion first.
+    """Return a map for each site and effect, those with most unintended motions first.
 
-    An item has name, n, unit, rates, panels and axes. A panel shows one measure over two inputs.
-    Its cells are rates, or None without a run. Only measures that came in some runs and not in
-    others have panels. `axes` has the names of the best pair of inputs and of the next one, and the
-    share of the variance that each explains.
+    If there are several sites and effects, a map of all faults comes first. A map has name, n,
+    unit, rates, panels and axes. A panel shows one measure over two inputs. Its cells are rates, or
+    None without a run. A measure that is the same in all runs has no panel. `axes` has the names of
+    the best pair of inputs and of the second best, and the share of the variance that each
+    explains.
     """
-    swept = summarize_sweep(runs)
+    sweep = summarize_sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
-    names, sizes = np.unique(swept.block, return_counts=True)
+    names, sizes = np.unique(sweep.block, return_counts=True)
     items = []
     for name in names[sizes >= MIN_RUNS]:
-        mine = swept.block == name
-        part = swept._replace(faults=swept.faults.loc[mine], block=swept.block[mine])
-        axes = _axes(part, runs.robot.joints)
+        is_block = sweep.block == name
+        block_sweep = sweep._replace(faults=sweep.faults.loc[is_block], block=sweep.block[is_block])
+        axes = _axes(block_sweep, runs.robot.joints)
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-        if ranked := _ranked([_counts(part, *pair) for pair in pairs]):
-            items.append(_map(part, str(name), ranked, runs.sampled(groups.get(str(name)))))
+        if ranked := _ranked([_counts(block_sweep, *pair) for pair in pairs]):
+            items.append(_map(block_sweep, str(name), ranked, runs.sampled(groups.get(str(name)))))
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = [_map(swept, WHOLE, _by_block(swept), runs.sampled())] if len(names) > 1 else []
+    whole = [_map(sweep, WHOLE, _by_block(sweep), runs.sampled())] if len(names) > 1 else []
     return [*whole, *items]
 
 
-def _axes(swept: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
-    # An axis of the map for each input that varies, with few enough bins to fill the cells.
-    varied = [name for name in swept.titles if len(swept.faults[name].unique()) > 1]
-    n = len(swept.faults)
-    # In a grid of two inputs, a cell holds one run.
+def _axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
+    # Returns an axis for each input that varies, with so few bins that cells contain enough runs.
+    varied = [name for name in sweep.titles if len(sweep.faults[name].unique()) > 1]
+    n = len(sweep.faults)
+    # In a grid of two inputs, each cell contains one run, so every value has its own bin.
     most = MOST_VALUES if len(varied) <= 2 else round(math.sqrt(n / RUNS_PER_CELL))
     most = min(MOST_VALUES, max(MIN_BINS, most))
-    made = []
+    axes = []
     for name in varied:
-        title, values = swept.titles[name], swept.faults[name]
+        title, values = sweep.titles[name], sweep.faults[name]
         if name.rpartition("_")[2] in WORDS:
-            made.append(word_axis(title, values.astype(str).to_numpy(), order))
+            axes.append(word_axis(title, values.astype(str).to_numpy(), order))
         else:
             endless = name.endswith("duration_ms")
-            made.append(number_axis(title, values.to_numpy(float), most, endless))
-    return made
+            axes.append(number_axis(title, values.to_numpy(float), most, endless))
+    return axes
 
 
 def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False) -> MapAxis:
-    """Return an axis with one bin per value, up to `most` values; else with ranges, spaced by
-    powers of two if they are wide.
+    """Return an axis with one bin per value or, of more than `most` values, one bin per range.
 
-    `endless`: UNTIL_END is a value of this input and not a number.
+    Wide ranges are spaced by powers of two. endless: the value UNTIL_END means that the fault lasts
+    until the run ends.
     """
     labels = np.full(len(values), UNSET, object)
-    last = endless & (values == UNTIL_END)
-    labels[last] = TO_THE_END
-    numbers = ~np.isnan(values) & ~last
-    different = np.unique(values[numbers])
-    if len(different) <= most:
-        names = [compact_number(value) for value in different]
-        place = np.searchsorted(different, values[numbers])
+    until_end = endless & (values == UNTIL_END)
+    labels[until_end] = TO_THE_END
+    numbers = ~np.isnan(values) & ~until_end
+    distinct_values = np.unique(values[numbers])
+    if len(distinct_values) <= most:
+        names = [compact_number(value) for value in distinct_values]
+        place = np.searchsorted(distinct_values, values[numbers])
     else:
         wanted = round(math.sqrt(len(values) / RUNS_PER_BIN))
-        edges = _edges(different[0], different[-1], min(MAX_BINS, most, max(MIN_BINS, wanted)))
+        edges = _edges(
+            distinct_values[0], distinct_values[-1], min(MAX_BINS, most, max(MIN_BINS, wanted))
+        )
         names = [f"{compact_number(a)} to {compact_number(b)}" for a, b in pairwise(edges)]
         # The last bin includes its upper edge.
         place = np.searchsorted(edges[1:-1], values[numbers], side="right")
@@ -193,8 +195,9 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
 
 
 def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapAxis:
-    """Return an axis with one bin per word, those of `order` first. Of more than MOST_VALUES words
-    the most frequent have bins, and one bin holds the others.
+    """Return an axis with one bin per word, those of `order` first.
+
+    Of more than MOST_VALUES words, the most frequent have their own bins, and the others share one.
     """
     words, counts = np.unique(values, return_counts=True)
     if len(words) > MOST_VALUES:
@@ -207,16 +210,19 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
 
 
 def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
-    there = set(labels.tolist())
-    names = [name for name in dict.fromkeys(order) if name in there]
+    present = set(labels.tolist())
+    names = [name for name in dict.fromkeys(order) if name in present]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
 
 
-def _edges(low: float, high: float, wanted: int) -> np.ndarray:
-    if low > 0 and high / low > 30:
-        step = math.ceil(math.log2(high / low) / (wanted + 2))
-        return 2.0 ** np.arange(math.floor(math.log2(low)), math.log2(high) + step + 1e-9, step)
-    return np.array(round_values(low, high, wanted))
+def _edges(lowest: float, highest: float, bins: int) -> np.ndarray:
+    # Returns round edges of bins; powers of two if the range is wide.
+    if lowest > 0 and highest / lowest > 30:
+        step = math.ceil(math.log2(highest / lowest) / (bins + 2))
+        return 2.0 ** np.arange(
+            math.floor(math.log2(lowest)), math.log2(highest) + step + 1e-9, step
+        )
+    return np.array(round_values(lowest, highest, bins))
 
 
 def compact_number(value: float) -> str:
@@ -227,37 +233,37 @@ def compact_number(value: float) -> str:
     return f"{value:{'.4g' if abs(value) >= 1e3 else '.3g'}}".replace("-", "−")
 
 
-def _by_block(swept: Sweep) -> list[PairCounts]:
+def _by_block(sweep: Sweep) -> list[PairCounts]:
     """Return counts by site and effect and by each input of COMMON, the best input first."""
-    hit = swept.faults[swept.measures[0].name].to_numpy(float)
-    shares = {str(name): float(hit[swept.block == name].mean()) for name in np.unique(swept.block)}
+    hit = sweep.faults[sweep.measures[0].name].to_numpy(float)
+    shares = {str(name): float(hit[sweep.block == name].mean()) for name in np.unique(sweep.block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
-    block = swept.block
+    block = sweep.block
     if len(names) > MOST_ROWS + 1:
         block = np.where(np.isin(block, names[:MOST_ROWS]), block, OTHERS)
     up = _axis(PLACE, block, [*names, OTHERS], words=True)
     common = {
         name: title
-        for name, title in swept.titles.items()
+        for name, title in sweep.titles.items()
         if name in COMMON or name.startswith("param:")
     }
-    axes = _axes(swept._replace(titles=common))
-    return _ranked([_counts(swept, across, up) for across in axes] or [_counts(swept, up, None)])
+    axes = _axes(sweep._replace(titles=common))
+    return _ranked([_counts(sweep, across, up) for across in axes] or [_counts(sweep, up, None)])
 
 
 def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
     return sorted(pairs, key=explained_share, reverse=True)
 
 
-def _counts(swept: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
-    """Return counts over two axes; `up` is None for a single axis."""
+def _counts(sweep: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
+    """Return the counts of faults and measures over two axes; `up` is None for a single axis."""
     up = up or MapAxis("", [""], np.zeros(len(across.place), int))
-    # Words are easier to read as row labels.
+    # The labels of rows have more room for words than those of columns.
     if across.words and not up.words:
         across, up = up, across
     shape = len(up.labels), len(across.labels)
     cell = up.place * shape[1] + across.place
-    hits = [swept.faults[one.name].to_numpy(float) for one in swept.measures]
+    hits = [sweep.faults[measure.name].to_numpy(float) for measure in sweep.measures]
     n, *k = (
         np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape).astype(int)
         for weight in (None, *hits)
@@ -272,16 +278,16 @@ def explained_share(counts: PairCounts) -> float:
     explain less than as many random cells would, and -inf if each run has its own cell.
     """
     n, total = counts.n, counts.n.sum()
-    hits, spare = counts.k.sum(axis=(1, 2)), total - (n > 0).sum()
+    hits, freedom = counts.k.sum(axis=(1, 2)), total - (n > 0).sum()
     overall = (hits * (total - hits)).sum() / total
     within = (counts.k * (n - counts.k) / np.maximum(n, 1)).sum()
-    if not spare or not overall:
+    if not freedom or not overall:
         return -math.inf
-    return float(1 - within / spare / (overall / (total - 1)))
+    return float(1 - within / freedom / (overall / (total - 1)))
 
 
-def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -> dict[str, Any]:
-    # Returns the map of two inputs, with the pairs of inputs that explain the outcome best.
+def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -> dict[str, Any]:
+    # Returns the map of the two inputs that explain the outcome best.
     counts = ranked[0]
     pairs = [
         {
@@ -291,9 +297,9 @@ def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
         for pair in ranked[:2]
         if math.isfinite(share := explained_share(pair))
     ]
-    rate_in: Callable[[int, int], Rate] = tables.rate_of if sampled else share_of_cells
-    n, rates, panels = len(swept.faults), [], []
-    for measure, k in zip(swept.measures, counts.k, strict=True):
+    rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
+    n, rates, panels = len(sweep.faults), [], []
+    for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
@@ -308,7 +314,7 @@ def _map(swept: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
             }
             # Numbers increase upwards.
             panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
-    content = {"name": name, "n": n, "unit": swept.unit, "rates": rates}
+    content = {"name": name, "n": n, "unit": sweep.unit, "rates": rates}
     return content | {"panels": panels, "axes": pairs}
 
 

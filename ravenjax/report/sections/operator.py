@@ -1,4 +1,6 @@
-"""Section "Operator": what a recorded operator's file holds, and which part of it is replayed."""
+"""Section "Operator": the contents of a recorded operator's file, and the part of the recording
+that the campaign replays.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +10,7 @@ from ravenjax.store.motion.summary import MotionSummary, describe_changes, table
 
 
 def operator_content(summary: MotionSummary | None) -> dict[str, Any] | None:
-    """Return what the page shows of a recorded operator; None for a generated one."""
+    """Return the template's variables for a recorded motion; None for a generated motion."""
     if summary is None:
         return None
     rows = table_rows(summary)

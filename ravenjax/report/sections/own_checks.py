@@ -1,6 +1,6 @@
 """Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-A check counts as tripped if it trips more often than in the golden run, or sooner. Its trips in
+A check detected a fault if it tripped more often than in the golden run, or sooner. Its trips in
 fault-free motion are its false alarms.
 """
 
@@ -33,10 +33,10 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
     checks = runs.manifest.shape.own_checks
     per_check = list(_alarms(runs))
-    trips = [f"({after_onset(one.column)}) >= 0" for one in per_check]
+    trips = [f"({after_onset(alarms.column)}) >= 0" for alarms in per_check]
     alone = [
-        # No built-in check had reported the fault by then, and no other user-defined check had
-        # tripped.
+        # SQL for faults that only this check detected: when it tripped, no built-in check had
+        # reported the fault, and no other user-defined check had tripped.
         " AND ".join(
             [
                 trip,
@@ -47,10 +47,10 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
         for number, trip in enumerate(trips)
     ]
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
-    sections = {f"{OWN}{one['name']}": one for one in runs.manifest.config.get("check", ())}
+    sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
     for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
-        tripped, only = counts[number], counts[len(checks) + number]
+        tripped, alone_count = counts[number], counts[len(checks) + number]
         section = sections.get(checks[number].name, {})
         result.append(
             OwnCheckRow(
@@ -58,8 +58,8 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
                 str(section.get("at", "")),
                 checks[number].does,
                 _threshold(runs, section, alarms.detector),
-                tables.of_faults(runs, tripped, total),
-                tables.of_faults(runs, only, tripped),
+                tables.fault_share(runs, tripped, total),
+                tables.fault_share(runs, alone_count, tripped),
                 alarms,
             )
         )
@@ -67,20 +67,22 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
 
 
 def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
+    # Describes the threshold of a check in words. A campaign may vary the threshold.
     name, value = f"param:checks.threshold.{check}", float(section.get("threshold", 1.0))
-    least, most = value, value
+    lowest, highest = value, value
     if name in runs.names:
-        least, most = runs.table.row(
-            f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}'
+        lowest, highest = runs.table.row(
+            f'SELECT min("{name}"), max("{name}") FROM {runs.matching("sample AND faulty")}'
         )
-    words = f"above {least:g}" + (f" to {most:g}, together" if most != least else "")
+    words = f"above {lowest:g}" + (f" to {highest:g}, together" if highest != lowest else "")
     in_a_row = section.get("consecutive", 1)
     return f"{words}, {in_a_row} ms in a row" if in_a_row > 1 else words
 
 
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
-    # False alarms of the user's checks; unknown if the campaign varies their parameters.
-    free, shape = runs.motions(), runs.manifest.shape
+    # Yields the false alarms of each user-defined check. They are unknown if the campaign varies
+    # parameters of checks, because fault-free motions have only one value of each parameter.
+    motions, shape = runs.motions(), runs.manifest.shape
     varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
     # The fault-free motion has every value that is constant in the whole campaign.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
@@ -90,7 +92,7 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
         if not differs:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
-            rate, count = free.first_rate(event, first_ms), free.with_event(event)
+            rate, count = motions.first_rate(event, first_ms), motions.with_event(event)
         name = check.name.removeprefix(OWN)
         yield ThresholdAlarms(name, math.nan, f"own{number}_ms", count, rate, count == 0)
 

@@ -29,11 +29,11 @@ from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 EXCURSION = "excursion_mm"
-"""Unintended distance of the tip, in mm.
+"""Name of the column with the unintended distance of the tip, in mm.
 
-It is the distance from the golden run and from where standing still would have left the tip. While
-the robot is live, it is also the distance from the nominal model, because an operator who slows
-down falls behind the golden run on purpose.
+This is the smallest of several distances: from the golden run, from where the tip would be if the
+robot had stood still, and, while the robot is live, from the nominal model. The nominal model
+counts because an operator who slows down falls behind the golden run on purpose.
 """
 _EXCURSION = f"greatest({RESULTS}.unintended_mm, {RESULTS}.unintended_off_mm)"
 MOST_VALUES = 12
@@ -47,9 +47,9 @@ Sampled = Callable[[Collection[str]], bool]
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind of reaction, or of one value of a parameter and its first value.
+    """Pairs of runs with and without a reaction, or with one and the first value of a parameter.
 
-    Both sides match row by row, without failed runs.
+    Row k of both tables is one pair. Failed runs are left out.
     """
 
     with_: pd.DataFrame
@@ -61,8 +61,9 @@ class Pairs(NamedTuple):
 
     @property
     def acting(self) -> np.ndarray:
-        """Return the pairs whose fault changed a bit in either run, bool [pairs]. A reaction to a
-        false cue may end a run before its fault acts, so one run is enough.
+        """Whether the fault of each pair changed a bit in at least one of both runs, bool [pairs].
+
+        One run is enough, because a reaction to a false cue may end a run before its fault acts.
         """
         return self.with_["activated"].to_numpy() | self.without["activated"].to_numpy()
 
@@ -73,7 +74,10 @@ class Pairs(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """A comparison of pairs, with minus without the reaction: negative if it helps."""
+    """A comparison of runs with a reaction with the same runs without it.
+
+    Differences are with minus without the reaction, so they are negative if the reaction helps.
+    """
 
     action: str  # in words
     # Which pairs: all, a layer, or a value of a crossed parameter.
@@ -83,16 +87,15 @@ class Difference(NamedTuple):
     inactive: int
     without: Rate  # unintended motion without the reaction
     with_: Rate
-    change: Estimate  # difference of the rates with and without it, a fraction
-    spared: int  # pairs in which only the run without the reaction had one
-    caused: int  # pairs in which only the run with the reaction had one
+    change: Estimate  # difference of both rates, a fraction
+    spared: int  # pairs with an unintended motion only without the reaction
+    caused: int  # pairs with an unintended motion only with the reaction
     p: float  # exact; NaN if nothing was drawn
     # Mean difference of EXCURSION; bounds are NaN for one pair, or if nothing was drawn.
     distance_mm: Estimate
     depth_mm: Estimate  # the same for the depth in tissue
     reacted: Rate  # pairs in which the operator acted
-    # Of the pairs in which the operator acted: those without an unintended motion even if nobody
-    # reacts, so that the interruption was unnecessary.
+    # Share of the reactions without need: the run without the reaction has no unintended motion.
     idle: Rate
 
 
@@ -117,7 +120,10 @@ class Idle(NamedTuple):
 
 
 def sample_runs(runs: Runs) -> pd.DataFrame:
-    """Return about MOST runs with the needed columns. Runs of one pair are drawn together."""
+    """Return all runs, or about MOST drawn runs, with the columns that this section reads.
+
+    Runs of one pair are drawn together.
+    """
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
     facts = (*EVENTS, "failed", "faulty", "activated", "plain", "action", '"distinct"')
@@ -136,20 +142,23 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     Other crossed parameters, except those of the reaction, are equal within a pair.
     """
     others = _crossed_names(runs)
-    same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
+    pair_columns = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
     valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)]
     after, before = (valid.loc[valid["action"] == number] for number in (action, 0))
-    return _matched(after, before, same, others)
+    return _matched(after, before, pair_columns, others)
 
 
 def _matched(
-    after: pd.DataFrame, before: pd.DataFrame, same: Sequence[str], others: Sequence[str]
+    chosen: pd.DataFrame, others_side: pd.DataFrame, shared: Sequence[str], varied: Sequence[str]
 ) -> Pairs:
-    """Return each run of `after` that differs in `others` or in its fault, and its partner."""
-    partners = before[same].rename_axis("partner").reset_index().drop_duplicates(same)
-    both = after.rename_axis("row").reset_index().merge(partners, on=same)
-    both = both.loc[~both[[*others, "distinct"]].duplicated()]
-    return Pairs(after.loc[both["row"]], before.loc[both["partner"]])
+    """Return each run of `chosen` with its partner, the run of `others_side` with equal `shared`.
+
+    Runs with the same fault and the same values of `varied` are repetitions and count once.
+    """
+    partners = others_side[shared].rename_axis("partner").reset_index().drop_duplicates(shared)
+    matched = chosen.rename_axis("row").reset_index().merge(partners, on=shared)
+    matched = matched.loc[~matched[[*varied, "distinct"]].duplicated()]
+    return Pairs(chosen.loc[matched["row"]], others_side.loc[matched["partner"]])
 
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
@@ -157,15 +166,15 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
     Faults that changed no bit in either run are left out.
     """
-    found = []
+    comparisons = []
     for number, action in _actions(runs):
         pairs = paired_runs(runs, number)
         acting = pairs.acting
         for among, part in _parts(pairs.where(acting)):
             if len(part.with_):
                 inactive = int((~acting).sum())
-                found.append(_difference(action, among, part, part.faults(sampled), inactive))
-    return found
+                comparisons.append(_difference(action, among, part, part.faults(sampled), inactive))
+    return comparisons
 
 
 def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
@@ -174,20 +183,24 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
     """
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
-    found = []
+    comparisons = []
     for name in crossed:
-        same = ["pair", *(other for other in crossed if other != name)]
+        shared = ["pair", *(other for other in crossed if other != name)]
         first = runs.groupby("pair")[name].transform("first")[counted.index]
         values = counted.assign(first=first)[["first", name]].drop_duplicates().dropna()
-        varied = values.loc[
+        crossed_values = values.loc[
             values["first"].isin(values.loc[values["first"] != values[name], "first"])
         ]
         for start, value in sorted(
-            varied.itertuples(index=False), key=lambda row: (row[0], row[0] != row[1], row[1])
+            crossed_values.itertuples(index=False),
+            key=lambda row: (row[0], row[0] != row[1], row[1]),
         ):
-            mine = counted.loc[first == start]
+            with_first = counted.loc[first == start]
             pairs = _matched(
-                mine.loc[mine[name] == value], mine.loc[mine[name] == start], same, crossed
+                with_first.loc[with_first[name] == value],
+                with_first.loc[with_first[name] == start],
+                shared,
+                crossed,
             )
             acting = pairs.acting
             pairs = pairs.where(acting)
@@ -199,28 +212,28 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
                 for event, words in EVENTS.items()
             }
             path = name.removeprefix("param:")
-            found.append(
+            comparisons.append(
                 CrossedRow(path, start, value, int(acting.sum()), int((~acting).sum()), events)
             )
-    return found
+    return comparisons
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
-    """Return what each action does to the golden runs of all runs with it."""
+    """Return for each action how often and how long the operator interrupts fault-free motion."""
     result = []
     for number, action in _actions(runs):
         # Runs that share robot and operator share one golden run, so it counts once.
         names = [name for name in runs if name == "operator" or name.startswith("golden_")]
-        free = runs.loc[runs["action"] == number, names].drop_duplicates()
-        acted = int((free["golden_reaction_ms"] >= 0).sum())
-        hours = float(free["golden_pedal_down_ms"].to_numpy().sum()) / MS_PER_HOUR
-        mine = paired_runs(runs, number, faulty=False)
-        lost = mine.without["pedal_down_ms"].to_numpy() - mine.with_["pedal_down_ms"].to_numpy()
-        lost = lost[mine.with_["reaction_ms"].to_numpy() >= 0]
+        motions = runs.loc[runs["action"] == number, names].drop_duplicates()
+        acted = int((motions["golden_reaction_ms"] >= 0).sum())
+        hours = float(motions["golden_pedal_down_ms"].to_numpy().sum()) / MS_PER_HOUR
+        pairs = paired_runs(runs, number, faulty=False)
+        lost = pairs.without["pedal_down_ms"].to_numpy() - pairs.with_["pedal_down_ms"].to_numpy()
+        lost = lost[pairs.with_["reaction_ms"].to_numpy() >= 0]
         result.append(
             Idle(
                 MEANINGS[action],
-                tables.rate_of(acted, len(free)),
+                tables.wilson_share(acted, len(motions)),
                 alarm_rate(acted, hours) if hours else None,
                 float(lost.mean()) if len(lost) else math.nan,
             )
@@ -234,6 +247,7 @@ def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
+    # Returns the columns of parameters that differ between the runs of a pair.
     names = [name for name in frame if name.startswith("param:") and name != ACTION]
     pair = frame["pair"]
     return [
@@ -243,43 +257,43 @@ def _crossed_names(frame: pd.DataFrame) -> list[str]:
     ]
 
 
-def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
-    # Yields the parts that get rows: all faults, each layer, each value of a crossed parameter.
-    yield "all faults", mine
-    layers = mine.with_["layer"].to_numpy()
+def _parts(pairs: Pairs) -> Iterator[tuple[str, Pairs]]:
+    # Yields the parts of the table: all faults, each layer, each value of a crossed parameter.
+    yield "all faults", pairs
+    layers = pairs.with_["layer"].to_numpy()
     present = pd.unique(layers)
     if len(present) > 1:
         for layer in present:
-            yield str(layer), mine.where(layers == layer)
-    for name in _crossed_names(pd.concat(mine)):
-        values = mine.with_[name].to_numpy(float)
+            yield str(layer), pairs.where(layers == layer)
+    for name in _crossed_names(pd.concat(pairs)):
+        values = pairs.with_[name].to_numpy(float)
         different = np.unique(values[~np.isnan(values)])
         if 1 < len(different) <= MOST_VALUES:
             for value in different:
-                yield f"{name.removeprefix('param:')} = {value:g}", mine.where(values == value)
+                yield f"{name.removeprefix('param:')} = {value:g}", pairs.where(values == value)
 
 
 def _difference(
-    action: str, among: str, mine: Pairs, faults: Units | None, inactive: int
+    action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # What the operator's reaction changes, run by run.
-    after, before = (part["unintended"].to_numpy() for part in mine)
-    acted = mine.with_["reaction_ms"].to_numpy() >= 0
+    # Computes what the operator's reaction changes.
+    after, before = (part["unintended"].to_numpy() for part in pairs)
+    reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
     return Difference(
         MEANINGS[action],
         among,
         len(after),
         inactive,
         *intervals.compare_rates(after, before, faults),
-        _mean(mine, EXCURSION, faults),
-        _mean(mine, "tissue_depth_mm", faults),
-        intervals.pair_rate(acted, faults),
-        intervals.pair_rate(~before[acted], faults.where(acted) if faults else None),
+        _mean(pairs, EXCURSION, faults),
+        _mean(pairs, "tissue_depth_mm", faults),
+        intervals.pair_rate(reacted, faults),
+        intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
     )
 
 
-def _mean(mine: Pairs, column: str, faults: Units | None) -> Estimate:
-    after, before = (part[column].to_numpy(float) for part in mine)
+def _mean(pairs: Pairs, column: str, faults: Units | None) -> Estimate:
+    after, before = (part[column].to_numpy(float) for part in pairs)
     return intervals.mean_difference(after, before, faults)
 
 
@@ -290,27 +304,29 @@ def compare_actions(runs: Runs) -> list[Difference]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of section "Reaction"; None if no operator reacts.
     if not runs.manifest.shape.reacts:
         return None
-    both, found = runs.once(sample_runs), runs.once(compare_actions)
+    sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
     return {
-        "differences": found,
-        "whole": [row for row in found if row.among == "all faults"],
+        "differences": comparisons,
+        "whole": [row for row in comparisons if row.among == "all faults"],
         "leads": runs.cue_leads,
-        "interruptions": count_interruptions(both),
-        "reaction_runs": (len(both), runs.rows),
+        "interruptions": count_interruptions(sample),
+        "reaction_runs": (len(sample), runs.rows),
     }
 
 
 def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
+    # Returns the variables of section "Crossed parameters"; None without such parameters.
     config = runs.manifest.config
     paths = {
         path for table in (config, *config.get("group", ())) for path in table.get("cross", ())
     }
     if all(path.startswith("reaction.") for path in paths):
         return None
-    both = runs.once(sample_runs)
-    return {"crossed": crossed_rows(both, runs.sampled), "crossed_runs": (len(both), runs.rows)}
+    sample = runs.once(sample_runs)
+    return {"crossed": crossed_rows(sample, runs.sampled), "crossed_runs": (len(sample), runs.rows)}
 
 
 SECTIONS = (

@@ -1,8 +1,8 @@
-"""Section "Robots": rates on one robot, for campaigns that drew whole robots from a file of
+"""Section "Robots": rates for one robot, in campaigns that draw whole robots from a file of
 `ravenjax calibrate`.
 
-Robots are the sampled units. The interval is for the rate of one further robot, and does not
-narrow with more faults per robot.
+The sampled units are robots. The interval is for the rate of one further robot, so more faults per
+robot do not make the interval narrower.
 """
 
 from collections.abc import Mapping
@@ -36,14 +36,14 @@ class RobotRate(NamedTuple):
 
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return the rates of the section, over one run of each fault and robot.
+    """Return the rate of each outcome, over one run of each fault and robot.
 
-    The cue's lead is a question only if the definitions do not decide it.
+    The rate of cues before the motion is left out if definitions alone decide it (`cue_leads`).
     """
     robots = drawn_whole(runs)
     if not robots:
         return []
-    # Which faults each rate is over, and its condition, over columns of facts.
+    # SQL conditions: which faults count for the rate, and which of them have the outcome.
     questions = {
         "evades the checks": ("true", "evaded"),
         "makes an unintended motion": ("true", "unintended"),
@@ -61,20 +61,23 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
             f"WHERE sample AND faulty AND {among} GROUP BY {robot}"
         )
         if sum(n for _, n in rows) >= LEAST_RUNS:
-            one = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
-            result.append(RobotRate(name, one.rate, one.units, one.deviation))
+            per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
+            result.append(RobotRate(name, per_unit.rate, per_unit.units, per_unit.deviation))
     return result
 
 
 def drawn_whole(runs: Runs) -> list[str]:
-    """Return the columns of a robot's parameters; none if robots were not drawn whole."""
+    """Return the columns of the parameters that were drawn together, as one robot."""
     return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
 
 
 def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
-    """Return faults in order: columns of facts, row, group, and the unit that was drawn."""
-    whole = drawn_whole(runs)
-    unit = f"hash({', '.join(map(quote_name, whole))})" if whole else "row"
+    """Return a table of faults: row, group, `columns` of facts, and the number of the drawn unit.
+
+    A unit is a robot if robots were drawn whole, otherwise a row.
+    """
+    robot_parameters = drawn_whole(runs)
+    unit = f"hash({', '.join(map(quote_name, robot_parameters))})" if robot_parameters else "row"
     return runs.table.frame(
         f'SELECT row, "group"::VARCHAR AS "group", {columns}, unit FROM {FACTS} JOIN (SELECT row,'
         f" {unit} AS unit FROM {RESULTS}) USING (row) WHERE {where} ORDER BY row"

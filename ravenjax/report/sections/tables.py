@@ -1,6 +1,6 @@
 """Sections with tables of rates: verdicts, groups, built-in checks and failures.
 
-A rate has an interval only if faults were drawn.
+A rate has a confidence interval only if its faults were drawn at random.
 """
 
 import functools
@@ -31,14 +31,14 @@ _Interval = TypeVar("_Interval", Rate, Estimate)
 
 
 @functools.lru_cache(maxsize=10_000)
-def rate_of(k: int, n: int) -> Rate:
-    """Return the Wilson rate of k in n, cached because cells repeat the same counts."""
+def wilson_share(k: int, n: int) -> Rate:
+    """Return the share k of n with its Wilson interval, cached because tables repeat counts."""
     return wilson_interval(k, n)
 
 
-def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """Return k of n distinct faults of these groups, without an interval if enumerated."""
-    return rate_of(k, n) if runs.sampled(groups) else share_of_cells(k, n)
+def fault_share(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
+    """Return the share k of n distinct faults, without an interval if they were enumerated."""
+    return wilson_share(k, n) if runs.sampled(groups) else share_of_cells(k, n)
 
 
 def without_interval(value: _Interval) -> _Interval:
@@ -70,25 +70,26 @@ class Quantiles(NamedTuple):
 
 
 def quantiles_sql(column: str) -> str:
-    """Return SQL for the values of `Quantiles` of an expression."""
+    """Return SQL for the fields of `Quantiles`, over the values of `column`."""
     return f"quantile_cont(({column})::DOUBLE, [0.5, 0.95, 1.0])"
 
 
 class EventTimes(NamedTuple):
-    """When an event came in some faults. Intervals exist only if all faults were drawn."""
+    """When an event came in runs of some faults. Intervals exist only if all faults were drawn."""
 
     delay: Incidence  # from the fault's first effect
-    half_ms: Estimate  # by which half of the faults had the event
-    before: Rate  # faults with the event before the motion
-    lead_ms: Estimate  # over the motion, median
+    half_ms: Estimate  # time by which half of the faults had the event
+    before: Rate  # faults with the event before the unintended motion
+    lead_ms: Estimate  # median time from the event to the unintended motion
     alarmed: int  # faults with the event
 
 
 def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTENDED) -> EventTimes:
-    """Return when an event came after the first effect, and how long before the motion.
+    """Return how long after the fault's first effect an event came, and how long before the motion.
 
-    `event` is an expression over columns of facts, -1 for never. `leading`: the event that may come
-    before the motion, if it is another one. `where`: the faults, each with an unintended motion.
+    event: SQL for the time of the event in ms, -1 for never, over columns of facts. leading: the
+    same, for an event that is compared with the motion instead. where: SQL condition of the faults,
+    which have an unintended motion.
     """
     delay, lag = (
         runs.delays(sql, start, runs.end, where)[""]
@@ -102,12 +103,13 @@ def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTEND
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
-    """Return counts of distinct faults, by the first valid run of each in which nobody reacts.
+    """Return the counts and rates on the first page, by name.
 
-    Hazards that no check reported: loss, misreport; halted is a loss only because the robot was not
-    live. inactive: valid runs whose fault never changed a bit. repeats: further valid runs of these
-    faults. reacting: runs in which an operator reacts, if nobody does in others. faulty, failed: of
-    all runs. false_cue: of fault-free motions.
+    They count distinct faults, by the first valid run of each in which nobody reacts. loss and
+    misreport are hazards that no check reported. halted counts losses of motion only because the
+    robot was not live. inactive counts valid runs whose fault changed no bit, and repeats counts
+    further valid runs of the same faults. reacting counts runs with an operator who reacts, if
+    others have none. faulty and failed count all runs; false_cue counts fault-free motions.
     """
     conditions = resources.read_tables(__file__, "headline.toml") | {
         name: f"outcome = '{name}'" for name in OUTCOMES
@@ -127,7 +129,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     return {
         **n,
         **{
-            name: of_faults(runs, n[name], total)
+            name: fault_share(runs, n[name], total)
             for name in ("evaded", "unintended", "loss", "misreport")
         },
         "inactive": inactive,
@@ -136,11 +138,13 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "faulty": faulty,
         "failed": failed,
         "outcomes": {
-            name: of_faults(runs, n[name], total) for name in OUTCOMES if name != "failed"
+            name: fault_share(runs, n[name], total) for name in OUTCOMES if name != "failed"
         },
-        "cue_first": of_faults(runs, n["cue_first"], n["both"]),
+        "cue_first": fault_share(runs, n["cue_first"], n["both"]),
         "lead_ms": lead_ms,
-        "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
+        "false_cue": wilson_share(
+            free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count
+        ),
     }
 
 
@@ -151,7 +155,8 @@ def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
 
 
 def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
-    rate_in = rate_of if sampled else share_of_cells
+    # Returns the number of faults by response (rows), hazard and cue (cells).
+    rate = wilson_share if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
     total = _count(cube)
     counts: Any = cube.groupby(["response", "hazard", "cued"])["runs"].sum()
@@ -162,7 +167,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
                 "response": response,
                 "hazard": hazard,
                 "cue": "cue" if cued else "no cue",
-                "share": rate_in(int(counts.get((response, hazard, cued), 0)), total),
+                "share": rate(int(counts.get((response, hazard, cued), 0)), total),
                 "evades": response in verdict.UNTOLD and hazard == "unintended motion",
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
@@ -171,7 +176,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             {
                 "name": response,
                 "cells": cells,
-                "total": rate_in(sum(cell["share"].k for cell in cells), total),
+                "total": rate(sum(cell["share"].k for cell in cells), total),
             }
         )
     return rows
@@ -192,7 +197,7 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
         source = f"{RESULTS} JOIN {FACTS} USING (row)"
         n, k, *hazards = runs.counts(conditions, source, "sample AND faulty")
         hazard = dict(zip(("unintended", "misreport"), hazards, strict=True))
-        rows.append({"rule": words, "rate": of_faults(runs, k, n), **hazard})
+        rows.append({"rule": words, "rate": fault_share(runs, k, n), **hazard})
     return rows
 
 
@@ -201,8 +206,8 @@ def _count(cube: pd.DataFrame) -> int:
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return one row per group, most evasive first: outcomes of its distinct faults as rates, and
-    their verdict matrix.
+    """Return one row per group, those with most evading faults first: the rates of outcomes of its
+    distinct faults, and their verdict matrix.
 
     A group without faults has the rates of its runs in which nobody reacts. `runs` and `failed`
     count all runs of the group.
@@ -211,8 +216,8 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     rows = []
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
-        mine = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n, outcomes = _count(mine), mine["outcome"]
+        counted = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
+        n, outcomes = _count(counted), counted["outcome"]
         rows.append(
             {
                 "name": name,
@@ -220,19 +225,19 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, _count(mine.loc[outcomes == key]), n, [str(name)])
+                    key: fault_share(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
                     for key in OUTCOMES
                     if key != "failed"
                 },
-                "evaded": of_faults(runs, _count(mine.loc[mine["evaded"]]), n, [str(name)]),
-                "matrix": _matrix(mine, runs.sampled([str(name)])),
+                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
+                "matrix": _matrix(counted, runs.sampled([str(name)])),
                 "failed": _count(part.loc[part["failed"]]),
             }
         )
-    return sorted(rows, key=lambda row: (not row["faulty"], *least_last(row["evaded"])))
+    return sorted(rows, key=lambda row: (not row["faulty"], *rate_order(row["evaded"])))
 
 
-def least_last(rate: Rate) -> tuple[bool, float]:
+def rate_order(rate: Rate) -> tuple[bool, float]:
     """Return a sort key that puts the largest rate first and a rate of zero runs last."""
     return not rate.n, -rate.value if rate.n else 0.0
 
@@ -256,15 +261,15 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
 def check_rows(runs: Runs) -> list[dict[str, Any]]:
     """Return one row per built-in check: faults in which it tripped, and its least margin."""
     manifest = runs.manifest
-    own = {check.name for check in manifest.shape.own_checks}
-    names = [name for name in manifest.shape.checks if name not in own]
+    user_defined = {check.name for check in manifest.shape.own_checks}
+    names = [name for name in manifest.shape.checks if name not in user_defined]
     columns = [
         f"count(*) FILTER (check_{name}_first_ms >= 0), min(check_{name}_margin) FILTER (response ="
         f" 'silent' AND NOT isnan(check_{name}_margin::DOUBLE))"
         for name in names
     ]
     total, *numbers = runs.table.row(
-        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.those('sample AND faulty')}"
+        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.matching('sample AND faulty')}"
     )
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
@@ -274,7 +279,7 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
                 "name": check,
                 "what": definition.meaning,
                 "does": definition.does,
-                "tripped": of_faults(runs, tripped, total),
+                "tripped": fault_share(runs, tripped, total),
                 "closest": math.nan if margin is None else float(margin),
                 "unit": "" if definition.unit == "1" else definition.unit,
             }
@@ -283,11 +288,12 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
 
 
 def cause_rows(runs: Runs) -> list[dict[str, Any]]:
-    """Return which check decided the response to faults, most frequent first."""
+    """Return for each check how often it stopped, flagged or limited, most frequent first."""
     counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
     rows = runs.table.rows(
-        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
-        "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
+        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM"
+        f" {runs.matching('sample AND faulty')} WHERE response <> 'silent' GROUP BY cause"
+        " ORDER BY count(*) DESC, cause"
     )
     return [
         {"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))}
@@ -311,7 +317,7 @@ EVERY_SITE = "every site"
 
 
 def overload_rows(runs: Runs) -> list[OverloadRow]:
-    """Return in how many faults a cable was overloaded.
+    """Return the number of faults with an overloaded cable, for all sites and for each site.
 
     The first row is for all sites. Then come the sites with an overload, most frequent first. There
     are no rows if no tension is known.
@@ -327,7 +333,7 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     )
     every, sites = (
         [
-            OverloadRow(site, n, of_faults(runs, k, n, groups), *rest)
+            OverloadRow(site, n, fault_share(runs, k, n, groups), *rest)
             for site, groups, n, k, *rest in class_counts(runs, by, columns)
         ]
         for by in (f"'{EVERY_SITE}'", "site::VARCHAR")
@@ -354,6 +360,7 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of section "Verdicts".
     manifest = runs.manifest
     return {
         "matrix_rows": verdict_matrix(runs),
@@ -362,9 +369,9 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
         "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",
         "stopped": decisions.describe_stop(folder),
         "definitions": [
-            one
-            for one in definitions.definition_rows(manifest.rules, manifest.robot)
-            if one.word != definitions.OVERLOADED or manifest.shape.cables
+            definition
+            for definition in definitions.definition_rows(manifest.rules, manifest.robot)
+            if definition.word != definitions.OVERLOADED or manifest.shape.cables
         ],
     }
 

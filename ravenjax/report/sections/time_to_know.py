@@ -1,5 +1,5 @@
-"""Section "Time to know": how soon after the first effect the cue comes and a check raises an
-alarm.
+"""Section "Time to know": how soon after a fault's first effect the haptic cue comes and a check
+raises an alarm.
 """
 
 from ravenjax.document.chart import Chart, ChartAxis, Curve
@@ -13,24 +13,26 @@ FIRST_MS = 1.0
 
 
 def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
-    """Return a chart of how soon the cue comes and a check reports after the first effect.
+    """Return a chart of the share of faults with a cue, and with an alarm, over time.
 
-    One run of each fault counts. The chart is None if no fault had an effect. Also return how many
-    faults each curve leaves out because the event came before the first effect.
+    Time is counted from the fault's first effect. One run of each fault counts. The chart is None
+    if no fault had an effect. Also return how many faults each curve leaves out because the event
+    came before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
-    told, early_told = tables.event_delays(runs, "told_ms")
+    alarm_delays, early_alarms = tables.event_delays(runs, "told_ms")
     end_ms = float(runs.manifest.duration_ms)
     curves = []
-    for name, colour, one in (
+    for name, colour, delays in (
         ("haptic cue", CUE, incidence_curve(cue)),
-        ("alarm or stop by a check", RESPONSE, incidence_curve(told)),
+        ("alarm or stop by a check", RESPONSE, incidence_curve(alarm_delays)),
         ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
-        if one.n:
+        if delays.n:
             # Enumerated faults have no confidence band.
-            edges = (one.low, one.high) if runs.sampled() else ()
-            label, curve = f"{name} ({one.events:,} of {one.n:,})", (one.time, one.fraction)
+            edges = (delays.low, delays.high) if runs.sampled() else ()
+            label = f"{name} ({delays.events:,} of {delays.n:,})"
+            curve = (delays.time, delays.fraction)
             curves.append(Curve.steps(label, colour, *curve, *edges, start=FIRST_MS, end=end_ms))
     most = max((float(curve.y.max()) for curve in curves), default=0.0)
     ends = FIRST_MS, max(end_ms, 10 * FIRST_MS)
@@ -40,7 +42,7 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
         ChartAxis("share of faults", 0.0, min(1.0, 1.1 * most) if most else 1.0, share=True),
         tuple(curves),
     )
-    return chart if curves else None, {"cue": early_cue, "check": early_told}
+    return chart if curves else None, {"cue": early_cue, "check": early_alarms}
 
 
 SECTIONS = (

@@ -1,4 +1,6 @@
-"""Section "Worst runs": the worst runs of each outcome, and the commands that replay them."""
+"""Section "Worst runs": the runs with the worst outcome of each kind, and the commands that replay
+these runs.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -20,10 +22,10 @@ KINDS = resources.read_tables(__file__, "worst.toml")
 
 
 def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
-    """Return each kind with its fields, the number of faults that had it (n), and its worst runs,
-    one per fault (rows).
+    """Return one item per kind of outcome in KINDS: its fields, the number of faults with this
+    outcome (n), and its worst runs, one per fault (rows).
 
-    `folder`: of the result, for the commands.
+    folder: result folder, which the commands name.
     """
     kinds, manifest = [], runs.manifest
     for name, kind in KINDS.items():
@@ -31,23 +33,24 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             name == "depth" and not manifest.robot.tissue
         ):
             continue
-        far = kind["far"].format(cue=manifest.verdict_cue)
+        far_sql = kind["far"].format(cue=manifest.verdict_cue)
         cases = (
-            runs.those(f"sample AND faulty AND ({kind['where']})")
-            + f" WHERE NOT isnan(({far})::DOUBLE)"
+            runs.matching(f"sample AND faulty AND ({kind['where']})")
+            + f" WHERE NOT isnan(({far_sql})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
-        worst = rank_runs(runs.table, cases, far, MOST)
-        numbered = runs.numbered([one.row for one in worst])
+        worst = rank_runs(runs.table, cases, far_sql, MOST)
+        numbered = runs.whole_rows([ranked.row for ranked in worst])
         lines = [
-            _row(manifest.robot, row, one.value, folder)
-            for row, one in zip(numbered, worst, strict=True)
+            _row(manifest.robot, row, ranked.value, folder)
+            for row, ranked in zip(numbered, worst, strict=True)
         ]
         kinds.append({"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": lines})
     return kinds
 
 
 def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+    # Returns one run of the table: fault, response, times after the first effect, command.
     active = row["first_active_ms"]
     return {
         "run_id": row["run_id"],
@@ -65,6 +68,7 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+    # Returns the variables of the section's template.
     worst = worst_rows(runs, folder)
     every_row = [
         {"kind": kind["title"], "measured": kind["measured"], **row}

@@ -17,6 +17,6 @@ JOINTS: tuple[str, ...] = (
     "grasp2",
 )
 LEADING: tuple[int, ...] = (5,)
-"""Lengths of vectors that hold the first joints only: the jaws have no limits of their own."""
+"""Lengths of vectors for the first joints only, because jaws have no limits."""
 LINEAR: tuple[str, ...] = ("insertion",)
-"""Joints that slide: their unit is m, where the others have rad."""
+"""Joints that slide, with the unit m. Other joints have the unit rad."""

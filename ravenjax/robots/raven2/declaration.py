@@ -26,17 +26,18 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
     """Return (name, unit, path) of the channels that one table describes."""
     names, unit = table["names"], table["unit"]
-    several = str(names) in _NAMES
+    is_set = str(names) in _NAMES
     units = {"insertion": table.get("linear", unit)}
     channels = []
-    for place, name in enumerate(_NAMES[names] if several else names):
-        path = table.get("path", [ARM, "#"] if several else [name])
+    for place, name in enumerate(_NAMES[names] if is_set else names):
+        path = table.get("path", [ARM, "#"] if is_set else [name])
         indexed = tuple(place if step == "#" else step for step in path)
         channels.append((name, units.get(name, unit), indexed))
     return channels
 
 
 def _site(name: str, table: dict[str, Any]) -> Site:
+    # Returns a fault site from its table in declaration.toml.
     channels = tuple(
         Channel(
             *(channel, path, group["kind"], unit),
@@ -49,6 +50,7 @@ def _site(name: str, table: dict[str, Any]) -> Site:
 
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
+    # Returns a seam from its table in declaration.toml.
     channels = tuple(
         SeamChannel(channel, unit, group.get("site", name), path)
         for group in table.pop("channels")
@@ -58,6 +60,7 @@ def _seam(name: str, table: dict[str, Any]) -> Seam:
 
 
 def _signal(name: str, table: dict[str, Any]) -> Signal:
+    # Returns a recorded signal from its table in declaration.toml.
     names, linear = table.pop("names", ""), table.pop("linear", "")
     return Signal(
         name,

@@ -1,4 +1,4 @@
-"""Static choices that select the code of a Raven-II's tick."""
+"""Defines options that are fixed when the code of a Raven-II's tick is generated."""
 
 import dataclasses
 from collections.abc import Callable
@@ -13,7 +13,7 @@ __all__ = ["ArmName", "PerArm", "RavenSetup", "map_arms"]
 
 @dataclasses.dataclass(frozen=True)
 class RavenSetup(setup.Setup):
-    """Everything that selects the code of the tick. Hashable: each setup is compiled once."""
+    """Options that select the code of the tick. Each combination is compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = JOINTS
     leading_joints: ClassVar[tuple[int, ...]] = LEADING
@@ -23,15 +23,15 @@ class RavenSetup(setup.Setup):
     tools: tuple[str, ...] = ("r_grasper",)  # one per arm, a name of geometry.tools
     # how the fork is built: for the robot, or for a dynamics simulator
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
-    console: Literal["increments", "absolute"] = "increments"  # what a packet carries
+    console: Literal["increments", "absolute"] = "increments"  # content of packets
     dac_words: Literal["wrap", "saturate", "unwrapped"] = "wrap"  # how USB stores a DAC command
-    # what moves the links: printed equations, or in engine mjx a step of MuJoCo MJX
+    # how the links' motion is computed: by printed equations, or in engine mjx by MuJoCo MJX
     link_dynamics: Literal["unrolled", "mjx"] = "unrolled"
     substeps: int = 1  # plant steps per 1 ms tick
     # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
     packets: tuple[tuple[float, ...], ...] = ()
-    packet_history: int = 0  # ms; how old packets may be that faults send again, with `packets`
-    # whether the cables' load is an outcome, and what an overload does
+    packet_history: int = 0  # ms; age of the oldest packet that faults may send again
+    # whether cable load is an outcome, and whether an overload breaks the cable
     cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"
     contact: bool = False  # instruments touch tissue, vessel and each other
     command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
@@ -42,5 +42,5 @@ class RavenSetup(setup.Setup):
 def map_arms(
     setup: RavenSetup, function: Callable[..., Any], *columns: tuple[Any, ...]
 ) -> tuple[Any, ...]:
-    """Return `function(setup, arm, *entries)` for each arm, with its entry of each column."""
+    """Return `function(setup, arm, *entries)` for each arm, with the arm's entry of each column."""
     return tuple(function(setup, *row) for row in zip(setup.arms, *columns, strict=True))

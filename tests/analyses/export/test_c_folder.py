@@ -97,7 +97,7 @@ def test_what_is_wrong_is_one_line(tmp_path, capsys):
     ):
         assert main(["export", *words]) == 2
         assert part in capsys.readouterr().err
-    with pytest.raises(UserError, match="expected the same of both"):
+    with pytest.raises(UserError, match="expected the same"):
         c_folder.write_library(
             tmp_path, rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["green"])
         )

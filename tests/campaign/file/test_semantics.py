@@ -65,7 +65,7 @@ def load(text: str) -> Any:
         ),
         (
             "software = 'fork2015'\npolicy = 'hard_regulation'\n" + PLAIN,
-            "campaign.policy: got 'hard_regulation', but the 2015 fork has no policy",
+            "campaign.policy: got 'hard_regulation', but software 'fork2015' has no policy",
         ),
     ],
 )

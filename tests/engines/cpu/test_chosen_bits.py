@@ -1,5 +1,5 @@
 """Choices between bits of several numbers, through vector code: of some, LLVM 22.1 makes one
-instruction for AVX-512 that takes the wrong bits (`LlvmPrinter._chosen_apart`)."""
+instruction for AVX-512 that takes the wrong bits (`LlvmPrinter._select_as_floats`)."""
 
 import random
 

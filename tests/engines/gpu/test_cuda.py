@@ -28,7 +28,7 @@ def operations(device):
 def test_every_operation_gives_the_bits_that_it_means(device, operations, k):
     def launch(name, given, out, n):
         with DeviceSession(device) as session:
-            there, room = session.upload(given), session.room(out.size)
+            there, room = session.upload(given), session.allocate(out.size)
             session.launch(operations.function(name), -(-n // 64), 64, session.main, there, room, n)
             session.read(out, room, session.main)
         return out

@@ -38,7 +38,10 @@ def test_calls_reach_the_functions_that_they_name():
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("declare i32 @far()\ndefine i32 @f() { %y = call i32 @far() ret i32 %y }", "imports 2"),
+        (
+            "declare i32 @far()\ndefine i32 @f() { %y = call i32 @far() ret i32 %y }",
+            "has 2 imports",
+        ),
         ("@w = global i32 5\ndefine i32 @f() { %y = load i32, ptr @w ret i32 %y }", "section"),
     ],
 )

@@ -210,7 +210,7 @@ def test_a_choice_is_said_and_outlives_its_console():
     assert sent(gate, 6, quats=(turn, IDENTITY)) == TAKEN
     assert gate.profile == consoles.load_profile("raven")
     (line,) = told
-    assert line.startswith("console: profile raven, ") and "It is not dv_trainer: 4 of" in line
+    assert line.startswith("console: profile raven, ") and "Not profile dv_trainer: 4 of" in line
     assert gate.peer(9999.0) is None
     assert sent(gate, 1, quats=((0.0, 1.0, 0.0, 1.0), IDENTITY), now_ms=9999.0) == "quaternion", (
         "it never switches"

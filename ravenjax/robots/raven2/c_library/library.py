@@ -58,17 +58,18 @@ class Struct(NamedTuple):
 def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
     """Return the library of this software and robot, with their present settings and state.
 
-    Raises UserError if the two do not belong together.
+    Raises UserError if the software and the robot have different arms or tools.
     """
     arms = software.setup.arms
     if arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
         raise UserError(
-            f"the control software has arms {arms} with tools {software.setup.tools}, the robot"
-            f" {robot.setup.arms} with {robot.setup.tools}: expected the same of both"
+            f"the control software has arms {arms} with tools {software.setup.tools}, but the robot"
+            f" has arms {robot.setup.arms} with tools {robot.setup.tools}: expected the same"
         )
     if software.setup.console != "increments":
         raise UserError(
-            "console is 'absolute', whose packets no wire carries; the C library takes increments"
+            "console is 'absolute', expected 'increments', because the datagrams of the C library"
+            " contain increments"
         )
     templates = jinja2.Environment(
         loader=jinja2.PackageLoader("ravenjax.robots.raven2.c_library"),
@@ -129,10 +130,11 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
 def members_of(
     kind: transition.RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
 ) -> list[Member]:
-    """Return the members of a record's struct, in order.
+    """Return the members of the C struct for a record, in order.
 
-    A record within it gives one member per field, named by the path to the field. The numbers of a
-    Vec are an array, and so are adjacent numbers of several arms. units: by path, without arms.
+    A nested record becomes one member per field, named by the path to the field. The numbers of a
+    Vec become an array, and so do adjacent numbers of several arms. units: path without arms ->
+    units.
     """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
@@ -154,7 +156,7 @@ def members_of(
 
 
 def _shape(place: Any) -> tuple[int, ...] | None:
-    """Return the dimensions of equally long tuples of numbers; () for a number, else None."""
+    """Return the dimensions of nested tuples of numbers; () for a number, None if not an array."""
     try:
         return np.array(place, dtype=int).shape
     except (TypeError, ValueError):

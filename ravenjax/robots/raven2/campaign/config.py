@@ -37,14 +37,14 @@ from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 HEALTHY_MM = 0.1
-"""A healthy robot that moves is further off its nominal model: 0.6 to 1.8 mm as generated."""
+"""Below the distance of any fault-free moving robot from its nominal model (0.6 to 1.8 mm)."""
 REACH_MM = 429.0
-"""Longest distance of two places of the tip within the hard stops of joints 1 to 3."""
+"""Longest distance between two tip positions within the hard stops of joints 1 to 3."""
 _REACTION = resources.read_tables(__file__, "reaction.toml")
 READ_BY: dict[str, list[str]] = _REACTION["read_by"]
-"""Actions that read each parameter of a reaction."""
+"""Parameter of a reaction -> the actions that use the parameter."""
 IDLE: dict[str, float] = _REACTION["idle"]
-"""Values with which an action has no effect."""
+"""Parameter of a reaction -> the value with which the action has no effect."""
 
 
 class RavenConfig(CampaignConfig):
@@ -54,11 +54,11 @@ class RavenConfig(CampaignConfig):
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
     reaction: Reaction | None = None
-    """an operator who reacts; without it nobody does"""
+    """an operator who reacts to the haptic cue; without this section, nobody reacts"""
     controller: OwnStages | None = None
-    """stages of the control software that are files of your own"""
+    """your own files as stages of the control software"""
     hand: Hand | None = None
-    """a hand that the cue moves; without it the cue is a signal"""
+    """a hand that the cue moves; without this section, the cue moves no hand"""
     changeable: ClassVar[str] = r"(control|plc|plant(?!.*\.kinematic_errors))\."
 
     @model_validator(mode="after")
@@ -87,7 +87,10 @@ class RavenConfig(CampaignConfig):
         return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (prefix of its parameters' paths, code) for each user's file. Raises UserError."""
+        """Yield (prefix of the paths of the file's parameters, code) for each user's file.
+
+        Raises UserError.
+        """
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source
@@ -130,24 +133,25 @@ class RavenConfig(CampaignConfig):
         yield from super().lines()
         operator = self.operator
         what = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
-        hands = "" if operator.hands is None else f"; {operator.hands} has the hands"
+        hands = "" if operator.hands is None else f"; hands moved by {operator.hands}"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
-            yield "contact", "jaw tips with tissue and vessel, instruments with each other"
+            yield "contact", "of jaw tips with tissue and vessel, of instruments with each other"
         if self.controller is not None:
             files = (f"{stage}: {file}" for stage, file in self.controller.files())
             yield "controller", ", ".join(files)
-        timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
+        timing = f"; on average {self.cycles_a_packet:.3g} control cycles per packet"
         timing *= self.random_packets
         scale = f"; scale {operator.scale:g}"
         yield "operator", f"{what}{hands}{scale}{timing}{self._reaction()}{yields}"
 
     def _reaction(self) -> str:
+        # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
         axes = [self.parameters, self.cross]
         axes += [axes for group in self.group for axes in (group.parameters, group.cross)]
-        varies = "reaction.action varies, elsewhere " * any("reaction.action" in a for a in axes)
+        varies = "as reaction.action varies, or " * any("reaction.action" in a for a in axes)
         return f"; at the cue: {varies}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
@@ -177,19 +181,22 @@ class RavenConfig(CampaignConfig):
                 if key.endswith("_deg") and 0 < largest <= math.pi:
                     yield (
                         (name, key),
-                        f"got {angle} degrees; if radians are meant, write"
-                        f" {np.round(np.degrees(angle), 2).tolist()}",
+                        f"got {angle} degrees. If this is meant in radians, write"
+                        f" {np.round(np.degrees(angle), 2).tolist()} degrees",
                     )
         axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
         errors = [path for path in axes if ".kinematic_errors." in path]
         if self.campaign.kinematic_errors == "none" and all(p.endswith(".scale") for p in errors):
             yield from (
-                (("parameters", path), "scales nothing while campaign.kinematic_errors is 'none'")
+                (("parameters", path), "has no effect while campaign.kinematic_errors is 'none'")
                 for path in errors
             )
         if self.campaign.kinematic_errors == "measured":
             yield from (
-                (("parameters", path), "0 removes the errors that campaign.kinematic_errors draws")
+                (
+                    ("parameters", path),
+                    "the value 0 removes the errors of campaign.kinematic_errors = 'measured'",
+                )
                 for path in errors
                 if path.endswith(".scale") and axes[path].values == (0,)
             )
@@ -198,13 +205,13 @@ class RavenConfig(CampaignConfig):
         if self.operator.place == "home" and self.operator.offset_mm is not None:
             yield (
                 ("operator", "offset_mm"),
-                "place = 'home' moves the tip wherever the offset put it",
+                "has no effect with place = 'home', which moves the tip to the home pose",
             )
         limits = self.limits.si()
         for joint, start in self.operator.start.si().items():
             low, high = limits.get(joint, (start, start))
             if not low <= start <= high:
-                yield ("operator", "start"), f"{joint} begins beyond its limits in [limits]"
+                yield ("operator", "start"), f"{joint} starts outside its range in [limits]"
         sites = {
             fault.site
             for group in self.group
@@ -212,7 +219,7 @@ class RavenConfig(CampaignConfig):
             for fault in group.faults_of(run)
         }
         if self.campaign.dac_words is not None and "usb_out" not in sites:
-            yield ("campaign", "dac_words"), "nothing reads it without a fault at site usb_out"
+            yield ("campaign", "dac_words"), "has no effect without a fault at site usb_out"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
         """See `CampaignConfig.notices_of_runs`."""
@@ -230,20 +237,21 @@ class RavenConfig(CampaignConfig):
                 yield (
                     key,
                     in_no_run(plan.numbers("control.overdrive.policy") != 0),
-                    "decides nothing with policy 'no_regulation', which neither clips nor counts",
+                    "has no effect with policy 'no_regulation', which ignores these limits",
                 )
         if self.detector and "detectors.armed_after" in paths:
             late = plan.numbers("detectors.armed_after") >= plan.ends
-            yield "detectors.armed_after", late, "no detector looks before the run's end"
+            yield "detectors.armed_after", late, "no detector becomes active before the run ends"
         if self.hand is not None:
             idle = plan.numbers("hand.newtons_per_unit") == 0
-            yield "hand.newtons_per_unit", idle, "0 moves no hand"
+            yield "hand.newtons_per_unit", idle, "with 0 N per device unit the cue moves no hand"
         if self.reaction is not None:
             yield from self._reaction_notices(plan, paths, in_no_run)
 
     def _reaction_notices(
         self, plan: Any, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
+        # Yields (key, runs, message) for values of [reaction] without effect.
         written = {
             "correct_speed" if name == "correct_mm_s" else name
             for name, field in Reaction.model_fields.items()
@@ -255,23 +263,23 @@ class RavenConfig(CampaignConfig):
             read = np.isin(action, actions)
             if name in written or f"reaction.{name}" in paths:
                 unread = in_no_run(read)
-                yield f"reaction.{name}", unread, "nothing reads it with this reaction.action"
+                yield f"reaction.{name}", unread, "has no effect with this reaction.action"
             if name in IDLE:
                 idle = read & (numbers[name] == IDLE[name])
-                yield f"reaction.{name}", idle, f"{IDLE[name]:g} leaves the action without effect"
+                yield f"reaction.{name}", idle, f"with {IDLE[name]:g} the action has no effect"
         acts, cap = action != "none", self.haptics.cues()[0].cap
         force = numbers["felt_force"]
         yield (
             "reaction.felt_force",
             acts & (force > np.float32(cap)),
-            f"{force.max():g} is never felt: the cue pulls with at most cap = {cap:g}",
+            f"{force.max():g} device units are never reached: the cue's cap is {cap:g}",
         )
         faults = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
         left = plan.ends - np.where(faults, plan.acts, 0)
         yield (
             "reaction.delay_ms",
             acts & (numbers["delay_ms"] >= left),
-            "an action after the first cue of a fault comes only after the run's end",
+            "the delay is so long that the run ends before the operator acts",
         )
 
     @property
@@ -286,28 +294,30 @@ class RavenConfig(CampaignConfig):
         if hands is not None and self.reaction is not None:
             yield (
                 ("reaction",),
-                f"is how the built-in operator reacts, but operator.hands is {hands}: let the file"
-                " react (view.arms has the cue's force), and remove [reaction]; or remove"
+                f"[reaction] is for the built-in operator, but operator.hands is {hands}. Remove"
+                " [reaction] and react in the file (view.arms has the cue's force), or remove"
                 " operator.hands",
             )
         if self.operator.motion == "clutched" and self.campaign.console == "absolute":
             yield (
                 ("operator", "motion"),
-                "got 'clutched', expected console = 'increments': an absolute one has no clutch",
+                "got 'clutched', expected campaign.console = 'increments', because a console that"
+                " sends absolute positions has no clutch",
             )
         for key, table in self.parameter_tables():
             choice = table.get("network.packets")
             if choice and packets.OWN in choice.values and isinstance(self.campaign.packets, str):
                 yield (
                     (*key, "network.packets"),
-                    f"got {packets.OWN}, which means the shares in campaign.packets: write them"
-                    " there",
+                    f"got {packets.OWN}, which selects the shares in campaign.packets, but"
+                    " campaign.packets has no shares: write a list of shares there",
                 )
             if "network.cycles_per_packet" in table and self.random_packets:
                 yield (
                     (*key, "network.cycles_per_packet"),
-                    "nothing reads it where packets are drawn: remove it, or for n cycles a packet"
-                    " write campaign.packets = [0, .., 1] with n numbers",
+                    "has no effect where the lengths of packets are drawn: remove this"
+                    " parameter. For n cycles per packet, write campaign.packets = [0, .., 1] with"
+                    " n numbers",
                 )
         for g, group in enumerate(self.group):
             longest = self.longest_packet if self.random_packets else 1
@@ -316,18 +326,18 @@ class RavenConfig(CampaignConfig):
             if hands is not None and age > 0:
                 yield (
                     ("group", g),
-                    "faults at site 'network' may send packets of before, which are made of the"
-                    f" plan, but operator.hands is {hands}, which may have done otherwise: remove"
-                    " operator.hands, or let the faults lose packets (effect 'drop', channels lost"
-                    " and bursts)",
+                    "faults at site 'network' may send older packets, which are computed from the"
+                    f" plan, but operator.hands is {hands}, which may have left the plan. Remove"
+                    " operator.hands, or use faults that lose packets (effect 'drop', channels"
+                    " lost and bursts)",
                 )
             if self.random_packets and age > LONGEST_HISTORY_MS:
                 yield (
                     ("group", g),
-                    f"faults at site 'network' may send packets of {age:.0f} ms ago, expected at"
-                    f" most {LONGEST_HISTORY_MS} where the lengths of packets are drawn:"
-                    " give them smaller values, write a shorter campaign.duration_s, or"
-                    ' campaign.packets = "every_cycle"',
+                    f"faults at site 'network' may send packets that are {age:.0f} ms old,"
+                    f" expected at most {LONGEST_HISTORY_MS} ms where the lengths of packets are"
+                    " drawn. Write smaller values of these faults, a shorter campaign.duration_s,"
+                    ' or campaign.packets = "every_cycle"',
                 )
 
     @property
@@ -344,44 +354,51 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """Age in ms that a packet sent again may have, if lengths are drawn; 0: none is."""
+        """Age in ms of the oldest packet that a network fault may send again; 0: none.
+
+        Only for packets with drawn lengths; 0 without them.
+        """
         if not self.random_packets:
             return 0
         return int(min(_oldest_packet_ms(self.group, self.longest_packet), self.campaign.ticks))
 
     @property
     def longest_packet(self) -> int:
-        """Return the largest number of cycles that a packet may last, if lengths are drawn."""
+        """Largest number of cycles that a packet may last, if lengths are drawn."""
         shares = self.campaign.packet_shares
         return max(map(len, (shares, *packets.SHARES) if self._packet_axes else (shares,)))
 
     @property
     def cycles_a_packet(self) -> float:
-        """Mean number of cycles per packet if it is the same in all runs, else 1, the least."""
+        """Mean number of cycles per packet; 1, the smallest, if the mean differs between runs."""
         return 1.0 if self._packet_axes else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Return why the parameter at `path` has no effect in this campaign; "" if it has."""
+        """Return why the parameter at `path` has no effect in this campaign, or ""."""
         if path == "control.overdrive.dac_max.grasp2":
-            return "nothing reads it: the original's check never looks at grasp2"
+            return "has no effect: the original's overdrive check ignores grasp2"
         from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
 
         for quantity in bounds.allowed_values(self.robot, path):
             key, value = quantity.read_when or ("", "")
             if key and getattr(self.campaign, key) != value:
                 return (
-                    f"it is read only with {key} = {value!r}: remove it, or set {key} in [campaign]"
+                    f"has an effect only with {key} = {value!r}: remove this parameter, or set"
+                    f" {key} in [campaign]"
                 )
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether values beyond 16 bits are meant: `wraps`, or `dac_words` at USB."""
+        """Return whether the file states how the fault's values beyond 16 bits are stored.
+
+        The fault's key `wraps` states it, or campaign.dac_words at site usb_out.
+        """
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return what affects the outcome of every run alike, for run ids, without defaults."""
+        """Return the settings that affect all runs, without defaults. Run ids depend on them."""
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # same as without the key
@@ -412,17 +429,18 @@ class RavenConfig(CampaignConfig):
 # --- packets that network faults send again ---
 
 LONGEST_HISTORY_MS = 8192
-"""The longest history of packets that a tick keeps, if their lengths are drawn.
+"""Length of the longest history of packets, which is stored if packet lengths are drawn.
 
-Without draws, the place of an older packet in the motion follows from its number. The history has
-256 words, and needs 9 000 operations beside 11 400 of the rest of a tick.
+Without draws, the tick in which an older packet was sent follows from its number. The history has
+256 words and needs 9 000 operations per tick. The rest of a tick needs 11 400.
 """
 
 
 def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
-    """Return the age of the oldest packet of all runs, ms; 0: none is sent again; may be infinite.
+    """Return the age in ms of the oldest packet that faults may send again in any run.
 
-    longest: largest number of cycles that a packet lasts.
+    0 if no packet is sent again; infinite if the age has no bound. longest: largest number of
+    cycles that a packet lasts.
     """
     runs = (
         faults
@@ -433,18 +451,19 @@ def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:
+    # Returns the age of the oldest packet that the faults of one run may send again, ms.
     network = [fault for fault in faults if fault.site == "network"]
     counts = [count for fault in network if (count := _packets(fault)) is not None]
     late = any("jitter" in _channels(fault) for fault in network)
     if not counts and not late:
         return 0.0
-    # The packet before it is needed, too, because increments count from it. And the newest packet
-    # may be `longest` old when it is needed.
+    # 2: increments count from the packet before the oldest, and the newest packet may be `longest`
+    # cycles old.
     return (sum(counts) + 2) * longest + math.ceil(DELAY_MS[1] + JITTER_MS[1]) * late
 
 
 def _packets(fault: Fault) -> float | None:
-    """Return the longest delay by a fault of the network, in packets; None for another channel."""
+    """Return the longest delay by a network fault, in packets; None if the fault delays none."""
     if not _channels(fault) & {"lag", "delay"}:
         return None
     most = 0.0
@@ -461,6 +480,7 @@ def _packets(fault: Fault) -> float | None:
 
 
 def _channels(fault: Fault) -> set[str]:
+    # Returns the channels of a fault. An effect on packets names its channel itself.
     bound = {
         NETWORK_EFFECTS[name].channel for name in fault.effect.listed if name in NETWORK_EFFECTS
     }
@@ -469,9 +489,10 @@ def _channels(fault: Fault) -> set[str]:
 
 
 def of_raven(config: CampaignConfig) -> RavenConfig:
-    """Return the campaign as one of a Raven-II. Raises UserError if it is of another robot."""
+    """Return the campaign of a Raven-II. Raises UserError if the campaign has another robot."""
     if not isinstance(config, RavenConfig):
         raise UserError(
-            f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II"
+            f"campaign.robot is {config.campaign.robot!r}, expected 'raven2', because this command"
+            " works for a Raven-II only"
         )
     return config

@@ -31,7 +31,7 @@ def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Return the limits of a campaign to which the control software cuts an operator's commands."""
+    """Return the limits to which the control software clamps the operator's commands."""
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
     given = config.limits.si()
     pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
@@ -44,15 +44,15 @@ def operator_bounds(config: RavenConfig) -> Bounds:
 
 
 def scale_hands(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
-    """Return the summary of a replay under the teleoperation scales that a campaign varies.
+    """Return the summary of a replay with the teleoperation scales that a campaign varies.
 
-    Raises UserError if a scale takes the replay beyond the limits.
+    Raises UserError if a scale moves the replay beyond the limits.
     """
     if scales is None or np.isnan(scales).all():
         return replay.summary
-    some = np.where(np.isnan(scales), replay.summary.scale, scales)
-    recorded.require_scales(replay, some)
-    return replay.summary.model_copy(update={"scales": (float(some.min()), float(some.max()))})
+    used = np.where(np.isnan(scales), replay.summary.scale, scales)
+    recorded.require_scales(replay, used)
+    return replay.summary.model_copy(update={"scales": (float(used.min()), float(used.max()))})
 
 
 def operator_motion(config: RavenConfig) -> Motion:
@@ -65,8 +65,8 @@ def operator_motion(config: RavenConfig) -> Motion:
         name, config.campaign.duration_s, arms, operator.seed
     ).first(config.campaign.ticks)
     start = operator.start.si()
-    begins = (
+    starts = (
         tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True))
         for jpos in generated.start_jpos
     )
-    return dataclasses.replace(generated, start_jpos=tuple(begins))
+    return dataclasses.replace(generated, start_jpos=tuple(starts))

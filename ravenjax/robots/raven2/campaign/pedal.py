@@ -26,11 +26,11 @@ from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
 from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
-MOVING = ("network", "packet_header")
-"""Sites where a fault may move the pedal, beside those where it may restart a robot."""
+PEDAL_SITES = ("network", "packet_header")
+"""Fault sites where a fault may change the pedal, in addition to those of `may_restart`."""
 
 LATENCY = 8
-"""Ticks from a packet until the software has followed its pedal, with a margin."""
+"""Most ticks from a packet until its pedal changes the run level, with a margin."""
 
 BLOCK = 2**20
 """Number of packets whose lengths are drawn at a time."""
@@ -42,7 +42,10 @@ def trigger_clocks(
     varied: Mapping[str, np.ndarray],
     runs: int,
 ) -> Clocks:
-    """Return the clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
+    """Return the times of packets and pedal-down in all runs, as `ravenjax.campaign.prepared` asks.
+
+    columns: the operator's motion. varied: path of a parameter -> its values [runs].
+    """
     setup, params, ticks = program.setup, program.params, program.ticks
 
     def numbers(path: str) -> np.ndarray:
@@ -59,10 +62,10 @@ def trigger_clocks(
     if params.reaction is not None:
         slowed = numbers("reaction.action") == SLOW
     unknown = slowed | (longest - 1 > timeout) | (setup.hands is not None)
-    ways = np.stack([cycles, longest, obeyed, unknown], axis=1)
-    kinds, kind = ways[:1], np.zeros(runs, np.int64)
-    if (ways != kinds).any():  # sorting the rows of millions of runs takes seconds
-        kinds, kind = np.unique(ways, axis=0, return_inverse=True)
+    cases = np.stack([cycles, longest, obeyed, unknown], axis=1)
+    distinct, case = cases[:1], np.zeros(runs, np.int64)
+    if (cases != distinct).any():  # sorting the rows of millions of runs takes seconds
+        distinct, case = np.unique(cases, axis=0, return_inverse=True)
     foot = columns[-1].astype(np.int32) > 0
     # A simulator's packet generator ends with the robot's software E-stop
     arrivals = None
@@ -70,27 +73,36 @@ def trigger_clocks(
         arrivals = DrawnPackets(setup.packets, choice, varied["network.packet_key"], ticks)
     elif setup.build == "robot":
         arrivals = EvenPackets(cycles, ticks)
-    moves = (key[0] in MOVING or may_restart(*key) for key in channel_keys(setup))
+    may_move = (key[0] in PEDAL_SITES or may_restart(*key) for key in channel_keys(setup))
     return Clocks(
         arrivals=arrivals,
         phases=tuple(
-            _phases(setup.software, foot, least, most if setup.packets else 0, plc, lost, ticks)
-            for least, most, plc, lost in kinds.tolist()
+            _pedal_phases(
+                setup.software,
+                foot,
+                shortest,
+                longest_length if setup.packets else 0,
+                plc,
+                unknown_times,
+                ticks,
+            )
+            for shortest, longest_length, plc, unknown_times in distinct.tolist()
         ),
-        kind=kind.reshape(-1),
-        moved=np.array([False, *moves]),
+        kind=case.reshape(-1),
+        moved=np.array([False, *may_move]),
     )
 
 
 def planned_pedal_down(
     software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int
 ) -> np.ndarray:
-    """Return the ticks in which the robot is in pedal-down if nothing stops it, bool [ticks].
+    """Return whether the robot is in pedal-down in each tick if nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion]. cycles: ticks of a packet. plc: the software obeys the PLC.
+    foot: bool [rows of the motion], pedal pressed. cycles: ticks that each packet lasts. plc:
+    whether the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
-    phases = _phases(software, foot, cycles, 0, plc, False, ticks)
+    phases = _pedal_phases(software, foot, cycles, 0, plc, False, ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
         down[begin - 1 : end - (end < ticks)] = True
     return down
@@ -101,7 +113,7 @@ def planned_pedal_down(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EvenPackets:
-    """Packets that all last equally long; implements `faults.clocks.Arrivals`."""
+    """Arrival times of packets that all have the same length; as `faults.clocks.Arrivals`."""
 
     cycles: np.ndarray  # int64 [runs]
     ticks: int
@@ -115,7 +127,7 @@ class EvenPackets:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DrawnPackets:
-    """Packets whose lengths each run draws; implements `faults.clocks.Arrivals`."""
+    """Arrival times of packets with drawn lengths; as `faults.clocks.Arrivals`."""
 
     shares: tuple[tuple[float, ...], ...]  # as RavenSetup.packets
     choice: np.ndarray  # int64 [runs], index in `shares`
@@ -123,79 +135,81 @@ class DrawnPackets:
     ticks: int
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+        # Returns the arrival ticks of packets (numbers from 1) in the runs `rows`, int64.
         wanted = np.minimum(packets, self.ticks + 1)
-        out = np.empty(len(rows), np.int64)
-        for some, begin, ticks in self._drawn(rows, int(wanted.max(initial=1))):
-            place = wanted[some] - 1 - begin
-            here = (place >= 0) & (place < ticks.shape[1])
-            out[some[here]] = ticks[here, place[here]]
-        return out
+        result = np.empty(len(rows), np.int64)
+        for indices, begin, ticks in self._drawn(rows, int(wanted.max(initial=1))):
+            offset = wanted[indices] - 1 - begin
+            inside = (offset >= 0) & (offset < ticks.shape[1])
+            result[indices[inside]] = ticks[inside, offset[inside]]
+        return result
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
         count = np.zeros(len(rows), np.int64)
-        for some, _, ticks in self._drawn(rows, self.ticks + 1):
-            count[some] += (ticks < self.ticks).sum(axis=1)
+        for indices, _, ticks in self._drawn(rows, self.ticks + 1):
+            count[indices] += (ticks < self.ticks).sum(axis=1)
         return count
 
     def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         """Yield (indices in `rows`, earlier packets, arrival ticks [indices, packets])."""
-        wide = min(most, 4096)
-        high = max(1, BLOCK // wide)
-        for top in range(0, len(rows), high):
-            some = np.arange(top, min(top + high, len(rows)))
-            comes = np.zeros(len(some), np.int64)
-            key, choice = self.key[rows[some]][:, None], self.choice[rows[some]][:, None]
-            for begin in range(0, most, wide):
-                packet = np.arange(begin, min(begin + wide, most), dtype=np.int32)[None]
+        columns = min(most, 4096)
+        rows_at_once = max(1, BLOCK // columns)
+        for first in range(0, len(rows), rows_at_once):
+            indices = np.arange(first, min(first + rows_at_once, len(rows)))
+            arrival = np.zeros(len(indices), np.int64)
+            key, choice = self.key[rows[indices]][:, None], self.choice[rows[indices]][:, None]
+            for begin in range(0, most, columns):
+                packet = np.arange(begin, min(begin + columns, most), dtype=np.int32)[None]
                 with at_once():
-                    lasts = packet_clock.packet_length(self.shares, choice, key, packet).astype(
+                    lengths = packet_clock.packet_length(self.shares, choice, key, packet).astype(
                         np.int64
                     )
-                after = comes[:, None] + np.cumsum(lasts, axis=1)
-                yield some, begin, np.concatenate([comes[:, None], after[:, :-1]], axis=1)
-                comes = after[:, -1]
+                ends = arrival[:, None] + np.cumsum(lengths, axis=1)
+                yield indices, begin, np.concatenate([arrival[:, None], ends[:, :-1]], axis=1)
+                arrival = ends[:, -1]
 
 
 # --- the pedal ---
 
 
-def _phases(
+def _pedal_phases(
     software: str, foot: np.ndarray, cycles: int, longest: int, plc: int, unknown: int, ticks: int
 ) -> PedalPhases:
-    """Return the phases in which the pedal is down.
+    """Return the intervals in which the robot is in pedal-down.
 
-    cycles: ticks that a packet lasts, if its length is not drawn. longest: ticks that the longest
-    packet lasts; 0: lengths are not drawn. plc: whether the software obeys the PLC.
+    foot: bool [rows of the motion], pedal pressed. cycles: ticks of a packet, if lengths are not
+    drawn. longest: ticks of the longest packet; 0: lengths are not drawn. plc: whether the software
+    obeys the PLC. unknown: whether times depend on what happens in the run.
     """
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
     changes = changes * (1 if longest else cycles)
     changes = changes[changes < ticks]
-    later: int | None = max(longest - 1, 0)
-    if unknown or (later and (np.diff(changes) <= later + LATENCY).any()):
-        later = None  # changes may overtake each other
+    most_late: int | None = max(longest - 1, 0)
+    if unknown or (most_late and (np.diff(changes) <= most_late + LATENCY).any()):
+        most_late = None  # changes may overtake each other
     level = PEDAL_UP if software == "raven2" else PEDAL_DOWN
-    turns = list(_turns(changes.tolist(), level, plc, ticks))
+    turns = list(_clock_changes(changes.tolist(), level, plc, ticks))
     begins, ends = turns[0::2], turns[1::2]
     if len(ends) < len(begins):
         ends.append(ticks)
-    return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), later)
+    return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), most_late)
 
 
-def _turns(changes: Sequence[int], level: int, plc: int, ticks: int) -> Iterator[int]:
-    """Yield the ticks before `ticks` in which the pedal's clock starts and stops, alternately.
+def _clock_changes(changes: Sequence[int], level: int, plc: int, ticks: int) -> Iterator[int]:
+    """Yield the ticks before `ticks` in which pedal-down begins and ends, alternately.
 
-    changes: ticks in which a packet with another position of the foot comes, the first one down.
-    level: run level in which the robot begins. The rules are those of `state_machine.adopt_level`
-    and `plc.step`, for a robot that nothing stops.
+    changes: ticks of packets in which the foot presses and lifts the pedal, alternately. level: run
+    level at the start. The rules are those of `state_machine.adopt_level` and `plc.step`, for a
+    robot that nothing stops.
     """
     foot, plc_level, mismatches, tick = False, level, 0, 0
-    if level == PEDAL_DOWN:  # what tick 0 counts is read in tick 1
+    if level == PEDAL_DOWN:  # a count of tick 0 is used in tick 1
         yield 1
-    ahead = iter([*changes, ticks])
-    change = next(ahead)
+    coming = iter([*changes, ticks])
+    change = next(coming)
     while tick + 1 < ticks:
         while change <= tick:
-            foot, change = not foot, next(ahead)
+            foot, change = not foot, next(coming)
         before = level, plc_level, mismatches
         if plc and plc_level != level:
             mismatches += 1

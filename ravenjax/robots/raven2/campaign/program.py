@@ -38,7 +38,7 @@ A campaign sets the key from run ids.
 """
 
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
-"""Parameter that makes the tick keep past commands, and the longest delay that it keeps, ms."""
+"""Parameter that delays commands, and the longest delay for which the tick stores commands, ms."""
 
 
 SAME = ("software", "build", "console", "substeps", "contact", "noise")
@@ -53,9 +53,10 @@ def prepare_campaign(
     injection: Injection,
     precision: Precision,
 ) -> Prepared:
-    """Prepare a campaign; see `ravenjax.campaign.prepared`.
+    """Return the options, parameters and operator's motion of a campaign.
 
-    Raises UserError if the operator's file cannot be used.
+    varied: path of a parameter that differs between runs -> its values. Raises UserError if the
+    operator's file cannot be used.
     """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
@@ -89,7 +90,7 @@ def prepare_campaign(
 def _distributions(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the distributions that packets may have; () if every cycle has a packet."""
+    """Return the distributions of packet lengths; () if every cycle has a packet in all runs."""
     shares = config.campaign.packet_shares
     varied = choices is not None and np.nan_to_num(choices).any()
     drawn = varied or shares != packets.SHARES[packets.EVERY_CYCLE]
@@ -110,12 +111,12 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
             params,
             checks=user_files.check_params(setup, [check.threshold for check in config.check]),
         )
-    for path, value in _written(config).items():
+    for path, value in _values_of_file(config).items():
         params = paths.assign_numbers(params, setup, path, value)
     return params
 
 
-def _written(config: RavenConfig) -> dict[str, Any]:
+def _values_of_file(config: RavenConfig) -> dict[str, Any]:
     # Values of the file by path of the tick's parameters, in SI units.
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
@@ -142,18 +143,18 @@ def _written(config: RavenConfig) -> dict[str, Any]:
 
 
 ROUNDED = 5e-6
-"""Relative margin of both ends of a range, which is written with six digits."""
+"""Relative margin of both ends of a normal range, whose file has six digits."""
 
 
 def watch_signals(program: TickProgram) -> TickProgram:
-    """Return a program of the same runs that outputs only the signals of their detectors."""
+    """Return a program of the same runs that outputs only the states of detectors."""
     return dataclasses.replace(program, module=watched.__name__)
 
 
 def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     """Return a program of the same runs with a slot for an action, and the number of each action.
 
-    A user's file in place of the operator does not lift the foot.
+    If a user's file is the operator, there is no action `pedal`.
     """
     setup, params = program.setup, program.params
     setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
@@ -165,7 +166,7 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
 
 
 def explain_program(program: TickProgram) -> TickProgram:
-    """Return a program of the same runs, each compared with its golden run number by number."""
+    """Return a program of the same runs that compares every signal with the golden run."""
     spans = [_normal_range(place) for place in run.list_numbers(program.setup)]
     return explained.explain_program(program, len(CHECKS) + len(program.setup.checks), spans)
 
@@ -173,5 +174,5 @@ def explain_program(program: TickProgram) -> TickProgram:
 def _normal_range(place: Crossing) -> tuple[float, float] | None:
     if not place.channel.site:
         return None
-    usual = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
-    return usual.low - ROUNDED * abs(usual.low), usual.high + ROUNDED * abs(usual.high)
+    measured = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
+    return measured.low - ROUNDED * abs(measured.low), measured.high + ROUNDED * abs(measured.high)

@@ -49,14 +49,15 @@ def _packets(raw: Any) -> Any:
         return raw
     if not 1 <= len(raw) <= packets.MOST_CYCLES:
         raise ValueError(
-            f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}: of 1, 2, 3, .. cycles"
+            f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}, the shares of packets"
+            " that last 1, 2, 3, .. cycles"
         )
     numbers = [x for x in raw if isinstance(x, int | float) and not isinstance(x, bool) and x >= 0]
     if len(numbers) < len(raw) or abs(math.fsum(numbers) - 1.0) > 1e-6:
         total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
         raise ValueError(
             f"got {format_value(list(raw))}{total}, expected shares of packets that last 1, 2, 3,"
-            " .. cycles, none negative and 1 in all, such as [0.1, 0.8, 0.1]"
+            " .. cycles: none negative, with the sum 1, such as [0.1, 0.8, 0.1]"
         )
     return tuple(float(x) for x in numbers)
 
@@ -77,71 +78,74 @@ class RavenCampaign(CampaignSection):
     software: Literal["raven2", "fork2015"] = "raven2"
     """control software: present raven2, or the 2015 fork"""
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = "robot"
-    """what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without
-    encoders and filter, ideal tool joints, packets that end with a software E-stop; dyn_sim_tools:
-    the same, but tool joints measured as on the robot, which nobody published"""
+    """build of the control software. robot: for the real robot; dyn_sim, only of fork2015: motors
+    1-3 are read from the model without encoders and filter, tool joints are ideal, and packets end
+    with a software E-stop; dyn_sim_tools: as dyn_sim, but tool joints are measured as on the robot
+    (no such build was published)"""
     dac_words: Literal["wrap", "saturate", "unwrapped"] | None = None
-    """how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a USB
-    word; left out, it wraps, and a fault's value beyond 16 bits is refused"""
+    """how a DAC command that a fault wrote after the checks is stored in the 16 bits of a USB word.
+    Without this key, the command wraps, and a fault's value beyond 16 bits is refused"""
     tools: tuple[Annotated[str, OneOf("tool", TOOLS)], ...] | None = None
-    """one tool per arm; default: the software's own"""
+    """one tool per arm; default: the tools of the control software"""
     console: Literal["increments", "absolute"] = "increments"
-    """what a packet carries: increments of the hand's motion, or positions"""
+    """what a packet contains: increments of the hand's motion, or absolute positions"""
     packets: Packets = "every_cycle"
-    """how many control cycles a packet of the console lasts, drawn for each run: every_cycle: one;
-    measured: as on a recorded robot, two in 93 of 100; bursts: as a recorded console sends, one to
-    three, and 6 to 11 in 18 of 100; or the shares of packets that last 1, 2, 3, .. cycles. The hand
-    moves on meanwhile; varied as network.packets, 0 to 3"""
+    """number of control cycles from one packet of the console to the next. every_cycle: one;
+    measured: drawn as on a recorded robot, two for 93 % of the packets; bursts: drawn as a recorded
+    console sends, one to three, and 6 to 11 for 18 % of the packets; or a list of the shares of
+    packets that last 1, 2, 3, .. cycles. A campaign varies the key as network.packets, 0 to 3"""
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = "soft_regulation"
-    """what raven2's overdrive check does with a command above the limit of its level: nothing, clip
-    it, or stop after ten; the fork has no policy"""
+    """what raven2's overdrive check does with a command above the limit: nothing, clip the command,
+    or stop the robot after ten such commands. fork2015 has no policy"""
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = None
-    """limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the
-    fork"""
+    """limits of the overdrive check, in DAC counts for each joint; default: moderate for raven2,
+    fork2015 for fork2015"""
     parameter_set: parameter_sets.Name = parameter_sets.DEFAULT
-    """mechanics of the virtual robot: power_consistent, or a set that the authors published for its
-    first three joints, under their law of motor and cable"""
+    """mechanical parameters of the virtual robot: power_consistent, or a published set for the
+    first three joints, with the equations of motor and cable of its authors"""
     kinematic_errors: Literal["none", "measured"] = "none"
-    """what makes a healthy robot's report wrong (joint offsets after homing, drums, links): none;
-    measured: drawn for each run and arm, as large as cameras saw on a real arm, an upper
-    bound. Half of it: plant.kinematic_errors.scale = 0.5"""
+    """errors of joint offsets, drum ratios and links, which make the reported tip of a fault-free
+    robot wrong. none; measured: drawn for each run and arm, as large as cameras saw on a real arm,
+    which is an upper bound. For half of these errors write plant.kinematic_errors.scale = 0.5"""
     cables: Literal["unbreakable", "break"] = "unbreakable"
-    """what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and
-    carry nothing for the rest of the run. Either way overload is an outcome of power_consistent;
-    tensions of the published sets are no real ones, and nothing breaks there"""
+    """what happens to a cable whose tension exceeds plant.cable_strength. unbreakable: nothing;
+    break: it breaks and transmits no force for the rest of the run. With parameter_set
+    power_consistent, overload is an outcome in both cases. Published sets have no realistic
+    tensions, so break is refused"""
     contact: bool = False
-    """whether jaw tips press on the scene's tissue and vessel, and instruments on each other:
-    forces on the robot, and outcomes; the numbers are parameters contact... Without it nothing is
-    touched"""
+    """whether contact forces act between jaw tips and the scene's tissue and vessel, and between
+    the instruments. The forces act on the robot and are outcomes. Their parameters begin with
+    contact. Without contact, instruments pass through everything"""
     substeps: int = Field(default=1, ge=1, le=100)
     """plant steps per 1 ms tick"""
 
     @model_validator(mode="after")
     def _together(self) -> RavenCampaign:
+        # Refuses combinations of keys that contradict each other.
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
                 f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"
             )
         if self.build != "robot" and self.software != "fork2015":
             raise ValueError(
-                f"build: got {self.build!r}, expected software = 'fork2015': only the 2015 fork was"
-                " built so"
+                f"build: got {self.build!r}, which is a build of the 2015 fork only: write"
+                " software = 'fork2015', or build = 'robot'"
             )
         if self.cables == "break" and not parameter_sets.tells_tension(self.parameter_set):
             raise ValueError(
-                "cables: got 'break', but motors pull at the cables of parameter_set"
-                f" {self.parameter_set!r} twelve times as hard as real ones can: take parameter_set"
-                " = 'power_consistent'"
+                f"cables: got 'break', but with parameter_set {self.parameter_set!r} motors pull"
+                " the cables twelve times as hard as real motors can: write parameter_set ="
+                " 'power_consistent'"
             )
         if self.software == "fork2015" and self.policy != "soft_regulation":
             raise ValueError(
-                f"policy: got {self.policy!r}, but the 2015 fork has no policy: remove the key"
+                f"policy: got {self.policy!r}, but software 'fork2015' has no policy: remove policy"
             )
         return self
 
     @property
     def packet_choice(self) -> int:
-        """Number of the distribution of packets: one of CHOICES, or OWN."""
+        """Number of the distribution of packet lengths: an index of CHOICES, or OWN."""
         if isinstance(self.packets, str):
             return packets.CHOICES.index(self.packets)
         every_cycle = self.packets == packets.SHARES[packets.EVERY_CYCLE]
@@ -174,7 +178,7 @@ class Start(Section):
     elbow_deg: _Elbow | None = None
     """elbow, between its hard stops"""
     insertion_m: _Insertion | None = None
-    """insertion; less draws the instrument back"""
+    """insertion of the instrument; a smaller value is farther out of the patient"""
     tool_roll_deg: _Roll | None = None
     """roll of the instrument"""
     wrist_deg: _Wrist | None = None
@@ -199,77 +203,80 @@ GENERATED = ("seed",)
 
 
 class Operator(Section):
-    """[operator]: a generated or recorded motion, and optionally a Python file that decides what
-    the hands make of it.
+    """[operator]: a generated or recorded motion, and optionally a Python file with an operator of
+    your own, whose hands may deviate from this motion.
     """
 
     motion: Annotated[str, OneOf("motion", MOTIONS)] | None = None
     """a generated motion"""
     file: Path | None = None
-    """a recorded motion (Parquet, CSV, text, MCAP, ROS bag), from this file's folder; a Python file
-    (.py) is `hands`"""
+    """a recorded motion (Parquet, CSV, text, MCAP, ROS bag), relative to the campaign's folder; a
+    Python file (.py) is treated as `hands`"""
     hands: Path | None = None
-    """a Python file with an operator of your own, from this file's folder: what hands make of
-    motion or file, which is their plan; its parameters are operator.own.hands..."""
+    """a Python file with an operator of your own, relative to the campaign's folder. Its hands may
+    deviate from the planned motion, which is `motion` or `file`. Its parameters begin with
+    operator.own.hands"""
     hands_sha256: str | None = Field(
         default=None, pattern=own_part.SHA256, description=f"of hands {own_part.CONTENT}"
     )
     scale: float = Field(default=0.1, ge=0.001, le=1.0)
-    """teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves
-    as recorded; a generated motion is planned for 0.1"""
+    """teleoperation scale; a campaign may vary operator.scale. With the scale of this key, the tip
+    moves as in the recording. Generated motions are planned for 0.1"""
     seed: int = Field(default=0, ge=0, lt=2**31)
     """seed of the generated motion"""
     window_s: tuple[float, float] | None = None
-    """[begin, end] within a recorded motion, s"""
+    """[begin, end] of the replayed part of a recorded motion, s"""
     rate_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
-    """rows a second of a recorded motion, evenly spaced: where it has no times, or those of
-    arrival"""
+    """rows per second of a recorded motion, evenly spaced: for a recording without times, or with
+    times of arrival only"""
     columns: Columns = Field(default=[])
-    """names of a table's columns: all in order where it has no header line; the file's name by
-    ravenjax's, { gold_x_mm = 'X' }; or jigsaws"""
+    """names of a table's columns: a list of all names in order, if the table has no header line; a
+    table from ravenjax's names to those of the file, { gold_x_mm = 'X' }; or jigsaws"""
     topics: dict[ArmName, str] = Field(default={})
     """topic or namespace of each arm in a bag, { gold = '/PSM2' }"""
     sensors: dict[Literal["column", "gold", "green"], str | int] = Field(default={})
-    """the column that names each row's sensor, and each arm's sensor, { column = 'tool', gold = 'L'
-    }"""
+    """the column that names the sensor of each row, and the sensor of each arm, { column = 'tool',
+    gold = 'L' }"""
     frame: Frame | None = None
-    """frame of recorded tips: frame0, arm_base (CRTK's) or console; without it as headers say, else
-    frame0"""
+    """frame of recorded tips: frame0, arm_base (CRTK's) or console; default: the frame that the
+    headers of the recording name, otherwise frame0"""
     rotation: Turn | dict[ArmName, Turn] | None = None
-    """turns recorded tips: rows of a matrix, or x, y, z, w; or a table with those of each arm"""
+    """rotation of recorded tips: rows of a matrix, or a quaternion x, y, z, w; or a table with the
+    rotation of each arm"""
     offset_mm: Triple | dict[ArmName, Triple] | None = None
-    """moves recorded tips after the turn; or a table as of rotation"""
+    """displacement of recorded tips after the rotation, mm; or a table with that of each arm"""
     place: Place = "recorded"
-    """home: recorded tips are moved and turned so that the replayed part begins as after homing"""
+    """home: recorded tips are moved and rotated so that the replayed part begins at home"""
     cutoff_hz: float | None = Field(default=None, gt=0.0, lt=500.0)
-    """low-pass of a recorded motion, Hz; without it none: tremor stays"""
+    """cutoff of a low-pass filter for a recorded motion, Hz; default: no filter, so tremor stays"""
     max_gap_s: float = Field(default=MAX_GAP_S, gt=0.0, le=MOST_GAP_S)
     """longest gap of a recorded motion that is bridged by interpolation, s"""
     spikes: Spikes = "refuse"
-    """a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it
-    is"""
+    """what to do if a recorded tip jumps: refuse the recording; remove: interpolate if the tip
+    jumps back; replay: replay the jump"""
     console: str = "auto"
-    """whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found from
-    them"""
+    """console profile of a recorded stream of packets: a profile's name, a .toml file, or auto,
+    which finds the profile from the packets"""
     at_end: AtEnd = "refuse"
-    """a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and
-    forth"""
+    """what to do if a recorded motion ends before the run: refuse the recording; hold: the hands
+    rest; reverse: replay the motion back and forth"""
     start: Start = Start()
     slow_down: float = Field(default=1.0, ge=0.1, le=100.0)
-    """how much slower than recorded it is replayed"""
+    """factor by which a recorded motion is replayed more slowly"""
 
     @model_validator(mode="before")
     @classmethod
     def _one_source(cls, raw: Any) -> Any:
+        # Accepts a Python file as `file`, and refuses two sources of the motion.
         if not isinstance(raw, dict):
             return raw
         if str(raw.get("file")).endswith(".py"):
             if raw.get("hands") is not None:
-                raise ValueError("file and hands are both Python: give one of them")
+                raise ValueError("file and hands are both Python files: write only one of them")
             raw = {**raw, "hands": raw["file"]}
             del raw["file"]
         if raw.get("motion") is not None and raw.get("file") is not None:
-            raise ValueError("give either motion (generated) or file (recorded), not both")
+            raise ValueError("write either motion (generated) or file (recorded), not both")
         return raw
 
     @field_validator("file", "hands")
@@ -280,7 +287,7 @@ class Operator(Section):
 
         python = info.field_name == "hands"
         if file and (not file.name or "\0" in str(file) or (python and file.suffix != ".py")):
-            kind = ".py file; a recorded motion is `file`" if python else f"{ANY_KIND} file"
+            kind = ".py file (for a recorded motion write file)" if python else f"{ANY_KIND} file"
             raise ValueError(f"got {format_value(str(file))}, expected the path of a {kind}")
         return file
 
@@ -296,7 +303,7 @@ class Operator(Section):
             if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
                 raise ValueError(
                     f"got {format_value(turn)}, expected a rotation: three rows of length 1 at"
-                    " right angles, without a mirror, or x, y, z, w of length 1"
+                    " right angles without a reflection, or a quaternion x, y, z, w of length 1"
                 )
         return value
 
@@ -305,12 +312,12 @@ class Operator(Section):
         # Keys of recorded motions are refused for generated ones, and the reverse.
         if self.file is not None and self.start.si():
             raise ValueError(
-                "start belongs to a generated motion; a recorded one begins where it was recorded:"
-                " remove it"
+                "start is for generated motions only; a recorded motion begins where it was"
+                " recorded: remove start"
             )
         if self.hands is None and self.hands_sha256 is not None:
             raise ValueError(
-                "hands_sha256 belongs to hands, which the section does not have: remove it"
+                "hands_sha256 is the hash of hands, but hands is missing: remove hands_sha256"
             )
         if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
             raise ValueError(
@@ -321,7 +328,7 @@ class Operator(Section):
             if getattr(self, name) != type(self).model_fields[name].default:
                 kind, other = ("recorded", "generated")[:: 1 if self.file is None else -1]
                 raise ValueError(
-                    f"{name} belongs to a {kind} motion, a {other} one has none: remove it"
+                    f"{name} is for {kind} motions only, but the motion is {other}: remove {name}"
                 )
         return self
 
@@ -332,7 +339,7 @@ class Operator(Section):
 
     @property
     def own(self) -> OwnSource | None:
-        """The code of `hands`; None if the plan is followed.
+        """The code of `hands`; None without `hands`, when the hands follow the plan.
 
         Raises UserError if the file is unusable or has changed.
         """
@@ -341,7 +348,7 @@ class Operator(Section):
         return own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
 
     def located(self, folder: Path) -> Operator:
-        """Return the section with its files taken from `folder` and the code of `hands` read."""
+        """Return the section with paths relative to `folder`, and with the code of `hands`."""
         there = own_part.locate_part(self, folder, "operator", "hands", "hands", "hands_sha256")
         file = None if self.file is None else (folder / self.file).absolute()
         return there.model_copy(update={"file": file})
@@ -384,30 +391,31 @@ class Reaction(Section):
     """
 
     action: Literal["none", "release", "slow", "correct"] = "release"
-    """lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"""
+    """what the operator does: nothing, lift the pedal, slow down, or correct by eye; a campaign may
+    vary reaction.action, 0 to 3"""
     delay_ms: float = Field(default=250.0, ge=0.0, le=60_000.0)
-    """from the first felt pull to the action, ms"""
+    """time from the first pull that the operator feels to the action, ms"""
     felt_force: float = Field(default=0.0, ge=0.0)
-    """a weaker pull is not noticed, device units"""
+    """smallest force of the cue that the operator feels, device units"""
     slow_to: float = Field(default=0.25, ge=0.0, le=1.0)
-    """speed of slowed hands, of what it was"""
+    """speed of slowed hands, as a share of the planned speed"""
     correct_per_s: float = Field(default=5.0, ge=0.0, le=1000.0)
-    """share of the distance corrected, 1/s"""
+    """share of the distance that a correction removes per second, 1/s"""
     correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0)
-    """fastest correction of the tip, mm/s"""
+    """largest speed of the tip during a correction, mm/s"""
 
 
 class Hand(Section):
     """[hand]: a hand that the force of the first haptic set moves. Its parameters are hand.grip and
     so on.
 
-    Robot and nominal model follow the moved hand alike.
+    The robot and the nominal model both follow the moved hand.
     """
 
     grip: float = Field(default=0.5, ge=0.0, le=1.0)
-    """how firmly it holds the console: 0 relaxed, 1 firm"""
+    """how firmly the hand grips the console: 0 relaxed, 1 firm"""
     newtons_per_unit: float = Field(default=3.3, ge=-1e3, le=1e3)
-    """force per device unit of the cue, N; no source says it, assumed"""
+    """force per device unit of the cue, N; assumed, because no source states this force"""
 
 
 class OwnStages(Section):
@@ -416,9 +424,9 @@ class OwnStages(Section):
     """
 
     motor_control: Path | None = None
-    """a file whose step gives (state, tau_d): desired torques from desired motor positions"""
+    """a file whose step returns (state, tau_d): desired torques from desired motor positions"""
     dac: Path | None = None
-    """a file whose step gives (state, current_cmd): DAC counts from desired torques"""
+    """a file whose step returns (state, current_cmd): DAC counts from desired torques"""
     sha256: dict[str, str] = Field(
         default_factory=dict, description=f"stage = of that file {own_part.CONTENT}"
     )
@@ -428,10 +436,13 @@ class OwnStages(Section):
         # Requires at least one replaced stage, and no hash of a stage that is not replaced.
         if not list(self.files()):
             raise ValueError(
-                'replaces nothing: write motor_control or dac = "file.py", or remove the section'
+                '[controller] replaces no stage: write motor_control or dac = "file.py", or remove'
+                " [controller]"
             )
         if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
-            raise ValueError(f"sha256 has {strays[0]!r}, which is not replaced: remove it")
+            raise ValueError(
+                f"sha256 has the stage {strays[0]!r}, which no file replaces: remove {strays[0]}"
+            )
         return self
 
     def files(self) -> Iterator[tuple[str, Path]]:

@@ -40,7 +40,7 @@ def arm_bases(setup: RavenSetup) -> dict[str, Base]:
 
 
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:
-    # Time series of one arm, arrays [ticks, ...] in SI units, except where the name has a unit.
+    # Returns one arm's time series, arrays [ticks, ...] in SI units or in the unit of the name.
     places = {
         "software": signals.control.arms[i],
         "plant": signals.plant[i],

@@ -24,12 +24,12 @@ UNDECIDED = "undecided"
 
 
 class ProfileChoice:
-    """Reads packets as `PacketReader` does, under the profile that fits them."""
+    """Reads packets as `PacketReader` does, with the profile whose rules the packets follow."""
 
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
         """Prepare the choice among `profiles`.
 
-        profiles: one, which then is chosen, or several in order of preference for messages.
+        A single profile is chosen at once. Messages name the first of several profiles.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
@@ -44,13 +44,13 @@ class ProfileChoice:
         return self.readers[0].profile if len(self.readers) == 1 else None
 
     def begin(self) -> None:
-        """Begin another stream. A choice is kept."""
+        """Begin another stream. A choice that was made remains."""
         for reader in self.readers:
             reader.begin()
         self._restart()
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return a packet's reading; a `Misfit` of cause "undecided" if the profiles disagree."""
+        """Return a packet's increments; a `Misfit` of cause "undecided" if profiles disagree."""
         if len(self.readers) == 1:
             return self.readers[0].read(fields, joined)
         self._results = results = [reader.read(fields, joined) for reader in self.readers]
@@ -58,7 +58,9 @@ class ProfileChoice:
             isinstance(result, Misfit) for result in results
         ):
             return results[0]
-        return Misfit(UNDECIDED, "", "packets that profiles read differently", "more of them")
+        return Misfit(
+            UNDECIDED, "", "packets that profiles read differently", "further packets to decide"
+        )
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream and as evidence."""
@@ -75,20 +77,22 @@ class ProfileChoice:
                 self._last[name] = result
             elif reader.profile.jaw.form == "increments":
                 self._travel[name] = list(map(add, self._travel[name], result.grasp_mrad))
-        out = {
-            reader.profile.name: why
+        ruled_out = {
+            reader.profile.name: reason
             for reader in self.readers
-            if (why := self._complaint(reader.profile.name))
+            if (reason := self._complaint(reader.profile.name))
         }
-        left = [reader for reader in self.readers if reader.profile.name not in out]
-        if not left:
+        remaining = [reader for reader in self.readers if reader.profile.name not in ruled_out]
+        if not remaining:
             self._restart()
-        elif out:
-            self.readers = left
-            self.reason = "; ".join(f"It is not {name}: {why}" for name, why in out.items())
+        elif ruled_out:
+            self.readers = remaining
+            self.reason = "; ".join(
+                f"Not profile {name}: {reason}" for name, reason in ruled_out.items()
+            )
 
     def _complaint(self, name: str) -> str:
-        """Return what speaks against a profile; "" while it may be the right one."""
+        """Return why a profile is ruled out; "" if the packets so far do not rule it out."""
         count = self._misfits[name]
         if count > max(CHANCE_COUNT, CHANCE_SHARE * self._telling):
             return f"{count} of the first {self._packets} packets have {self._last[name]}"
@@ -97,11 +101,12 @@ class ProfileChoice:
             if others_fit and abs(travel) > JAW_TRAVEL_MRAD:
                 return (
                     f"the first {self._packets} packets would move the jaw of {arm} by {travel}"
-                    " mrad, beyond its travel"
+                    f" mrad, more than its travel of {JAW_TRAVEL_MRAD:g} mrad"
                 )
         return ""
 
     def _restart(self) -> None:
+        # Forgets all evidence about the profiles.
         names = [reader.profile.name for reader in self.readers]
         self._misfits = dict.fromkeys(names, 0)
         # counts of packets of the stream so far, and of those that profiles read differently
@@ -112,9 +117,9 @@ class ProfileChoice:
 def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
-    """Return the name of the first profile that nine in ten packets (their fields) fit, or "".
+    """Return the name of the first profile whose rules 90 % of the packets follow, or "".
 
-    Each packet is judged alone.
+    packets: the fields of each packet. Rules about consecutive packets are left out.
     """
     for profile in profiles:
         reader = PacketReader(profile, arms)

@@ -17,7 +17,7 @@ TICK_S = 1e-3
 """Time between two rows of a motion, s: the console sends one packet per millisecond."""
 
 NOMINAL_SCALE = 0.1
-"""Scale at which motions have their stated tip motion: that of the published fault runs."""
+"""Teleoperation scale at which motions are planned, which is that of the published fault runs."""
 
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in the engine's table."""
@@ -49,7 +49,7 @@ class Motion:
         return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
 
     def first(self, rows: int) -> Motion:
-        """Return the first `rows` rows; a shorter motion rests in its last row."""
+        """Return the first `rows` rows; a shorter motion is extended by its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
         columns = ("position_um", "quat", "grasp_mrad", "surgeon_mode")
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in columns})

@@ -59,20 +59,23 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
 
 
 class _Path:
-    """The pose at the end of the segments so far; its methods make the next segments."""
+    """The pose at the end of the segments so far. Methods return the next segments."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.pose, self.rng = _REST.copy(), rng
 
-    def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Return the ticks of a move over `way` m and `turn` rad; its peak is 15/8 of its mean."""
-        seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
+    def _ticks(self, distance: float, turn: float, pace: float) -> int:
+        """Return the ticks of a minimum-jerk move, whose peak speed is 15/8 of its mean speed.
+
+        distance: m. turn: rad. pace: peak speed as a share of PEAK_TIP_SPEED and PEAK_TURN.
+        """
+        seconds = 1.875 * max(distance / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
 
-    def _to(self, end: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
-        begin, self.pose = self.pose, end
+    def _to(self, pose: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
+        begin, self.pose = self.pose, pose
         return Segment(
-            ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (end - begin), pedal
+            ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (pose - begin), pedal
         )
 
     def move(
@@ -90,16 +93,20 @@ class _Path:
         for place, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
             if value is not None:
                 end[place] = value
-        way, turned = (
+        distance, angle = (
             float(np.linalg.norm((end - self.pose)[part], axis=0)) for part in (_TIP, _TURN)
         )
-        return self._to(end, self._ticks(way, turned, pace))
+        return self._to(end, self._ticks(distance, angle, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """Return a needle's path: an arc in the a-c plane dipping to c; the shaft rolls."""
+        """Return the path of a needle: an arc in the a-c plane, while the shaft rolls.
+
+        radius: m. angle: of the arc, rad. roll: of the shaft, rad.
+        """
         begin = self.pose
 
         def pose(fraction: np.ndarray) -> np.ndarray:
+            # Returns the poses [n, 10] at fractions [n] of the segment's time.
             progress = minimum_jerk(fraction)
             out = np.repeat(begin[None], len(progress), axis=0)
             out[:, 0] += radius * (1.0 - cos(progress * angle))
@@ -128,8 +135,8 @@ class _Path:
 
     def anywhere(self) -> tuple[np.ndarray, np.ndarray]:
         direction = self.rng.normal(size=3)
-        far = direction / np.linalg.norm(direction, axis=0) * self.rng.uniform(0.5, 1.0)
-        tip = far * np.array([0.012, 0.012, 0.008])
+        offset = direction / np.linalg.norm(direction, axis=0) * self.rng.uniform(0.5, 1.0)
+        tip = offset * np.array([0.012, 0.012, 0.008])
         return tip, self.rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
     def reach(self) -> Iterator[Segment]:
@@ -138,13 +145,14 @@ class _Path:
             yield self.dwell(self.rng.uniform(0.05, 0.3))
 
     def clutched(self) -> Iterator[Segment]:
+        # Moves, then lifts the pedal and moves the hand back, again and again.
         while True:
             reach = self.move(*self.anywhere())
             yield reach
             # both arms share the pedal, so their cycles have equal length
             yield self.dwell(1.4 - reach.ticks * TICK_S)
             yield self.release(0.6)
-            yield self.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
+            yield self.dwell(0.4)  # the robot needs some cycles to enter pedal-down
 
     def circle(self) -> Iterator[Segment]:
         # Moves the tip on a circle of 8 mm radius, once in 2 s.
@@ -158,7 +166,7 @@ class _Path:
             out[:, 1] = radius * (sin(start + phase) - sin(start))
             return out
 
-        # The run-up's speed rises as minimum_jerk, so its mean is half the final speed
+        # The speed of the run-up follows `minimum_jerk`, so its mean is half the final speed.
         yield Segment(
             round(run_up_s / TICK_S),
             lambda s: at(speed * run_up_s * s**2 * s**2 * (2.5 - 3.0 * s + s**2)),
@@ -170,39 +178,39 @@ class _Path:
 
     def palpate(self) -> Iterator[Segment]:
         # Presses the tissue at one place after the other, from side to side.
-        side, way = 0.0, 1.0
+        side, direction = 0.0, 1.0
         while True:
             depth = self.rng.uniform(0.003, 0.005)
             tip = self.pose[:3]
             yield self.move((tip[0], tip[1], depth), pace=0.6)
             yield self.dwell(self.rng.uniform(0.05, 0.15))
             yield self.move((tip[0], tip[1], -0.002), pace=0.8)
-            if abs(side + 0.004 * way) > 0.013:
-                way = -way
-            side += 0.004 * way
+            if abs(side + 0.004 * direction) > 0.013:
+                direction = -direction
+            side += 0.004 * direction
             yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
     def peg_transfer(self) -> Iterator[Segment]:
-        # Carries an object from one peg to another peg, again and again.
+        # Moves an object from one peg to another peg, again and again.
         open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
         pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
-        at = -1
+        source = -1
         while True:
-            others = [i for i in range(len(pegs)) if i != at]
-            at, to = (int(i) for i in self.rng.permutation(others)[:2])
+            free = [i for i in range(len(pegs)) if i != source]
+            source, target = (int(i) for i in self.rng.permutation(free)[:2])
             turn = math.radians(self.rng.uniform(-35.0, 35.0))
-            yield self.move((*pegs[at], lift), (0.0, 0.0, 0.0), open_mrad)
-            yield self.move((*pegs[at], 0.002), pace=0.7)
+            yield self.move((*pegs[source], lift), (0.0, 0.0, 0.0), open_mrad)
+            yield self.move((*pegs[source], 0.002), pace=0.7)
             yield self.move(grasp=closed_mrad)
-            yield self.move((*pegs[at], lift))
-            yield self.move((*pegs[to], lift), (0.0, 0.0, turn))
-            yield self.move((*pegs[to], 0.002), pace=0.7)
+            yield self.move((*pegs[source], lift))
+            yield self.move((*pegs[target], lift), (0.0, 0.0, turn))
+            yield self.move((*pegs[target], 0.002), pace=0.7)
             yield self.move(grasp=open_mrad)
-            yield self.move((*pegs[to], lift))
-            at = to
+            yield self.move((*pegs[target], lift))
+            source = target
 
     def suture(self) -> Iterator[Segment]:
-        # Sets stitches: pierce, turn the needle through, pull, go on along the wound.
+        # Sews: pierces, turns the needle through the tissue, pulls, moves on along the wound.
         open_mrad, closed_mrad = 300.0, 1100.0
         roll, radius = math.radians(100.0), 0.006
         row = -0.009
@@ -231,15 +239,16 @@ def generate_motion(
 ) -> Motion:
     """Return the named motion for `duration_s` seconds.
 
-    Each arm draws from its random stream; green is mirrored. Raises KeyError for another name.
+    Each arm has its own random numbers, and the green arm's motion is mirrored. Raises KeyError for
+    an unknown name.
     """
     if name not in MOTIONS:
         raise KeyError(name)
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
     paths = [_Path(np.random.default_rng([seed, i])) for i in range(len(arms))]
     chains = (getattr(path, name)() for path in paths)
-    poses, pedals = zip(*(_follow(chain, rows) for chain in chains), strict=True)
-    position, quat = zip(*map(_hand, arms, poses), strict=True)
+    poses, pedals = zip(*(_sample_chain(chain, rows) for chain in chains), strict=True)
+    position, quat = zip(*map(_hand_motion, arms, poses), strict=True)
     return Motion(
         name=name,
         arms=tuple(arms),
@@ -251,20 +260,26 @@ def generate_motion(
     )
 
 
-def _follow(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses [rows, 10] and pedal [rows] along a chain, per tick, after a rest."""
-    up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
-    poses, pedals = [np.repeat(_REST[None], up + down, axis=0)], [np.zeros(up), np.ones(down)]
-    filled = up + down
-    while filled < rows:
+def _sample_chain(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return poses [rows, 10] and pedal [rows] along a chain of segments, one row per tick.
+
+    The motion begins after a rest of MOTION_S, with the pedal down from PEDAL_DOWN_S on.
+    """
+    up_ticks, down_ticks = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
+    poses, pedals = (
+        [np.repeat(_REST[None], up_ticks + down_ticks, axis=0)],
+        [np.zeros(up_ticks), np.ones(down_ticks)],
+    )
+    ticks = up_ticks + down_ticks
+    while ticks < rows:
         segment = next(chain)
         poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))
         pedals.append(np.full(segment.ticks, segment.pedal))
-        filled += segment.ticks
+        ticks += segment.ticks
     return np.concatenate(poses)[:rows], np.concatenate(pedals)[:rows]
 
 
-def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _axes()
     tip, turn = _product(poses[:, _TIP] + poses[:, _HAND], axes), _product(poses[:, _TURN], axes)
@@ -276,7 +291,7 @@ def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Return rows [T, 3] times a matrix [3, 3], with the same bits on every host, unlike BLAS."""
+    """Return rows [T, 3] times a matrix [3, 3], with the same bits on every CPU, unlike BLAS."""
     return sum(rows[:, k, None] * matrix[k] for k in range(3))  # type: ignore[return-value]
 
 

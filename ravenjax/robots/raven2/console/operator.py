@@ -33,7 +33,7 @@ from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 class OperatorParams:
     """Console parameters that a campaign may vary."""
 
-    scale: Scalar  # SEED uses 0.05 .. 0.2
+    scale: Scalar  # teleoperation scale; the study SEED uses 0.05 .. 0.2
     start_position: PerArm[Vec]
     start_quat: PerArm[Vec]  # x, y, z, w
     start_grasp: PerArm[Scalar]
@@ -61,7 +61,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> Oper
 
 @record
 class MotionRow:
-    """Hands and pedal in one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
+    """Hands and pedal in one millisecond; fields are those of `console.motion.Motion`."""
 
     position: PerArm[Vec]  # um, ITP frame, before scaling
     quat: PerArm[Vec]  # x, y, z, w
@@ -69,13 +69,13 @@ class MotionRow:
     surgeon_mode: Scalar  # int32, 1 pedal down
 
 
-def look_up_row(table: tuple[Any, ...], k: Scalar) -> MotionRow:
-    """Return row `k` of a motion; `k` is clamped to the first and last row.
+def look_up_row(table: tuple[Any, ...], row: Scalar) -> MotionRow:
+    """Return a row of a motion. row: its index, clamped to the first and last row.
 
-    table: the columns of `Motion.table()`, each a 1-D array. The tick has no other indexing.
+    table: the columns of `Motion.table()`, each a 1-D array.
     """
-    k = jnp.minimum(jnp.maximum(as_int(k), 0), table[0].shape[0] - 1)
-    values = [column.at[k].get(mode="clip", wrap_negative_indices=False) for column in table]
+    row = jnp.minimum(jnp.maximum(as_int(row), 0), table[0].shape[0] - 1)
+    values = [column.at[row].get(mode="clip", wrap_negative_indices=False) for column in table]
     width = len(ARM_COLUMNS)
     arms = [values[i : i + width] for i in range(0, len(values) - 1, width)]
     return MotionRow(
@@ -88,18 +88,18 @@ def look_up_row(table: tuple[Any, ...], k: Scalar) -> MotionRow:
 
 @record
 class HandOffsets:
-    """How far tremor, correction or force moved the hands off their plan."""
+    """Displacement of the hands from their plan by tremor, correction or force."""
 
     offset: PerArm[Vec]  # um before scaling, axes of an ITP packet
-    offset_before: PerArm[Vec]  # the offset when the last packet was made
+    offset_before: PerArm[Vec]  # offset in the last packet
 
 
 ON_PLAN = HandOffsets((), ())
-"""Hands that never leave the plan."""
+"""Hands without any offset from the plan."""
 
 
 class Deviation(NamedTuple):
-    """Deviations of the operator from the plan in a packet, beside offsets; None: no deviation."""
+    """Deviations from the plan in a packet, in addition to `HandOffsets`; None: no deviation."""
 
     lag: Scalar | None = None  # int32 rows behind the plan
     lag_before: Scalar | None = None  # int32 rows behind the plan, in the packet before
@@ -119,7 +119,7 @@ def at_plan(setup: RavenSetup) -> HandOffsets:
 
 
 def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
-    """Return the hands after a motion beyond the plan, um before scaling, axes of an ITP packet."""
+    """Return the hands after a motion in addition to the plan, um before scaling, ITP axes."""
     return replace(hands, offset=_sums(hands.offset, motion))
 
 
@@ -139,26 +139,26 @@ def with_tip_motion(
 
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
     """Return the tip offsets that the hands' offsets cause, m in frame 0."""
-    m_each = params.scale * 1e-6
-    return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_each)
+    m_per_um = params.scale * 1e-6
+    return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_per_um)
 
 
 def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
-    """Return the hands after a tick, in which a packet was made if `fresh` (bool)."""
+    """Return the hands after a tick. fresh: whether a packet was sent in this tick, bool."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
 @record
 class PacketTiming:
-    """A packet, and the rows of the motion from which it is made."""
+    """A packet, and the rows of the motion from which the packet is computed."""
 
-    index: Scalar  # int32
-    row: Scalar  # int32, row of the motion with the state of the hands when it is made
-    before: Scalar  # int32, row of the packet before it, from which increments count
+    index: Scalar  # int32, index of the packet
+    row: Scalar  # int32, row of the motion at the time of the packet
+    before: Scalar  # int32, row of the packet before; increments are differences from that row
 
 
 def row_by_row(index: Scalar) -> PacketTiming:
-    """Return the timing of a packet that is made from the motion's row of the same index."""
+    """Return the timing of a packet if packet k contains row k of the motion."""
     return PacketTiming(index, index, index - 1)
 
 
@@ -172,8 +172,8 @@ def make_packet(
 ) -> Packet:
     """Return the packet that the console sends at `timing`.
 
-    motion: the table of `look_up_row`. While the pedal is up, a console of increments sends no
-    motion, so that the surgeon can reposition the hands.
+    motion: columns as for `look_up_row`. While the pedal is up, a console that sends increments
+    sends no motion, so that the operator can reposition the hands.
     """
 
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
@@ -216,8 +216,8 @@ def make_packet(
             to_int32(params.start_grasp[i] - row.grasp[i]),
         )
 
-    moves = per_arm(setup, absolute if setup.console == "absolute" else increment)
-    delta, quat, grasp = zip(*moves, strict=True)
+    commands = per_arm(setup, absolute if setup.console == "absolute" else increment)
+    delta, quat, grasp = zip(*commands, strict=True)
     return Packet(
         received=jnp.int32(1),
         size=jnp.int32(SIZE_BYTES[setup.console]),

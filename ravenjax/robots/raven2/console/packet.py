@@ -59,7 +59,7 @@ class Packet:
 
 @functools.lru_cache(maxsize=16)
 def empty_packet(setup: RavenSetup) -> Packet:
-    """Return the packet of a cycle in which none arrives."""
+    """Return the packet record of a cycle in which no packet arrives."""
     zero = np.int32(0)
     number = np.dtype(setup.precision.wide).type
     return Packet(
@@ -74,7 +74,7 @@ def empty_packet(setup: RavenSetup) -> Packet:
 
 
 def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
-    """Write a packet's numbers into a zeroed datagram; an arm that is not in `arms` stays still."""
+    """Write a packet's numbers into a zeroed datagram. Arms that are not in `arms` do not move."""
     fields["sequence"] = int(packet.sequence) % 2**32
     fields["surgeon_mode"] = int(packet.surgeon_mode)
     fields["Qw"] = 1.0

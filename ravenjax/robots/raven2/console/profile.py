@@ -15,13 +15,13 @@ Angle = Literal["mrad", "rad", "deg"]
 
 
 class ProfileTable(BaseModel):
-    """A table of a profile: frozen; unknown keys are refused; numbers must be numbers."""
+    """A table of a profile file. Unknown keys are refused, and text is not converted to numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
 
 class SentPosition(ProfileTable):
-    """[position]: delx, dely, delz, the increment of the tip about the ITP axes."""
+    """[position]: delx, dely, delz, the increment of the tip along the ITP axes."""
 
     unit: Length = "um"  # Unit of one step
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for increments
@@ -35,8 +35,8 @@ class SentPosition(ProfileTable):
 class SentOrientation(ProfileTable):
     """[orientation]: Qx, Qy, Qz, Qw."""
 
-    # increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation
-    # vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion
+    # increments: the rotation since the last packet, as a unit quaternion; vector: this rotation as
+    # a rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation
     form: Literal["increments", "vector", "quaternion"] = "increments"
     unit: Angle = "rad"  # Unit of a vector's length; quaternions have none
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for a vector
@@ -45,7 +45,7 @@ class SentOrientation(ProfileTable):
     def _quaternions_have_no_unit(self) -> SentOrientation:
         if self.form != "vector" and (self.unit != "rad" or self.scale != 1.0):
             raise ValueError(
-                f"unit and scale belong to form = 'vector', not to {self.form!r}: remove them"
+                f"unit and scale are for form = 'vector' only, not for {self.form!r}: remove them"
             )
         return self
 
@@ -58,7 +58,7 @@ class SentOrientation(ProfileTable):
 class SentJaw(ProfileTable):
     """[jaw]: grasp."""
 
-    # increments: since the last packet; positions: where the console's jaw is
+    # increments: change since the last packet; positions: position of the console's jaw
     form: Literal["increments", "positions"] = "increments"
     unit: Angle = "mrad"  # Unit of one step
     scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for values
@@ -71,12 +71,12 @@ class SentJaw(ProfileTable):
         ends = self.lowest_mrad, self.highest_mrad
         if self.form == "positions" and not -math.inf < ends[0] < ends[1] < math.inf:
             raise ValueError(
-                "positions need a range, lowest_mrad below highest_mrad: write how far the"
-                " console's jaw goes, such as lowest_mrad = -200.0 and highest_mrad = 1800.0"
+                "form = 'positions' needs the range of the console's jaw, with lowest_mrad below"
+                " highest_mrad: write for example lowest_mrad = -200.0 and highest_mrad = 1800.0"
             )
         if self.form == "increments" and ends != (-math.inf, math.inf):
             raise ValueError(
-                "lowest_mrad and highest_mrad belong to form = 'positions': remove them"
+                "lowest_mrad and highest_mrad are for form = 'positions' only: remove them"
             )
         return self
 
@@ -91,15 +91,15 @@ class SentStream(ProfileTable):
 
     # Packets that the console sends per second
     rate_hz: float = Field(default=1000.0, gt=0.0, le=20_000.0)
-    # Packets that are added up in one millisecond; further ones wait, in their order, for the next
+    # Most packets that are added up in one millisecond; further packets wait for the next one
     per_tick: int = Field(default=4, ge=1, le=32)
     checksum: bool = True  # Whether the checksum must be right
-    # Content of the buttons: anything, or the same as grasp, which then must be so
+    # Content of the field of the buttons: anything (free), or always the same as grasp (jaw)
     buttonstate: Literal["free", "jaw"] = "free"
 
 
 class LargestSteps(ProfileTable):
-    """[largest]: largest motions that one packet may ask for. The robot has no such bounds."""
+    """[largest]: largest motions that one packet may command. The robot has no such bounds."""
 
     step_um: float = Field(default=1000.0, gt=0.0, le=1000.0)  # Displacement, um
     turn_rad: float = Field(default=0.1, gt=0.0, le=0.1)  # Rotation, rad
@@ -109,9 +109,9 @@ class LargestSteps(ProfileTable):
 class ConsoleProfile(ProfileTable):
     """A whole profile file."""
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="by which --console calls it")
-    title: str = Field(min_length=1, description="which console this is")
-    source: str = Field(min_length=1, description="where it is from that packets have this meaning")
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="name for the option --console")
+    title: str = Field(min_length=1, description="the console in words")
+    source: str = Field(min_length=1, description="source of the meaning of the packets")
     position: SentPosition = SentPosition()
     orientation: SentOrientation = SentOrientation()
     jaw: SentJaw = SentJaw()

@@ -36,7 +36,7 @@ TINY_M = 1e-9
 @describe_fields
 @record
 class ReactionParams:
-    """Parameters of the reaction. The defaults are the assumptions above, with no action."""
+    """Parameters of the reaction. The defaults are assumed, and have no action."""
 
     action: Scalar = np.int32(NONE)  # int32, one of ACTIONS
     delay_ms: Scalar = 250.0
@@ -62,7 +62,7 @@ class OperatorSenses:
     force: PerArm[Scalar]  # device units, of the first haptic set
     tip: PerArm[Vec]  # m, true tip
     model_tip: PerArm[Vec]  # m, tip of the nominal model
-    off_plan: PerArm[Vec]  # m, frame 0, tip motion that the hands asked for beyond the plan
+    off_plan: PerArm[Vec]  # m, frame 0, tip motion commanded by the hands in addition to the plan
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
@@ -75,9 +75,14 @@ def init() -> ReactionState:
 def react_to_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Decide whether the action begins in this tick, whose packet has row `packet`."""
-    waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
-    begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
+    """Return the state after the decision whether the action begins in this tick.
+
+    packet: row of the motion in this tick's packet, int32.
+    """
+    delay_over = (
+        lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
+    )
+    begins = (params.action != NONE) & (state.felt >= 0) & delay_over & (state.acted < 0)
     return replace(
         state,
         acted=jnp.where(begins, tick, state.acted),
@@ -88,35 +93,39 @@ def react_to_cue(
 def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return foot's and hands' deviations in the packet of row `row`, which follows `before`."""
+    """Return the deviations of foot and hands in a packet.
+
+    row, before: rows of the motion in this packet and in the packet before, int32.
+    """
 
     def since(packet: Scalar) -> tuple[Scalar, Scalar]:
         rows = packet - state.acted_packet
         return rows, (state.acted >= 0) & (rows >= 0)
 
     def lag(packet: Scalar) -> Scalar:
-        rows, acting = since(packet)
-        behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
-        return jnp.where(acting & (params.action == SLOW), as_int(behind), 0)
+        rows, is_acting = since(packet)
+        rows_behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
+        return jnp.where(is_acting & (params.action == SLOW), as_int(rows_behind), 0)
 
     released = since(row)[1] & (params.action == RELEASE)
     return Deviation(lag(row), lag(before), lifted=released)
 
 
 def feel_cue(
-    setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
+    setup: RavenSetup, params: ReactionParams, state: ReactionState, senses: OperatorSenses
 ) -> tuple[ReactionState, PerArm[Vec]]:
     """Return the state after this tick's cue, and the correction of each tip, m in frame 0."""
-    noticed = reduce(or_, (force > params.felt_force for force in felt.force))
-    correcting = (state.acted >= 0) & (params.action == CORRECT) & felt.pedal_down
+    pull_is_felt = reduce(or_, (force > params.felt_force for force in senses.force))
+    correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
     def corrected(i: int, _: ArmName) -> Vec:
-        wanted = felt.model_tip[i] - felt.off_plan[i] - felt.tip[i]
-        distance = norm(wanted)
+        # Returns the motion of one tip in this tick that reduces its distance, m.
+        error = senses.model_tip[i] - senses.off_plan[i] - senses.tip[i]
+        distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
         share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
-        return wanted * share
+        return error * share
 
-    first = noticed & felt.pedal_down & (state.felt < 0)
-    state = replace(state, felt=jnp.where(first, felt.tick, state.felt))
+    first = pull_is_felt & senses.pedal_down & (state.felt < 0)
+    state = replace(state, felt=jnp.where(first, senses.tick, state.felt))
     return state, per_arm(setup, corrected)

@@ -17,17 +17,17 @@ from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.geometry import mapping
 
 FIELDS = struct.Struct("<3I6i8d6i")
-"""Layout of U_STRUCT; unpacking it is ten times as fast as NumPy."""
+"""Layout of U_STRUCT. Unpacking with `struct` is ten times as fast as with NumPy."""
 QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 9, 17, 19, 21, 22
 """Indices of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
 assert FIELDS.size == U_STRUCT.itemsize
 
 Quat = tuple[float, ...]
-_LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
+_NO_ROTATION: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 class PacketReading(NamedTuple):
-    """The motion that a packet asks for; one entry per arm."""
+    """The motion that a packet commands; one entry per arm."""
 
     delta_um: tuple[tuple[int, int, int], ...]
     quat: tuple[Quat, ...]
@@ -52,37 +52,38 @@ class _Hand(NamedTuple):
 
     jaw: int | None  # value of the jaw
     quat: Quat | None  # orientation, a unit quaternion
-    left: tuple[float, ...]  # um (3) and mrad that rounding to whole numbers left over
+    left: tuple[float, ...]  # remainders of rounding to whole numbers: um (3), mrad
 
 
-_NEW = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
+_FIRST = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
 
 
 class PacketReader:
-    """Reads a stream of packets under one profile, and keeps the state of the stream."""
+    """Reads a stream of packets with the rules of one profile."""
 
     def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]) -> None:
         """Prepare to read the fields of these arms; other arms may have any values."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
         # State of the arms, and their state after the packet that was read last
-        self._hands = self._next = (_NEW,) * len(self._slots)
+        self._hands = self._next = (_FIRST,) * len(self._slots)
         largest = profile.largest
         self._step_square = largest.step_um**2
         self._cos_square = math.cos(largest.turn_rad / 2) ** 2
 
     def begin(self) -> None:
         """Reset the state, because another stream begins."""
-        self._hands = (_NEW,) * len(self._slots)
+        self._hands = (_FIRST,) * len(self._slots)
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream."""
         self._hands = self._next
 
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return what a packet's fields (of `FIELDS`) ask for. It changes no state until `follow`.
+        """Return the increments that a packet's fields (of `FIELDS`) command, or a broken rule.
 
-        joined: the packet follows the last one of the stream; else its content alone is judged.
+        The state of the stream changes only with `follow`. joined: the packet follows the last
+        packet of the stream; else only its content is checked.
         """
         self._next = self._hands
         profile = self.profile
@@ -98,21 +99,21 @@ class PacketReader:
                 )
         arms = []
         for slot, hand in zip(self._slots, self._hands, strict=True):
-            of = self._hand(fields, slot, hand if joined else _NEW)
-            if isinstance(of, Misfit):
-                return of
-            arms.append(of)
+            hand_reading = self._hand(fields, slot, hand if joined else _FIRST)
+            if isinstance(hand_reading, Misfit):
+                return hand_reading
+            arms.append(hand_reading)
         deltas, quats, grasps, self._next = zip(*arms, strict=True)
         return PacketReading(deltas, quats, grasps)
 
     def _hand(
         self, fields: Sequence, slot: int, hand: _Hand
     ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _Hand]:
-        # Reads the fields of one hand as increments, or returns the first field that does not fit.
+        # Returns the increments of one hand and its new state, or the first rule that is broken.
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
-            return Misfit("buttons", arm, fields[BUTTONS + slot], f"grasp again, {jaw}")
+            return Misfit("buttons", arm, fields[BUTTONS + slot], f"the value of grasp, {jaw}")
         um, (*left, left_jaw) = profile.position.um, hand.left
         x, y, z = fields[3 + slot : 9 : 2]
         if um != 1.0:
@@ -123,7 +124,7 @@ class PacketReader:
                 "step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um"
             )
         sent = fields[QUAT + slot : QUAT + slot + 7 : 2]
-        turn, place = self._turn(sent, hand.quat)
+        turn, orientation = self._turn(sent, hand.quat)
         if turn is None:
             return Misfit("quaternion", arm, list(sent), self._form())
         if not turn[3] * turn[3] >= self._cos_square * sum(c * c for c in turn):
@@ -133,10 +134,10 @@ class PacketReader:
         mrad = profile.jaw.mrad
         step: float = jaw
         if profile.jaw.form == "positions":
-            at = jaw * abs(mrad)
-            if not profile.jaw.lowest_mrad <= at <= profile.jaw.highest_mrad:
+            position = jaw * abs(mrad)
+            if not profile.jaw.lowest_mrad <= position <= profile.jaw.highest_mrad:
                 ends = f"{profile.jaw.lowest_mrad:g}..{profile.jaw.highest_mrad:g} mrad"
-                return Misfit("grasp", arm, f"{at:g} mrad", f"a position in {ends}")
+                return Misfit("grasp", arm, f"{position:g} mrad", f"a position in {ends}")
             step = 0 if hand.jaw is None else jaw - hand.jaw
         grasp = int(step)
         if mrad != 1.0:
@@ -145,40 +146,45 @@ class PacketReader:
             return Misfit(
                 "grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad"
             )
-        return (x, y, z), turn, grasp, _Hand(jaw, place, (*left, left_jaw))
+        return (x, y, z), turn, grasp, _Hand(jaw, orientation, (*left, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """Return the turn that a packet asks for (None: not a rotation), and the orientation."""
+        """Return the rotation that a packet commands, and the hand's orientation, as quaternions.
+
+        sent: Qx, Qy, Qz, Qw of the packet. before: orientation of the last packet. The rotation is
+        None if `sent` is no rotation. The orientation is None unless packets contain it.
+        """
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
         if form == "vector":
-            if w != 1.0 or not square < math.inf:  # written so that NaN is refused, too
+            if w != 1.0 or not square < math.inf:  # also refuses NaN
                 return None, None
             if square == 1.0:
-                return _LEVEL, None
+                return _NO_ROTATION, None
             angle = math.sqrt(x * x + y * y + z * z)
-            half = min(0.5 * angle * self.profile.orientation.rad, math.pi / 2)
-            along = math.sin(half) / angle if angle else 0.0
-            return (x * along, y * along, z * along, math.cos(half)), None
+            half_angle = min(0.5 * angle * self.profile.orientation.rad, math.pi / 2)
+            factor = math.sin(half_angle) / angle if angle else 0.0
+            return (x * factor, y * factor, z * factor, math.cos(half_angle)), None
         if not 0.98 < square < 1.02:
             return None, None
         if form == "increments":
             return (x, y, z, w), None
-        over = 1.0 / math.sqrt(square)
-        now = x * over, y * over, z * over, w * over
+        scale = 1.0 / math.sqrt(square)
+        orientation = x * scale, y * scale, z * scale, w * scale
         if before is None:
-            return _LEVEL, now
+            return _NO_ROTATION, orientation
         x, y, z, w = before
-        turn = mapping.quat_mul(Vec(now), Vec((-x, -y, -z, w)))
-        return (-turn if turn[3] < 0.0 else turn), now
+        turn = mapping.quat_mul(Vec(orientation), Vec((-x, -y, -z, w)))
+        return (-turn if turn[3] < 0.0 else turn), orientation
 
     def _form(self) -> str:
+        # Describes the expected form of the orientation in words.
         form = self.profile.orientation.form
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"
         return "a unit quaternion" + (
-            ", the turn since the last packet" if form == "increments" else ""
+            ", the rotation since the last packet" if form == "increments" else ""
         )
 
 

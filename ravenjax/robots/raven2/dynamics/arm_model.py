@@ -22,7 +22,7 @@ MODEL = "raven2/raven2.xml"
 @functools.cache
 def operating_scene() -> mujoco.MjModel:
     """Return both arms and the operating scene, compiled. Do not write to the model."""
-    # imported late: a planned tick that was traced before needs no model
+    # Imported late, because code from the cache needs no model.
     import mujoco
 
     return mujoco.MjModel.from_xml_path(str(resources.find_model(MODEL)))
@@ -32,7 +32,7 @@ def operating_scene() -> mujoco.MjModel:
 def one_arm(arm: ArmName) -> mujoco.MjModel:
     """Return one arm alone, without shapes and scene, compiled.
 
-    Its seven degrees of freedom come in the order of `JOINTS`.
+    The seven degrees of freedom are in the order of `JOINTS`.
     """
     return one_arm_spec(arm).compile()
 
@@ -55,7 +55,7 @@ def one_arm_spec(arm: ArmName) -> mujoco.MjSpec:
 
 
 def base_body(arm: ArmName) -> str:
-    """Return the name of the fixed body that carries the arm's frame 0."""
+    """Return the name of the fixed body whose frame is the arm's frame 0."""
     return f"{arm}_frame0"
 
 

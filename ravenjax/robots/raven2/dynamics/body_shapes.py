@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import trimesh
 
 NO_COLOUR = 0.5
-"""What MuJoCo gives to a geom without a colour, which has the colour of its material."""
+"""MuJoCo's value for each colour component of a geom without a colour."""
 CREASE = math.radians(35.0)
-"""Faces that meet at a smaller angle are drawn as one smooth surface, rad."""
+"""Largest angle between faces that are drawn as one smooth surface, rad."""
 
 
 def fixed_bodies(model: mujoco.MjModel) -> dict[int, str]:

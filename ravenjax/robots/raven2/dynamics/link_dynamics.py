@@ -28,21 +28,20 @@ if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link
 
 LEVERS = (138.0, 123.0, 2400.0, 5.4, 9.0, 9.0, 9.0)
-"""About how far a motor turns per joint, rad/rad (insertion: rad/m): scales of joints against each
-other, so that damping of pairs is not the small difference of large numbers.
+"""Approximate motor angle per joint, rad/rad (insertion: rad/m). The joints are scaled by these
+factors, so that the damping of pairs is no small difference of large numbers.
 """
 
 
 def mass_matrix_and_bias(
     arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale: Scalar = 1.0
 ) -> tuple[tuple[Vec, ...], Vec]:
-    """Return (M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
+    """Return the mass matrix M (7 rows of 7) and the bias (7) at joints `qpos` and speeds `qvel`.
 
-    gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
-    insertion N), with the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
-    inertia. Both results are linear in it and are scaled at the end, except the armature (kg m^2)
-    of the tool spindles on the diagonal. Entries of M that never change are Python numbers. Python
-    numbers among the arguments are folded as constants.
+    bias: Coriolis, centrifugal and gravity torques (Nm, insertion N), with the sign of MuJoCo's
+    qfrc_bias. gravity: m/s^2 in frame 0 of the arm. mass_scale: factor of every link's mass and
+    inertia, but not of the armature (kg m^2) of the tool spindles. Entries of M that are constant
+    are Python numbers. Arguments that are Python numbers become constants of the program.
     """
     program = functools.partial(arm_program, arm)
     mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
@@ -64,12 +63,12 @@ def solve_by_mjx(
     gravity: Vec,
     mass_scale: Scalar,
 ) -> Vec:
-    """Return x of system x = right, 7 speeds that joints gain, by one `mjx.step`.
+    """Return the solution x (7 speed gains of joints) of system x = right, by one `mjx.step`.
 
-    system: 7x7, its lower triangle, M / timestep + D; right: N m, insertion N. MuJoCo computes M
-    and bias. Dampers of joints, and tendons with a damper for each pair of joints, have damping D,
-    which MuJoCo's implicit integrator takes at the end of the step. `qfrc_applied` returns what
-    bias and dampers take at the start.
+    system: 7x7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
+    bias. The damping D is that of dampers on joints, and on a tendon for each pair of joints. The
+    implicit integrator evaluates dampers at the end of the step. `qfrc_applied` cancels the bias
+    and the damping at the start.
     """
     # imports MuJoCo
     from ravenjax.mechanics.mechanism import advance_by_mjx
@@ -78,22 +77,22 @@ def solve_by_mjx(
     model = _mjx_model(arm)
     mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
     joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
-    full = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
-    damping = full - real(mass) / timestep
-    shares = damping / jnp.outer(lever, lever)
-    # GPUs would otherwise multiply matrices with 10 bits
+    whole = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
+    damping = whole - real(mass) / timestep
+    pair_damping = damping / jnp.outer(lever, lever)
+    # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
-        turned = real(arm_model.frame_rotation(arm)) @ real(gravity)
+        gravity_in_world = real(arm_model.frame_rotation(arm)) @ real(gravity)
         applied = real(right + bias) + damping @ speed
     _, after = advance_by_mjx(
         *(model, qpos, qvel, applied),
-        {"timestep": timestep, "gravity": turned},
+        {"timestep": timestep, "gravity": gravity_in_world},
         body_mass=real(model.body_mass) * mass_scale,
         body_inertia=real(model.body_inertia) * mass_scale,
-        tendon_damping=shares[np.tril_indices(len(right), -1)],
-        dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * shares.sum(axis=1),
+        tendon_damping=pair_damping[np.tril_indices(len(right), -1)],
+        dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * pair_damping.sum(axis=1),
     )
-    # MJX widens numbers if x64 is on
+    # MJX returns float64 if JAX's 64-bit numbers are enabled.
     return Vec((after - speed).astype(speed.dtype))
 
 
@@ -121,8 +120,8 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
     if joints != expected:
         raise ValueError(
-            f"{arm_model.MODEL}: joints below {arm_model.base_body(arm)} are {joints}, expected"
-            f" {expected}"
+            f"{arm_model.MODEL}: the joints below body {arm_model.base_body(arm)} are {joints},"
+            f" expected {expected}"
         )
     return tree
 

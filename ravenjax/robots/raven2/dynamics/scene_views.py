@@ -13,24 +13,24 @@ The eyes of a stereo endoscope are 5 to 6 mm apart.
 """
 FIELD = np.array([0.0, 0.0, 0.192])
 """Middle of the field, a little above the tissue, m."""
-# Upward. Rigid endoscopes see 60 to 75 degrees across their round picture.
+# Vertical field of view. Rigid endoscopes see 60 to 75 degrees across their round picture.
 _ENDOSCOPE_FOV = np.radians(44.0)
 _CAMERAS = _TABLES["cameras"]
-"""For each camera, the point about which it turns, m, and its distance by that in the model.
+"""Camera -> point about which it rotates, m, and factor of its distance in the model.
 
-The distance is larger because a window is narrower than the model's picture.
+The distance is larger than in the model, because a window is narrower than the model's picture.
 """
 VIEWS = (*ENDOSCOPES, *_CAMERAS)
 
 
 def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return position and the point looked at, m, and the field of view upward, rad."""
+    """Return the position and the focus of a view, m, and its vertical field of view, rad."""
     if name in ENDOSCOPES:
-        place, focus = FIELD + ENDOSCOPES[name], FIELD.copy()
+        position, focus = FIELD + ENDOSCOPES[name], FIELD.copy()
         # The axes of both eyes are parallel.
         if name.endswith(("_left", "_right")):
-            focus[0] = place[0]
-        return place, focus, float(_ENDOSCOPE_FOV)
-    camera, (focus, share) = arm_model.operating_scene().camera(name), _CAMERAS[name]
-    place = focus + share * (camera.pos - focus)
-    return place, np.array(focus), float(np.radians(camera.fovy[0]))
+            focus[0] = position[0]
+        return position, focus, float(_ENDOSCOPE_FOV)
+    camera, (focus, factor) = arm_model.operating_scene().camera(name), _CAMERAS[name]
+    position = focus + factor * (camera.pos - focus)
+    return position, np.array(focus), float(np.radians(camera.fovy[0]))

@@ -25,7 +25,7 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""Tolerance of R^T R of a rotation from 1; single precision is far below it."""
+"""Largest difference of R^T R from 1 in a rotation. Single precision has far smaller errors."""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
@@ -33,16 +33,16 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
 
     The yaw of the jaws is (grasp2 - grasp1) / 2.
     """
-    (joints,) = _rows(arm, jpos=(jpos, (7,)))
-    with _numpy():
-        pose = kinematics.forward_pose(arm, _vec(joints))
+    (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
+    with _whole_arrays():
+        pose = kinematics.forward_pose(arm, _to_vec(joints))
     return _stacked(pose.position), _matrices(pose.rotation)
 
 
 def jaw_rotation(arm: str, jpos: Array) -> Array:
     """Return the rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN if a joint is NaN."""
-    with _numpy():
-        return _matrices(kinematics.forward_pose(arm, _vec(np.asarray(jpos, float))).rotation)
+    with _whole_arrays():
+        return _matrices(kinematics.forward_pose(arm, _to_vec(np.asarray(jpos, float))).rotation)
 
 
 def inverse_kinematics(
@@ -58,17 +58,17 @@ def inverse_kinematics(
     the returned jpos_d is NaN. Status -2: the wrist is at the remote centre, a singularity; the
     angles are those that the control software would use.
     """
-    places, turns, openings, measured = _rows(
+    positions, rotations, openings, reference = _check_arguments(
         arm,
         position=(position, (3,)),
         rotation=(rotation, (3, 3)),
         grasp=(grasp, ()),
         jpos_ref=(jpos_ref, (7,)),
     )
-    _require_rotations(_checked("rotation", rotation, (3, 3)))
-    pose = Pose(_vec(places), Vec(_vec(turns[..., k, :]) for k in range(3)))
-    with _numpy():
-        solution = kinematics.inverse_joints(arm, pose, openings[()], _vec(measured))
+    _require_rotations(_check_numbers("rotation", rotation, (3, 3)))
+    pose = Pose(_to_vec(positions), Vec(_to_vec(rotations[..., k, :]) for k in range(3)))
+    with _whole_arrays():
+        solution = kinematics.inverse_joints(arm, pose, openings[()], _to_vec(reference))
     jpos_d, status = _stacked(solution.jpos), np.asarray(solution.status)
     jpos_d[status == kinematics.REJECTED] = np.nan
     return jpos_d, status
@@ -78,35 +78,35 @@ def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Arra
     """Return motor angles [..., 7] (rad) for joint positions `jpos` [..., 7] (rad; insertion m),
     with cable coupling.
     """
-    (joints,) = _rows(arm, jpos=(jpos, (7,)))
-    return _stacked(transmission.motor_from_joint(arm, tool, _vec(joints)))
+    (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
+    return _stacked(transmission.motor_from_joint(arm, tool, _to_vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
     """Return joint positions [..., 7] (rad; insertion m) for motor angles `mpos` [..., 7] (rad),
     with cable coupling.
     """
-    (motors,) = _rows(arm, mpos=(mpos, (7,)))
-    return _stacked(transmission.joint_from_motor(arm, tool, _vec(motors)))
+    (motors,) = _check_arguments(arm, mpos=(mpos, (7,)))
+    return _stacked(transmission.joint_from_motor(arm, tool, _to_vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
     """Return the torques [..., 3] (Nm) at the capstans of shoulder, elbow and insertion with which
     the software compensates gravity at `jpos` [..., 7].
     """
-    (joints,) = _rows(arm, jpos=(jpos, (7,)))
-    with _numpy():
-        return _stacked(gravity.gravity_torque(arm, _vec(joints)))
+    (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
+    with _whole_arrays():
+        return _stacked(gravity.gravity_torque(arm, _to_vec(joints)))
 
 
 @contextlib.contextmanager
-def _numpy() -> Generator[None]:
-    """Make the functions for single numbers compute with a whole array for each number."""
+def _whole_arrays() -> Generator[None]:
+    """Let functions of single numbers compute with arrays in place of numbers."""
     with at_once(), np.errstate(all="ignore"):
         yield
 
 
-def _vec(rows: Array) -> Vec:
+def _to_vec(rows: Array) -> Vec:
     return Vec(rows[..., k] for k in range(rows.shape[-1]))
 
 
@@ -118,21 +118,26 @@ def _matrices(rows: Vec) -> Array:
     return np.stack([_stacked(row) for row in rows], axis=-2)
 
 
-def _rows(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """Check the arguments, each given with the shape of one row; broadcast their leading axes."""
+def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
+    """Return the arguments as arrays with broadcast leading axes. Raises UserError.
+
+    arguments: name -> (value, shape of the last axes).
+    """
     if arm not in ARMS:
         raise UserError(describe_unknown_name("arm", arm, ARMS))
-    checked = {name: _checked(name, value, row) for name, (value, row) in arguments.items()}
+    checked = {name: _check_numbers(name, value, row) for name, (value, row) in arguments.items()}
     leading = {name: a.shape[: a.ndim - len(arguments[name][1])] for name, a in checked.items()}
     try:
         shape = np.broadcast_shapes(*leading.values())
     except ValueError:
-        listed = ", ".join(f"{name} {shape}" for name, shape in leading.items())
-        raise UserError(f"leading axes do not broadcast against each other: {listed}") from None
+        shapes = ", ".join(f"{name} {shape}" for name, shape in leading.items())
+        raise UserError(
+            f"the leading axes of the arguments do not broadcast against each other: {shapes}"
+        ) from None
     return [np.broadcast_to(a, shape + arguments[name][1]) for name, a in checked.items()]
 
 
-def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
+def _check_numbers(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
     """Return an array of finite numbers [..., *row]."""
     try:
         array = np.asarray(value)
@@ -140,9 +145,7 @@ def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
         raise UserError(f"{name} is not an array of numbers: {error}") from None
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
-        raise UserError(
-            f"{name} is not an array of numbers: it holds {kind}, expected real numbers"
-        )
+        raise UserError(f"{name} is not an array of numbers: got {kind}, expected real numbers")
     if array.shape[max(array.ndim - len(row), 0) :] != row:
         expected = ", ".join(("...", *map(str, row)))
         order = f" in the order {', '.join(JOINTS)}" if row == (7,) else ""
@@ -155,13 +158,14 @@ def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
 
 
 def _require_rotations(matrices: Array) -> None:
-    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+    # Raises UserError for the first matrix that is no rotation.
+    errors = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
     mirrored = np.linalg.det(matrices) < 0
-    for index in np.argwhere((off > ORTHONORMAL) | mirrored)[:1].tolist():
-        apart, problem = off[tuple(index)], "mirrors"
-        if apart > ORTHONORMAL:
-            problem = f"has columns that are not orthonormal (off by {apart:.2g})"
+    for index in np.argwhere((errors > ORTHONORMAL) | mirrored)[:1].tolist():
+        error, problem = errors[tuple(index)], "is a reflection"
+        if error > ORTHONORMAL:
+            problem = f"has columns that are not orthonormal (off by {error:.2g})"
         raise UserError(
-            f"rotation{index or ''} {problem}, expected a rotation matrix:"
-            " its columns are the axes of the jaws' frame"
+            f"rotation{index or ''} {problem}, expected a rotation matrix,"
+            " whose columns are the axes of the jaws' frame"
         )

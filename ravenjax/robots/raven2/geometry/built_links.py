@@ -13,7 +13,7 @@ from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LINK12, LINK23,
 @describe_fields
 @record
 class LinkErrors:
-    """True links minus those of the software's table; 0: as drawn."""
+    """Differences of the true links from the software's table; 0: as drawn."""
 
     twist12: Scalar  # rad
     twist23: Scalar  # rad
@@ -25,7 +25,10 @@ class LinkErrors:
 
 
 def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
-    """Return the position (3, m, frame 0) of the jaw axis with these links; jpos: rad and m."""
+    """Return the position (3, m, frame 0) of the jaw axis of an arm with link errors.
+
+    jpos: joints, rad and m.
+    """
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
@@ -35,25 +38,25 @@ def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     reach = add(LW, errors.wrist_length)
     point = Vec((reach * s5, 0.0, -reach * c5))  # frame 4: alpha4 = 90 deg
     depth = jpos[2] + sub(D4, errors.tool_length)
-    point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
+    point = _rotate_z(point, jnp.cos(angle4), jnp.sin(angle4))
     point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
     # theta3 = +-90 deg
     point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))
     point = _link(point, errors.length23, twist2)
-    point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
+    point = _rotate_z(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
     point = _link(point, errors.length12, add(LINK12, errors.twist12))
-    x, y, z = _turned(point, jnp.cos(angle1), jnp.sin(angle1))
+    x, y, z = _rotate_z(point, jnp.cos(angle1), jnp.sin(angle1))
     return Vec((x, y, z)) if gold else Vec((x, -y, -z))
 
 
-def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
+def _rotate_z(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
     x, y, z = point
     return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
 
 
 def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """Return the point in the frame at the other end of a link: moved along x, turned about x."""
-    of = trigonometry if isinstance(twist, float) else jnp
-    cosine, sine = of.cos(twist), of.sin(twist)
+    """Return a point in the frame of the link before: translated along x, rotated about x."""
+    functions = trigonometry if isinstance(twist, float) else jnp
+    cosine, sine = functions.cos(twist), functions.sin(twist)
     x, y, z = point
     return Vec((add(x, length), cosine * y - sine * z, sine * y + cosine * z))

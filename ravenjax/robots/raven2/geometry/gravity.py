@@ -11,7 +11,7 @@ from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE
 
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms
-# m/s^2, the float32 that the original holds
+# m/s^2, the float32 that the original stores
 GRAVITY_AS_STORED = 9.800000190734863
 
 MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
@@ -25,7 +25,7 @@ CENTRES = {
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Return the effort (Nm, Nm, N) that holds joints 1-3 at `jpos`. gravity: m/s^2 along -x0."""
+    """Return torques (Nm, Nm, N) that balance gravity at joints 1-3. gravity: m/s^2 along -x."""
     geometry, (link1, link2) = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)
@@ -33,11 +33,10 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     if geometry.zero2:  # half a turn
         c2, s2 = -c2, -s2
     gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
-    across = GM2 * gy
-    hx, hy, hz = c2 * gx + s2 * across, c2 * across - s2 * gx, -GM1 * gy  # in frame 2
+    moment_arm = GM2 * gy
+    hx, hy, hz = c2 * gx + s2 * moment_arm, c2 * moment_arm - s2 * gx, -GM1 * gy  # in frame 2
     m1, m2, m3 = MASSES
-    # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1. Their z components are
-    # never needed.
+    # First moments (kg m): of links 2 and 3 in frame 2, then of all links in frame 1.
     x2 = m2 * link2[0]
     y2 = m2 * link2[1] - m3 * GM3 * jpos[2]
     z2 = m2 * link2[2] + m3 * geometry.cos23 * jpos[2]
@@ -47,7 +46,7 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
 
 
 def gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Return tau_g: capstan torque (3, Nm) of the compensating joint efforts, without coupling."""
+    """Return tau_g: capstan torques (3, Nm) that balance gravity, without cable coupling."""
     return joint_gravity_torque(arm, jpos, gravity) * Vec(
         1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3]
     )

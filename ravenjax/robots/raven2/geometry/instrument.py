@@ -21,7 +21,7 @@ _STILL = Vec.full(3, 0.0)
 
 
 class InstrumentPoint(NamedTuple):
-    """A point of an instrument, and its velocity per joint."""
+    """A point of an instrument, and its Jacobian."""
 
     at: Vec  # 3, m
     columns: tuple[Vec, ...]  # 7 of 3: velocity of the point (m/s) per unit speed of each joint
@@ -34,15 +34,15 @@ class InstrumentPoint(NamedTuple):
         return total
 
     def along(self, way: Vec) -> Vec:
-        """Return J^T way, 7: the joint efforts (N m, N) of a force (N).
+        """Return J^T way (7): the joint torques (N m, N) that balance a force `way` (N).
 
-        For a direction `way` it is the point's speed along `way` per unit speed of each joint.
+        If `way` is a direction, these are the speeds of the point along it per unit joint speed.
         """
         return Vec(dot(column, way) for column in self.columns)
 
 
 class InstrumentLine(NamedTuple):
-    """An instrument as two straight pieces: from remote centre to wrist to where the jaws close."""
+    """An instrument as two straight pieces: remote centre to wrist, wrist to tip of closed jaws."""
 
     chain: kinematics.ChainAxes
     wrist: Vec  # m
@@ -51,7 +51,7 @@ class InstrumentLine(NamedTuple):
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Return the tips of jaw 1 and 2 at `jpos` (7). They turn about DH axis 6, by -g1 and +g2."""
+    """Return the tips of both jaws at `jpos` (7), which rotate about axis 6 by -grasp1, grasp2."""
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
@@ -59,26 +59,34 @@ def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
 def instrument_line(arm: str, jpos: Vec) -> InstrumentLine:
     """Return the instrument's line at `jpos` (7, rad and m)."""
     chain = kinematics.chain_of(arm, jpos)
-    way, turn = _jaw(chain, jaw_yaw(jpos))
-    return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + way, turn)
+    to_end, turn = _jaw(chain, jaw_yaw(jpos))
+    return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + to_end, turn)
 
 
-def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> InstrumentPoint:
-    """Return the point `at` (m). beyond: fraction from the wrist to the end, 0 on the shaft."""
-    chain = whole.chain
-    from_wrist = (whole.end - whole.wrist) * beyond
-    turned = whole.turn * (beyond * 0.5)
-    return InstrumentPoint(at, (*_shared(arm, chain, at, from_wrist), -turned, turned))
+def point_on(arm: str, line: InstrumentLine, at: Vec, share: Scalar) -> InstrumentPoint:
+    """Return the point at `at` (m) of an instrument, with its Jacobian.
+
+    share: position of the point between wrist and end, 0 to 1; 0 on the shaft.
+    """
+    chain = line.chain
+    from_wrist = (line.end - line.wrist) * share
+    jaw_motion = line.turn * (share * 0.5)
+    return InstrumentPoint(
+        at, (*_positioning_columns(arm, chain, at, from_wrist), -jaw_motion, jaw_motion)
+    )
 
 
 def _jaw_tip(
-    arm: str, chain: kinematics.ChainAxes, angle: Scalar, sense: float, joint: int
+    arm: str, chain: kinematics.ChainAxes, angle: Scalar, sign: float, joint: int
 ) -> InstrumentPoint:
-    way, turn = _jaw(chain, mul(sense, angle))
-    at = chain.tip + way
-    turned = scale(sense, turn)
-    jaws = (turned, _STILL) if joint == 5 else (_STILL, turned)
-    return InstrumentPoint(at, (*_shared(arm, chain, at, chain.x5 * LW + way), *jaws))
+    # Returns the tip of one jaw. sign: direction in which its joint rotates it about axis 6.
+    to_tip, turn = _jaw(chain, mul(sign, angle))
+    at = chain.tip + to_tip
+    jaw_motion = scale(sign, turn)
+    jaws = (jaw_motion, _STILL) if joint == 5 else (_STILL, jaw_motion)
+    return InstrumentPoint(
+        at, (*_positioning_columns(arm, chain, at, chain.x5 * LW + to_tip), *jaws)
+    )
 
 
 def _jaw(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
@@ -87,8 +95,10 @@ def _jaw(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
-def _shared(arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
-    """Return the columns of joints 1-5 for a point. from_wrist: from the wrist axis to it, m."""
+def _positioning_columns(
+    arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec
+) -> tuple[Vec, ...]:
+    """Return the Jacobian's columns of joints 1-5. from_wrist: vector from wrist to point, m."""
     flip = GEOMETRY[arm].flip
     return (
         Vec((mul(-flip, at[1]), mul(flip, at[0]), 0.0)),

@@ -25,7 +25,7 @@ class Geometry(NamedTuple):
 
     zero1: float  # rad, theta1 = shoulder + zero1
     zero2: float  # rad, theta2 = elbow + zero2
-    flip: float  # 1 or -1: frame 0 turned by alpha0 = 180 deg about x
+    flip: float  # 1, or -1 if frame 0 is rotated by alpha0 = 180 deg about x
     cos23: float  # cos(alpha2)
     side: float  # sin(theta3), theta3 = +-90 deg
 
@@ -91,7 +91,7 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Return the joints (7) of DH variables in [-pi, pi], all but the roll within [-pi, pi]."""
+    """Return the joints (7) of DH variables in [-pi, pi]. Angles but the roll are in [-pi, pi]."""
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaw_angles(theta.theta6, grasp_rad)
     return Vec(
@@ -108,7 +108,7 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """Return angle + zero shifted into [-pi, pi], which it can leave on one side only."""
+    """Return angle + zero, shifted by at most one turn into [-pi, pi]."""
     if zero == 0.0:
         return angle
     joint, turn = angle + zero, math.copysign(2 * PI, zero)

@@ -41,11 +41,11 @@ from ravenjax.robots.raven2.geometry.joints import (
 # rad^2 (insertion counted 100 rad/m): a nearest solution that is farther away is rejected
 COST_LIMIT = PI
 NO_SOLUTION_COST = 32765.0  # rad^2, where the search for the least cost starts
-# how far outside [-1, 1] the cosine of theta2 is still taken as +-1
+# largest distance of the cosine of theta2 from [-1, 1] for which the cosine is clamped
 CLAMP = 1e-5
-# cosine or sine of theta5 below which the other one's equations are used
+# cosine (or sine) of theta5 below which the equations with the sine (or cosine) are used
 SINGULAR = 1e-5
-# rad, distance of theta4 from the measured one beyond which it is shifted by a turn
+# rad, distance of theta4 from its measured value above which it is shifted by a turn
 ROLLOVER = 300.0 * PI / 180.0
 INSERTION_WEIGHT = 100.0  # rad/m, weight of d3 in the cost
 
@@ -78,8 +78,8 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
     def from_frame1(x: Scalar, y: Scalar, z: Scalar) -> Vec:
-        along, across = c1 * x - s1 * y, s1 * x + c1 * y
-        return Vec((along, across, z)) if flip > 0 else Vec((along, -across, -z))
+        x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
+        return Vec((x0, y0, z)) if flip > 0 else Vec((x0, -y0, -z))
 
     def signed(x: Scalar) -> Scalar:
         return x if side > 0 else -x
@@ -98,8 +98,8 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the pose of the jaw axis at `jpos` (7, rad and m).
 
-    The jaws matter only by their yaw. It is (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given,
-    as the original rounds it to float32.
+    The pose depends on the jaws only through their yaw, (grasp2 - grasp1) / 2. yaw_rad: yaw in rad
+    if it is rounded, as in the original.
     """
     chain = chain_of(arm, jpos)
     theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
@@ -131,14 +131,14 @@ def tip_jacobian(arm: str, jpos: Vec) -> Vec:
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
     """Return the velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s).
 
-    The jaws only turn about this axis, so they do not matter.
+    The result does not depend on the jaws, which rotate about this axis.
     """
     chain = chain_of(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
-    turning = chain.z2 * jvel[1]
-    turning = turning.replace(2, turning[2] + shoulder)
-    at_wrist = chain.y4 * (chain.c5 * jvel[3]) + chain.y5 * jvel[4]
-    return cross(turning, chain.tip) + chain.z3 * jvel[2] + at_wrist * LW
+    angular = chain.z2 * jvel[1]
+    angular = angular.replace(2, angular[2] + shoulder)
+    wrist_part = chain.y4 * (chain.c5 * jvel[3]) + chain.y5 * jvel[4]
+    return cross(angular, chain.tip) + chain.z3 * jvel[2] + wrist_part * LW
 
 
 # --- inverse ---
@@ -151,26 +151,26 @@ class IK:
     jpos: Vec  # 7, rad and m, without joint limits; meaningless if rejected
     yaw: Scalar  # rad, theta6 of the solution, from which the jaws in jpos follow
     cost: Scalar  # rad^2, squared distance of the solution from the measured joints
-    status: Scalar  # int32: 0 taken, -1 rejected, -2 taken with the wrist at the remote centre
+    status: Scalar  # int32: OK, REJECTED or AT_REMOTE_CENTRE
 
 
 @record
 class _Wrist:
-    """Quantities that the solutions of one side share."""
+    """Quantities that all solutions of one side of the wrist have in common."""
 
     insertion: Scalar  # m, from the remote centre to the wrist
-    direction: Vec  # 3, that way
+    direction: Vec  # 3, unit vector from the remote centre to the wrist
     to_jaw: Vec  # 3, vector from the wrist to the jaw axis, in units of Lw
     ends: Vec  # 2, cos and sin of theta6, up to rounding
 
 
 @record
 class _Reach:
-    """One side and depth: two solutions that differ in theta1, theta4 and the sign of theta2."""
+    """Both solutions of one side and depth, which differ in theta1, theta4 and sign of theta2."""
 
     axis: Vec  # 2, x and y of the insertion axis, toward the wrist
     bend: Vec  # 2, cos and sin of theta2 of bend 0; theta2 is negated for bend 1
-    roll: Vec  # 2, parts along e and m of the direction to which theta4 turns
+    roll: Vec  # 2, components along e and m (see the module) of the direction that gives theta4
     d3: Scalar  # m
     theta5: Scalar  # rad
     theta6: Scalar  # rad
@@ -201,7 +201,10 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Return both bends, with the insertion axis from the wrist (depth False) or to it."""
+    """Return both solutions of a side and a depth.
+
+    axes: x, y and z axis of the pose. depth: False if the insertion axis points from the wrist.
+    """
     x6, y6, z6 = axes
     toward, distance = where(
         depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
@@ -210,7 +213,7 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
-    # If the cosine was clamped, the axis that theta1 and theta2 give misses the wrist by up to some
+    # If the cosine was clamped, the insertion axis of theta1 and theta2 misses the wrist by some
     # micrometres.
     clamped = c2 != cosine
     x, y, _ = toward
@@ -218,11 +221,11 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
     z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
     # from the origin of frame 4, in units of Lw
-    jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))
+    to_jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))
 
-    c5, s5 = -dot(z3, z6), dot(z3, jaw)
+    c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     by_jaw = jnp.abs(c5) > SINGULAR
-    vx, vy, vz = where(by_jaw, jaw, z6)
+    vx, vy, vz = where(by_jaw, to_jaw, z6)
     along_z3, factor = jnp.where(by_jaw, s5, -c5), jnp.where(by_jaw, c5, s5)
 
     by_axis = jnp.abs(s5) > SINGULAR
@@ -239,8 +242,8 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     )
 
 
-def _bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
-    """Return both bends."""
+def _both_bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
+    """Return the DH variables of both bends of the elbow."""
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
     alpha, beta = (
@@ -261,7 +264,7 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """Return the eight solutions and their validity, without the rules of the remote centre."""
+    """Return the eight solutions, and whether each is valid if no wrist is at the remote centre."""
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     return tuple(
@@ -269,7 +272,7 @@ def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]
         for wrist in wrists
         for depth in (False, True)
         for reach in [_reach(geometry, wrist, axes, depth)]
-        for theta in _bends(geometry, reach)
+        for theta in _both_bends(geometry, reach)
     )
 
 
@@ -288,6 +291,7 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
 
 
 def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
+    # Returns the part of the cost that both bends have in common.
     return (
         _depth_cost(measured, reach.d3)
         + _square(measured.theta5 - reach.theta5)
@@ -296,26 +300,29 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
 
 
 def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
-    # Of both bends of the wrist, chooses the one that is nearer to the measured joints.
-    def turned(theta4: Scalar) -> Scalar:
+    # Returns the bend of the elbow that is nearer to the measured joints.
+    def nearest_turn(theta4: Scalar) -> Scalar:
         gap = measured.theta4 - theta4
         return jnp.where(
             gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
         )
 
     def bend_cost(theta: Theta) -> Scalar:
+        # Returns the part of the cost that differs between the bends.
         return (
             _square(measured.theta1 - theta.theta1)
             + _square(measured.theta2 - theta.theta2)
             + _square(measured.theta4 - theta.theta4)
         )
 
-    bends = tuple(replace(theta, theta4=turned(theta.theta4)) for theta in _bends(geometry, reach))
+    bends = tuple(
+        replace(theta, theta4=nearest_turn(theta.theta4)) for theta in _both_bends(geometry, reach)
+    )
     first, second = map(bend_cost, bends)
     theta = where(second < first, bends[1], bends[0])
     cost = jnp.minimum(first, second) + _common_cost(measured, reach)
-    counts = reach.valid & (cost < NO_SOLUTION_COST)  # never true of NaN
-    return _Choice(theta, jnp.where(counts, cost, NO_SOLUTION_COST))
+    is_solution = reach.valid & (cost < NO_SOLUTION_COST)  # never true of NaN
+    return _Choice(theta, jnp.where(is_solution, cost, NO_SOLUTION_COST))
 
 
 def _nearest(first: _Choice, second: _Choice) -> _Choice:
@@ -325,6 +332,7 @@ def _nearest(first: _Choice, second: _Choice) -> _Choice:
 def _nearest_of_all(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> _Choice:
+    # Returns the nearest of all eight solutions.
     def of_side(wrist: _Wrist) -> _Choice:
         reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))
@@ -332,12 +340,13 @@ def _nearest_of_all(
     return _nearest(*map(of_side, wrists))
 
 
-def _likely(
+def _likely_choice(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """Return the likely nearest solution, and a lower bound (or NaN) of the cost of the others.
+    """Return the solution that is probably nearest, and a lower bound of the cost of all others.
 
-    For each side it takes the depth nearer to the measured d3, then the side with nearer angles.
+    For each side, it is the depth nearer to the measured d3, and then the side with nearer angles.
+    The bound may be NaN.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
@@ -355,12 +364,12 @@ def _likely(
     return likely, jnp.minimum(other, jnp.minimum(*farther))
 
 
-def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
-    """Return what the original selects if a wrist is within Lw of the remote centre.
+def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
+    """Return the solution that the original selects if a wrist is within Lw of the remote centre.
 
-    The original then stops while all angles are still zero, but counts the other side as valid.
-    It has computed d3 of side 0 by then, unless side 0 is too near: then d3 is zero, too.
-    insertion: of side 0, m.
+    The original then stops before it computes angles, so all angles are zero, but counts the other
+    side as valid. Before that it computes d3 of side 0, unless side 0 is too near. Otherwise d3 is
+    also zero. insertion: distance of the wrist of side 0 from the remote centre, m.
     """
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
@@ -373,23 +382,23 @@ def _leftover(measured: Theta, insertion: Scalar) -> _Choice:
 
 
 def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
-    """Return the joints that bring the jaw axis to `pose`, nearest to the measured `jpos_ref` (7).
+    """Return the joints that reach `pose`, nearest to the measured joints `jpos_ref` (7).
 
-    grasp_rad: opening of the jaws, rad. A roll more than 300 deg from the measured one is shifted
-    by a turn; otherwise the distance is used unchanged. A pose with NaN is rejected (`IK.status`).
+    grasp_rad: opening of the jaws, rad. As in the original, a roll is shifted by a turn only if it
+    differs by more than 300 deg from the measured roll. A pose with NaN is rejected (`IK.status`).
     """
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
 
-    # The solution of least cost is nearly always found without computing the others, because a
-    # lower bound of their costs is known.
-    usual, others = _likely(geometry, measured, wrists, axes)
+    # All solutions are computed only if the likely one costs more than the lower bound of the
+    # others, which is rare.
+    likely, bound = _likely_choice(geometry, measured, wrists, axes)
     nearest = if_rarely(
-        ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual
+        ~(likely.cost < bound), lambda: _nearest_of_all(geometry, measured, wrists, axes), likely
     )
     singular = (wrists[0].insertion <= LW) | (wrists[1].insertion <= LW)
-    choice = where(singular, _leftover(measured, wrists[0].insertion), nearest)
+    choice = where(singular, _centre_choice(measured, wrists[0].insertion), nearest)
     reachable = choice.cost <= COST_LIMIT
     status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
     return IK(

@@ -21,8 +21,8 @@ FORK_ROLL_LIMIT = 150 * _DEG
 class SoftLimits(NamedTuple):
     """Limits to which joint targets are clamped: `lower` and `upper`; None for no limit.
 
-    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The jaws
-    themselves are never limited.
+    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The joints of the
+    jaws have no limits.
     """
 
     lower: tuple[float, float, float, float, float, float | None]
@@ -36,7 +36,8 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     """Return the limits with `tool`. The original applies the gold arm's limits to both arms.
 
-    Jaw yaw has a lower limit only, from grasp1's range. The fork has none, and fixes the roll's.
+    The jaw yaw has only a lower limit, from the range of grasp1. The 2015 fork has no limit of the
+    yaw, and the same limit of the roll for every tool.
     """
     instrument = find_tool(tool)
     fork = software == "fork2015"

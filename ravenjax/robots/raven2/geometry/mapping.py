@@ -15,17 +15,17 @@ ITP_AXES = {
 
 
 def position_from_itp(arm: str, position: Vec) -> Vec:
-    """Return a displacement (3, any unit, integers stay integers) of an ITP packet in frame 0."""
+    """Return a displacement (3) of an ITP packet in frame 0, in the same unit and type."""
     return matvec(ITP_AXES[arm], position)
 
 
 def position_to_itp(arm: str, position: Vec) -> Vec:
-    """Return a displacement (3, any unit) in frame 0 about the axes of an ITP packet."""
+    """Return a displacement (3, any unit) in frame 0 along the axes of an ITP packet."""
     return matvec(transpose(ITP_AXES[arm]), position)
 
 
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
-    """Turn the axes of a rotation (3 rows) from those of an ITP packet to those of frame 0."""
+    """Return a rotation (3 rows) of an ITP packet in the axes of frame 0."""
     axes = ITP_AXES[arm]
     return matmul(matmul(axes, rotation), transpose(axes))
 
@@ -72,7 +72,7 @@ def matrix_from_quat(quat: Vec) -> Vec:
 def quat_from_matrix(rotation: Vec) -> Vec:
     """Return the unit quaternion of a rotation matrix.
 
-    It comes from the trace or, if trace <= 0, from the greatest diagonal element.
+    It is computed from the trace or, if trace <= 0, from the greatest diagonal element.
     """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22

@@ -23,15 +23,14 @@ VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome: its axis lies 0
 VESSEL_COURSE = resources.read_tables(__file__, "scene.toml")["vessel_course_m"]
 """m, x and y of points of the vessel's axis; the drawn vessel is a smooth curve through them."""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
-"""Squared ratio of the distance from the axis to that along y, for the course as a whole."""
+"""Squared ratio of the distance from the vessel's axis to that along y, for its mean slope."""
 
 
 class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
     depth: Scalar  # m, depth of the point below the surface, along the world's z; negative above it
-    # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0. It points along the normal, with 1
-    # along the world's z
+    # Normal (-dh/dx, -dh/dy, 1) of the surface of height h, in the arm's frame 0
     rise: Vec
     vessel: Scalar  # bool, the point is over the vessel
 
@@ -60,7 +59,7 @@ def to_world(arm: ArmName, position: Vec) -> Vec:
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
-    """Return the depth of `tip` (m, frame 0) below the tissue, m; negative above, -inf beside."""
+    """Return the depth of `tip` (m, frame 0) below the tissue, m. Beside the tissue it is -inf."""
     x, y, z = to_world(arm, tip)
     return jnp.where(_inside(x, y), _dome(x, y) - z, -jnp.inf)
 
@@ -68,19 +67,22 @@ def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
 def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge.
 
-    Beside the tissue the surface is 1 m deep. The ridge is height (1 - (d/r)^2)^2 at the distance d
-    from the vessel's axis. It is as wide and high as the drawn vessel, without a vertical flank.
+    Beside the tissue the depth is -1 m. At the distance d from the vessel's axis, the ridge has the
+    height VESSEL_HEIGHT (1 - (d/r)^2)^2. It is as wide and high as the drawn vessel, and its sides
+    are not vertical.
     """
     x, y, z = to_world(arm, point)
     course, slope = _course(x)
-    off, narrow = y - course, VESSEL_LEAN / VESSEL_RADIUS**2
-    share = jnp.maximum(1.0 - narrow * (off * off), 0.0)
-    fall = (4.0 * VESSEL_HEIGHT * narrow) * (share * off)  # -dh/dy of the ridge
-    depth = _dome(x, y) + VESSEL_HEIGHT * (share * share) - z
-    rise = Vec((2.0 * TISSUE_SAG[0] * x - fall * slope, 2.0 * TISSUE_SAG[1] * y + fall, 1.0))
+    offset, scale = y - course, VESSEL_LEAN / VESSEL_RADIUS**2
+    profile = jnp.maximum(1.0 - scale * (offset * offset), 0.0)
+    ridge_slope = (4.0 * VESSEL_HEIGHT * scale) * (profile * offset)  # -dh/dy of the ridge
+    depth = _dome(x, y) + VESSEL_HEIGHT * (profile * profile) - z
+    rise = Vec(
+        (2.0 * TISSUE_SAG[0] * x - ridge_slope * slope, 2.0 * TISSUE_SAG[1] * y + ridge_slope, 1.0)
+    )
     _, rotation = frame0_in_world(arm)
     return Surface(
-        jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), share > 0.0
+        jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), profile > 0.0
     )
 
 
@@ -93,15 +95,16 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
+    # Returns y of the vessel's axis at x, and its slope, from straight pieces.
     pieces = [
         (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
     ]
-    x0, y0, before = pieces[0]
-    value, slope = y0 + before * (x - x0), before
-    for x0, _, after in pieces[1:]:
-        value = value + (after - before) * jnp.maximum(x - x0, 0.0)
-        slope = slope + jnp.where(x > x0, after - before, 0.0)
-        before = after
+    x0, y0, slope_before = pieces[0]
+    value, slope = y0 + slope_before * (x - x0), slope_before
+    for x0, _, slope_after in pieces[1:]:
+        value = value + (slope_after - slope_before) * jnp.maximum(x - x0, 0.0)
+        slope = slope + jnp.where(x > x0, slope_after - slope_before, 0.0)
+        slope_before = slope_after
     return value, slope
 
 
@@ -109,5 +112,9 @@ def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
     """Return the distance of the two tips, m; infinite with one arm."""
     if len(arms) < 2:
         return jnp.asarray(jnp.inf, tips[0][0].dtype)
-    apart = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
-    return jnp.sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2])
+    difference = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
+    return jnp.sqrt(
+        difference[0] * difference[0]
+        + difference[1] * difference[1]
+        + difference[2] * difference[2]
+    )

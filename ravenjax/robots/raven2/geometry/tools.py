@@ -14,7 +14,7 @@ Style = Literal["raven", "dv", "square_raven"]
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """One instrument. Ranges are those of tool_roll, wrist, grasp1, grasp2, mostly symmetric."""
+    """One instrument. Ranges have one number for tool_roll, wrist, grasp1, grasp2."""
 
     name: str
     style: Style  # adapter, which decides the signs of coupling, torque and encoders

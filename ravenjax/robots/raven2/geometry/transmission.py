@@ -71,26 +71,26 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 
 
 def _tool_signs(sign: float, software: str) -> Vec:
-    """Return the tool signs. With OPPOSE_GRIP the first jaw's sign is opposite to the second's."""
+    """Return the signs of the tool motors. In raven2, the jaws' signs differ (OPPOSE_GRIP)."""
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0) -> Vec:
-    """Return the signs (7) of DAC counts that drive motors forward: the original's tau_per_amp.
+    """Return the signs (7) of DAC counts that turn motors forward: the original's tau_per_amp.
 
-    square: sign of the tool motors by that of the others, with a square_raven adapter.
+    square: with a square_raven adapter, sign of the tool motors relative to the other motors.
     """
     positioning = -1.0 if arm == "gold" else 1.0
-    tooling = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
-    signs = _tool_signs(tooling[find_tool(tool).style], software)
+    tool_sign = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
+    signs = _tool_signs(tool_sign[find_tool(tool).style], software)
     return Vec((*(positioning,) * 3, *signs))
 
 
 def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (7) by which enc_val becomes the forward motor angle.
+    """Return the signs (7) of the forward motor angle relative to enc_val.
 
-    enc_val is as unpacked from USB, where it is already negated. The original takes the signs from
-    the adapter for which it is compiled, here that of the tool.
+    enc_val is as unpacked from USB, where it is already negated. In the original, the signs depend
+    on the adapter for which it is compiled; in this function, on the adapter of the tool.
     """
     return tau_signs(arm, tool, software, square=-1.0)
 
@@ -98,10 +98,10 @@ def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 def motor_from_joint(
     arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2"
 ) -> Vec:
-    """Return the motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
+    """Return the motor angles (7, rad) of the joints `jpos` (7, rad and m).
 
-    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software
-    passes the measured angle; the default is the angle that holds `jpos`.
+    Tool motors depend on the insertion motor. mpos_insertion: its angle, rad. The control software
+    passes the measured angle; the default is the angle of `jpos`.
     """
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos
     kappa = find_tool(tool).wrist_coupling
@@ -110,11 +110,13 @@ def motor_from_joint(
         TR[1] * (elbow + C01 * shoulder),
         TR[2] * (insertion + C02 * shoulder + C12 * elbow),
     )
-    carried = (mpos[2] if mpos_insertion is None else mpos_insertion) * (1.0 / GB_RATIO)
-    turned = mul(kappa, wrist)
-    tooling = (roll, wrist, add(grasp1, turned), sub(grasp2, turned))
+    insertion_part = (mpos[2] if mpos_insertion is None else mpos_insertion) * (1.0 / GB_RATIO)
+    wrist_part = mul(kappa, wrist)
+    tool_joints = (roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part))
     signs = coupling_signs(arm, tool, software)
-    tools = Vec(TR[3:]).map(lambda tr, joint, s: tr * joint + mul(s, carried), tooling, signs)
+    tools = Vec(TR[3:]).map(
+        lambda tr, joint, s: tr * joint + mul(s, insertion_part), tool_joints, signs
+    )
     return Vec((*mpos, *tools))
 
 
@@ -123,19 +125,21 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
     shoulder = mpos[0] * (1.0 / TR[0])
     elbow = mpos[1] * (1.0 / TR[1]) - C01 * shoulder
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow
-    carried = mpos[2] * (1.0 / GB_RATIO)
+    insertion_part = mpos[2] * (1.0 / GB_RATIO)
     signs = coupling_signs(arm, tool, software)
     roll, wrist, grasp1, grasp2 = Vec(mpos[3:]).map(
-        lambda motor, s, tr: (motor - mul(s, carried)) * (1.0 / tr), signs, TR[3:]
+        lambda motor, s, tr: (motor - mul(s, insertion_part)) * (1.0 / tr), signs, TR[3:]
     )
-    turned = mul(find_tool(tool).wrist_coupling, wrist)
-    return Vec((shoulder, elbow, insertion, roll, wrist, sub(grasp1, turned), add(grasp2, turned)))
+    wrist_part = mul(find_tool(tool).wrist_coupling, wrist)
+    return Vec(
+        (shoulder, elbow, insertion, roll, wrist, sub(grasp1, wrist_part), add(grasp2, wrist_part))
+    )
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
     """Return the 7 x 7 matrix of `motor_from_joint`: rows motors, columns joints.
 
-    The insertion motor is at the angle that holds the joints.
+    The insertion motor is at the angle of the joints.
     """
     units = (Vec(float(i == j) for i in range(7)) for j in range(7))
     columns = [motor_from_joint(arm, tool, unit, software=software) for unit in units]

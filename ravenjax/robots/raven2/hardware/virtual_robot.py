@@ -74,7 +74,7 @@ class RobotSignals:
 
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
-    """Return the documented values as plain numbers. `parameter_set`: see `parameter_sets.Name`."""
+    """Return the default values as plain numbers. parameter_set: one of `parameter_sets.Name`."""
     names = for_each_arm(setup, parameter_set)
     return RobotParams(plc.PlcParams(), map_arms(setup, plant.params, names))
 
@@ -94,15 +94,15 @@ def begin_robot(
 def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
-    """Compute one millisecond, as in the tick after the USB boards."""
-    pressed = plc.PlcSignal(
+    """Compute one millisecond of PLC and mechanics."""
+    plc_inputs = plc.PlcSignal(
         (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
     )
-    controller, relays = plc.step(setup, params.plc, state.plc, pressed)
-    driven = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
-    moved = plant.step_all(setup, params.arms, state.arms, driven)
-    after = RobotState(controller, tuple(new for new, _ in moved))
-    return after, _signals(setup, params, after, relays, tuple(out for _, out in moved))
+    controller, relays = plc.step(setup, params.plc, state.plc, plc_inputs)
+    plant_inputs = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
+    stepped = plant.step_all(setup, params.arms, state.arms, plant_inputs)
+    after = RobotState(controller, tuple(new for new, _ in stepped))
+    return after, _signals(setup, params, after, relays, tuple(out for _, out in stepped))
 
 
 def _signals(
@@ -112,6 +112,7 @@ def _signals(
     relays: plc.PlcOutput,
     arms: PerArm[plant.PlantOutput],
 ) -> RobotSignals:
+    # Returns the outputs of the robot in its present state.
     return RobotSignals(
         encoders=tuple(out.enc_val for out in arms),
         pins=plc.input_pins(state.plc.runlevel),
@@ -124,7 +125,7 @@ def _signals(
 
 @functools.lru_cache(maxsize=8)
 def robot_code(setup: RavenSetup) -> TransitionCode:
-    """Return the code of a setup: transition "robot" is one millisecond."""
+    """Return the programs of a setup. Transition "robot" computes one millisecond."""
     fixed, zero = plain_numbers(params(setup)), np.int32(0)
     still = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
     home = for_each_arm(setup, plain_numbers(HOME_JPOS))
@@ -132,20 +133,20 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
         state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
-    given = [kinds[name] for name in ("params", "state", "inputs")]
-    shapes = (kind.shapes() for kind in given)
+    used = [kinds[name] for name in ("params", "state", "inputs")]
+    shapes = (kind.shapes() for kind in used)
     program, _ = traced.trace_function(functools.partial(step, setup), *shapes, functions="library")
-    transition = StateTransition(program, *(kind.layout for kind in given))
+    transition = StateTransition(program, *(kind.layout for kind in used))
     return TransitionCode({"robot": transition}, kinds)
 
 
 def plain_numbers(record: Any) -> Any:
-    """Return a record of plain numbers, each in its own type: float32, or its integer type."""
+    """Return a record of NumPy numbers: float32 for floats, int32 for integers."""
 
     def of_type(x: Any) -> Any:
         number = np.asarray(x)
-        wide = {"f": np.float32, "i": np.int32}
-        return number.astype(wide.get(number.dtype.kind, number.dtype))[()]
+        types = {"f": np.float32, "i": np.int32}
+        return number.astype(types.get(number.dtype.kind, number.dtype))[()]
 
     return tree.map_leaves(of_type, record)
 
@@ -163,10 +164,10 @@ class VirtualRobot:
     """The hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links,
     encoders.
 
-    One `step` is one millisecond. It starts at rest with the brakes on. The gold arm comes before
-    the green one. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist, grasp1,
-    grasp2. `reading` holds the outputs of the last step or, before the first step, those of the
-    start state.
+    One `step` is one millisecond. The robot starts at rest with the brakes on. The gold arm comes
+    before the green arm. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist,
+    grasp1, grasp2. `reading` contains the outputs of the last step or, before the first step, those
+    of the start state.
     """
 
     def __init__(
@@ -179,9 +180,9 @@ class VirtualRobot:
     ) -> None:
         """Prepare the robot in its start state.
 
-        `tools`: one per arm, by default raven2's own. `parameter_set`: its mechanics. `jpos`:
-        joints [arms, 7] in rad and m at the start, by default the home pose. `runlevel`: run level
-        of its PLC, 0 to 3. Raises UserError.
+        `tools`: one per arm, by default those of raven2. `parameter_set`: mechanical parameters.
+        `jpos`: joints [arms, 7] in rad and m at the start, by default the home pose. `runlevel`:
+        run level of the PLC at the start, 0 to 3. Raises UserError.
         """
         names = checked.arm_names(arms)
         checked.parse_word("parameter_set", parameter_set, get_args(parameter_sets.Name))

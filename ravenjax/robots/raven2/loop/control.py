@@ -29,7 +29,7 @@ from ravenjax.robots.raven2.stages import (
 )
 
 Inject = Callable[..., Any]
-"""Returns the signal of a site after faults, as `ravenjax.faults.injection.Injector`."""
+"""Function (site, signal, present) -> signal after faults; `ravenjax.faults.injection.Injector`."""
 
 
 @record
@@ -111,7 +111,7 @@ class ControlSignals:
 
 
 def params(setup: RavenSetup) -> ControlParams:
-    """Return the software's own parameters."""
+    """Return the parameters with the values of the original software."""
     files = tuple(source for _, source in setup.controller)
     return ControlParams(
         teleoperation.params(setup),
@@ -127,10 +127,11 @@ def params(setup: RavenSetup) -> ControlParams:
 def init(
     setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
-    """Return a homed robot at rest at `jpos` (rad and m, per arm; default: home) and `runlevel`.
+    """Return the state of the control software of a homed robot at rest.
 
-    raven2 starts in E-stop (0) and waits for the PLC. The 2015 fork starts in pedal-down (3),
-    because its simulator builds have no PLC.
+    jpos: joints of each arm, rad and m; default: home pose. runlevel: default 0, E-stop, in which
+    raven2 waits for the PLC. The 2015 fork starts in pedal-down (3), because its simulator builds
+    have no PLC.
     """
     rest = jpos or for_each_arm(setup, HOME_JPOS)
     if runlevel is None:
@@ -155,7 +156,7 @@ def init(
 def receive_packet(
     setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet
 ) -> ControlState:
-    """Take one datagram (or none) between two cycles, as the network thread does."""
+    """Return the state after one datagram (or none), as the network thread computes it."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
     teleop = teleoperation.accumulate_increments(
         setup, params.teleoperation, state.teleoperation, accepted, packet
@@ -173,7 +174,8 @@ def control_cycle(
 ) -> tuple[ControlState, ControlSignals]:
     """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
-    files: users' checks and stages. Source: raven2 rt_process_preempt.cpp.
+    inject: changes the signals at fault sites; default: no faults. files: checks and stages that
+    are users' files. Source: raven2 rt_process_preempt.cpp.
     """
     tools, files = setup.tools, files or user_files.UserFiles(setup)
     received = inputs.packet.received != 0
@@ -211,7 +213,7 @@ def control_cycle(
         strict=True,
     )
     if inputs.simulated:
-        mpos, mvel = _simulated(setup, inputs, state, mpos, mvel)
+        mpos, mvel = _simulated_motors(setup, inputs, state, mpos, mvel)
     mpos = inject("mpos", mpos)
     mvel = inject("mvel", mvel)
     files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
@@ -222,17 +224,17 @@ def control_cycle(
     jpos = files.check("jpos", jpos)
 
     # --- decide ---
-    slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
+    follows_robot = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     poses = map_arms(setup, cartesian_control.measure_pose, jpos)
-    poses = _struck(inject, ("pos", "ori"), poses)
-    cartesian = cartesian_control.follow_measured(changed_arms(cartesian, pos=poses), slave)
-    poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
+    poses = _inject_poses(inject, ("pos", "ori"), poses)
+    cartesian = cartesian_control.follow_measured(changed_arms(cartesian, pos=poses), follows_robot)
+    poses_d = _inject_poses(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
     cartesian = changed_arms(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve_inverse(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
     teleop = teleoperation.reset_origin(
-        setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
+        setup, teleop, follows_robot | following | clamped, tuple(arm.pos_d for arm in cartesian)
     )
     jpos_d = inject("jpos_d", tuple(arm.jpos_d for arm in cartesian))
     files.note(
@@ -249,23 +251,23 @@ def control_cycle(
             params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
         )
     else:
-        act = partial(motor_control.motor_torques, active=active, pedal_down=pedal_down)
+        compute_torques = partial(motor_control.motor_torques, active=active, pedal_down=pedal_down)
         arms = params.motor_control, state.motor_control
-        motors = map_arms(setup, act, *arms, mpos_d, jpos, mpos, mvel)
+        motors = map_arms(setup, compute_torques, *arms, mpos_d, jpos, mpos, mvel)
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
     motors = changed_arms(motors, tau_d=tau_d)
-    # Cleared before the conversion, except in the fork's simulators
-    resting = for_each_arm(setup, Vec.full(7, 0))
+    # The software sets commands to 0 before the conversion, except in simulator builds of the fork.
+    without_command = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
         keep = ~active & (params.state_machine.plc_obeyed == 0)
         held = state.held_cmd
-        resting = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
+        without_command = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
-        commands = files.commands(live, resting)
+        commands = files.commands(live, without_command)
     else:
-        commands = map_arms(setup, partial(dac.step, enabled=live), tools, tau_d, resting)
+        commands = map_arms(setup, partial(dac.step, enabled=live), tools, tau_d, without_command)
     current_cmd = files.check("current_cmd", inject("current_cmd", commands))
 
     # --- check ---
@@ -274,7 +276,7 @@ def control_cycle(
     )
     checked = files.check("checked_cmd", checked)
     machine = state_machine.raise_soft_estop(machine, tick, files.stop(tripped))
-    dog, pins = watchdog.step(
+    wave, pins = watchdog.step(
         state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized
     )
 
@@ -323,7 +325,7 @@ def control_cycle(
         motor_control=motors,
         held_cmd=written if setup.software == "fork2015" else (),
         overdrive=over,
-        watchdog=dog,
+        watchdog=wave,
     )
     return state, signals
 
@@ -333,19 +335,19 @@ def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
 
 
 def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ...]]:
-    """Return the named fields of all arms' records, each as a per-arm tuple."""
+    """Return the named fields of records; each field is a tuple with one entry per arm."""
     return {name: tuple(getattr(record, name) for record in records) for name in names}
 
 
 def changed_arms(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return all arms' records with other values of these fields, each a per-arm tuple."""
+    """Return records with new values of fields; each field is a tuple with one entry per arm."""
     return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
 
 
-def _struck(
+def _inject_poses(
     inject: Inject, sites: tuple[str, str], poses: PerArm[StoredPose]
 ) -> PerArm[StoredPose]:
-    """Return poses after the faults at `sites`, the sites of position and of rotation."""
+    """Return poses after faults. sites: fault site of the position, and of the rotation."""
     position, rotation = sites
     return changed_arms(
         poses,
@@ -354,12 +356,13 @@ def _struck(
     )
 
 
-def _simulated(
+def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
-    """Return motor positions and velocities in a dynamics-simulator build.
+    """Return motor positions and velocities in a dynamics-simulator build of the 2015 fork.
 
-    Joints 1-3 come unchanged from its model. The published build has tool joints at their targets.
+    Motors 1-3 are read from the simulated model. In the published build, tool joints are at their
+    targets.
     """
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)

@@ -17,7 +17,7 @@ from ravenjax.vocabulary.sites import PARAMETER
 
 
 class RavenInjector(injection.Injector):
-    """Injects faults by `inject(site, signal)` in one tick of a Raven-II."""
+    """Injects faults in one tick of a Raven-II; `inject(site, signal)` is the faulty signal."""
 
     def __init__(
         self,
@@ -29,28 +29,29 @@ class RavenInjector(injection.Injector):
         super().__init__(setup, _paths(setup), faults, state, clock)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
+        # Rotations are changed as quaternions, and parameters by their paths.
         if site in ROTATIONS and self.strikes(site):
             quats = tuple(
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
             )
-            faulty = super().__call__(site, quats, present)
+            faulty_quats = super().__call__(site, quats, present)
             rotations = []
-            for rotation, quat, struck in zip(signal, quats, faulty, strict=True):
-                # A rotation that no fault changed keeps every bit.
-                changed = reduce(or_, quat.map(ne, struck))
-                turned = narrow_numbers(self.setup, matrix_from_quat(struck))
-                rotations.append(where(changed, turned, rotation))
+            for rotation, quat, faulty_quat in zip(signal, quats, faulty_quats, strict=True):
+                # A rotation that no fault changes keeps its bits.
+                changed = reduce(or_, quat.map(ne, faulty_quat))
+                faulty_rotation = narrow_numbers(self.setup, matrix_from_quat(faulty_quat))
+                rotations.append(where(changed, faulty_rotation, rotation))
             return tuple(rotations)
         return super().__call__(site, signal, present)
 
 
 def seeds_network(setup: RavenSetup, what: str) -> bool:
-    """Return whether faults seed the network's losses (`bursts`) or delays (`jitter`)."""
+    """Return whether a fault sets the seed of network losses ("bursts") or delays ("jitter")."""
     return ("network", "", what) in injection.channel_keys(setup)
 
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
-    """Return whether a fault on that channel may start a robot that has stopped."""
+    """Return whether a fault on a channel may start a robot that has stopped."""
     starters = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
     return site in starters or channel == "pins"
 
@@ -61,7 +62,7 @@ ROTATIONS = ("ori", "ori_d")
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """Return the declared paths. The setup decides the type of a DAC command after the checks."""
+    """Return channel -> path and type of its number. `setup.dac_words` sets the type at the USB."""
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == "usb_out" else kind)

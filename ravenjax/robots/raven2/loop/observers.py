@@ -18,7 +18,7 @@ from ravenjax.stages import haptics, monitor
 
 @record
 class ObserverState:
-    """The observers' state without a robot; in the tick it is in `TickState`."""
+    """State of the observers next to a remote robot. In simulations it is part of `TickState`."""
 
     nominal: PerArm[nominal.NominalState]
     haptics: PerArm[haptics.HapticState]
@@ -26,7 +26,7 @@ class ObserverState:
 
 
 class RobotView(NamedTuple):
-    """What is known of the robot in this tick."""
+    """The signals of the robot that the observers read in this tick."""
 
     jpos: PerArm[Vec]  # rad; insertion m, as the control software has them
     mvel: PerArm[Vec]  # rad/s, of the motors
@@ -40,7 +40,7 @@ class RobotView(NamedTuple):
 Observed = TypeVar("Observed", TickState, ObserverState)
 
 
-class Seen(NamedTuple):
+class Observations(NamedTuple):
     """Results of the observers in this tick."""
 
     models: PerArm[nominal.NominalOutput]
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
 def init(
     setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
 ) -> ObserverState:
-    """Return the state beside a robot at rest with these joints (rad, m) and true tips (m)."""
+    """Return the observers' state for a robot at rest. start: joints, rad and m; tips: true, m."""
     return ObserverState(
         nominal=map_arms(setup, nominal.init, params.nominal, start),
         haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
@@ -69,10 +69,11 @@ def update_model_and_cue(
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
-) -> tuple[Observed, Seen]:
-    """Compute one tick of the nominal model and of the cue; `update_monitor` follows.
+) -> tuple[Observed, Observations]:
+    """Compute one tick of the nominal model and of the haptic cue.
 
-    clean: the newest packet as the console sent it; fresh: whether it is of this tick.
+    clean: newest packet of the console, before faults. fresh: whether the packet was sent in this
+    tick.
     """
 
     def sense(
@@ -89,21 +90,22 @@ def update_model_and_cue(
         )
         return tip, *haptics.step(setup, params.haptics, device, signal)
 
-    def asked(*command: Any) -> nominal.Clean:
+    def clean_command(*command: Any) -> nominal.Clean:
+        # Returns the operator's command to one arm, without motion if the packet is old.
         if setup.console == "increments":
-            # Each increment counts once, also if a packet spans several cycles
-            none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-            command = where(fresh, command, none)
+            # A packet may last several cycles, and its increments count only in the first.
+            no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+            command = where(fresh, command, no_motion)
         return nominal.Clean(*command, engaged=clean.surgeon_mode)
 
-    wanted = tuple(map(asked, clean.delta, clean.quat, clean.grasp))
+    commands = tuple(map(clean_command, clean.delta, clean.quat, clean.grasp))
     jpos = cast_to_real(setup, robot.jpos)
-    moved = map_arms(setup, nominal.step, params.nominal, state.nominal, wanted, jpos)
-    modelled, models = zip(*moved, strict=True)
-    sensed = map_arms(setup, sense, setup.tools, models, state.haptics, jpos, robot.mvel)
-    reported, felt, cues = zip(*sensed, strict=True)
+    stepped = map_arms(setup, nominal.step, params.nominal, state.nominal, commands, jpos)
+    model_states, models = zip(*stepped, strict=True)
+    sensed_arms = map_arms(setup, sense, setup.tools, models, state.haptics, jpos, robot.mvel)
+    reported, device_states, cues = zip(*sensed_arms, strict=True)
     tips = reported if robot.tips is None else robot.tips
-    return replace(state, nominal=modelled, haptics=felt), Seen(
+    return replace(state, nominal=model_states, haptics=device_states), Observations(
         models,
         cues,
         tips,
@@ -120,11 +122,14 @@ def update_monitor(
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
-    seen: Seen,
+    seen: Observations,
     golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """Return the monitor after a tick. golden: the golden run; None: the model takes its place."""
+    """Return the monitor after a tick, which follows `update_model_and_cue`.
+
+    golden: the golden run; None: the monitor compares with the nominal model instead.
+    """
     model_tips = tuple(out.tip_position for out in seen.models)
     pos = _um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
     signal = monitor.MonitorSignal(
@@ -139,10 +144,10 @@ def update_monitor(
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
-    beside = monitor.Reference(model_tips, _um(model_tips))
+    reference = monitor.Reference(model_tips, _um(model_tips))
     if golden is not None:
-        beside = golden_reference(setup, golden, seen.tips, pos)
-    return monitor.step(setup, params.monitor, state, signal, beside)
+        reference = golden_reference(setup, golden, seen.tips, pos)
+    return monitor.step(setup, params.monitor, state, signal, reference)
 
 
 def is_live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
@@ -153,9 +158,9 @@ def is_live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 def golden_reference(
     setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
-    """Return the golden run in this tick.
+    """Return the golden run in this tick. tips: m; pos: um.
 
-    As long as the robot equals its golden run, it is the robot itself. tips: m; pos: um.
+    Until a fault acts, the robot is its own golden run, so the result is `tips` and `pos`.
     """
     if signal.apart is None:
         return signal.reference

@@ -22,25 +22,25 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
 
-def _keep(state: Any, seen: Any) -> Any:
+def _keep_state(state: Any, seen: Any) -> Any:
     return state
 
 
 class Stage(NamedTuple):
-    """One optional stage. `act`, `transmit` and `watch` are its places in the tick."""
+    """One optional stage. `act`, `transmit` and `watch` run at three moments of the tick."""
 
     present: Callable[[RavenSetup], bool]
     init: Callable[[Start], Any]
-    act: Callable[[Any, Console], Any] = _keep  # Before the console makes its packet
+    act: Callable[[Any, Console], Any] = _keep_state  # Before the console makes its packet
     # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
         lambda state, console, network: (state, network)
     )
-    watch: Callable[[Any, Sight], Any] = _keep  # After the robot has moved
+    watch: Callable[[Any, Sight], Any] = _keep_state  # After the robot has moved
     outcomes: Callable[[RavenSetup, Any], dict[str, Scalar]] = lambda setup, state: {}
     numbers: Callable[[Any], dict[str, list[Scalar]]] = lambda state: {}
     moves_hands: bool = False
-    early: bool = False  # before the monitor: a CPU overlaps its operations with a long chain
+    early: bool = False  # True: `watch` runs before the monitor, which makes the code faster
 
 
 def find_stages(setup: RavenSetup) -> dict[str, Stage]:
@@ -52,17 +52,17 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 
 
 def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
-    """Draw how many cycles each packet lasts. It has the motion of the hands at its time."""
+    """Draw the number of cycles that each packet lasts, and set when packets are sent."""
     setup, network, now = console.setup, console.params.network, console.signal.tick
     if console.signal.packet is None:
         fresh = now >= clock.due
         # A simulator's packet generator ends with the robot's software E-stop
         fresh = fresh & (console.soft_estopped == 0) if setup.build != "robot" else fresh
         console.fresh, console.sequence = fresh, console.newest + as_int(fresh)
-        lasts = packet_clock.packet_length(
+        cycles = packet_clock.packet_length(
             setup.packets, network.packets, network.packet_key, console.sequence
         )
-        clock = packet_clock.step(clock, now, fresh, lasts)
+        clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
     console.older = lambda network: console.timing
     console.plan = PlanMoment(now, now - 1, jnp.bool_(True))
@@ -70,11 +70,11 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
 
 
 def _remember_packet(history: Vec, console: Console) -> Vec:
-    # Remembers when packets arrived, because a network fault may deliver an earlier one.
+    # Stores when packets were sent, because a network fault may deliver an earlier packet.
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def older(network: Network) -> PacketTiming:
-        # A late packet keeps the row of the tick in which it was sent.
+        # A late packet contains the motion of the tick in which it was sent.
         count = jnp.maximum(network.lag + network.delay, 0)
         row, before = (now - packet_history.packet_age(history, n) for n in (count, count + 1))
         return PacketTiming(console.sequence - count, row, before)
@@ -85,13 +85,14 @@ def _remember_packet(history: Vec, console: Console) -> Vec:
 
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
-    setup, reacts = console.setup, console.params.reaction
-    assert reacts is not None
-    acting = reaction.react_to_cue(setup, reacts, state, console.signal.tick, console.timing.row)
+    # Decides whether the operator's action begins, and sets the deviations of packets.
+    setup, params = console.setup, console.params.reaction
+    assert params is not None
+    after = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
     console.deviate = lambda timing: reaction.packet_deviation(
-        setup, reacts, acting, timing.row, timing.before
+        setup, params, after, timing.row, timing.before
     )
-    return acting
+    return after
 
 
 # --- between console and robot ---
@@ -107,8 +108,8 @@ def _lose_bursts(
 # --- when the robot has moved ---
 
 
-def _feel(state: Any, sight: Sight) -> Any:
-    # Lets the operator feel the cue. The hands then move as the reaction says.
+def _feel_cue(state: Any, sight: Sight) -> Any:
+    # Computes what the operator feels, and the motion of the hands that corrects the tip.
     setup, params, signals = sight.setup, sight.params, sight.signals
     assert params.reaction is not None
     senses = reaction.OperatorSenses(
@@ -124,30 +125,31 @@ def _feel(state: Any, sight: Sight) -> Any:
     return state
 
 
-def _yield(state: Any, sight: Sight) -> Any:
-    # The cue pushes the hands, and this motion becomes part of the next command.
-    setup, yielding, cues = sight.setup, sight.params.hand, sight.signals.haptics
-    assert yielding is not None
-    pulled = tuple(
-        hand.step(setup, yielding, old, position_to_itp(arm, cue.direction * cue.force[0]))
+def _move_hand(state: Any, sight: Sight) -> Any:
+    # The cue displaces the hands, and the displacement is part of the next packet.
+    setup, hand_params, cues = sight.setup, sight.params.hand, sight.signals.haptics
+    assert hand_params is not None
+    after = tuple(
+        hand.step(setup, hand_params, old, position_to_itp(arm, cue.direction * cue.force[0]))
         for arm, old, cue in zip(setup.arms, state, cues, strict=True)
     )
-    moves = tuple(
-        (new.displacement - old.displacement) * 1e6 for new, old in zip(pulled, state, strict=True)
+    motions = tuple(
+        (new.displacement - old.displacement) * 1e6 for new, old in zip(after, state, strict=True)
     )
-    sight.hands = operator.with_stray_motion(sight.hands, moves)
-    return pulled
+    sight.hands = operator.with_stray_motion(sight.hands, motions)
+    return after
 
 
 @record
 class RestartState:
-    """Whether the robot has gone live again after a stop while the foot stayed on the pedal."""
+    """Whether the robot became live again after a stop, while the foot stayed on the pedal."""
 
     waits: Scalar  # bool, the foot has been on the pedal since a stop
     first: Scalar  # int32, tick of the first restart; -1: none
 
 
 def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
+    # Records the first restart of the robot after a stop with the pedal down.
     control = sight.signals.control
     stopped = (control.runlevel == E_STOP) | (control.soft_estopped != 0)
     waits = sight.foot & (state.waits | stopped)
@@ -156,7 +158,7 @@ def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
 
 
 def _detect(state: Any, sight: Sight) -> Any:
-    # Detectors see only what the software can know, never the true tip.
+    # Detectors read signals that a real robot has, and not the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
     signals = sight.signals
@@ -172,7 +174,7 @@ def _detect(state: Any, sight: Sight) -> Any:
         tips = zip(models, cues, strict=True)
         sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
         views = sight.files.views("the end", setup.precision.real)
-    seen = detectors.DetectorSignal(
+    signal = detectors.DetectorSignal(
         **control.columns_of(signals.plant, "mpos", "mvel", "jpos", "jvel"),
         tip_error=tuple(cue.distance for cue in cues),
         command=tuple(arm.current_cmd for arm in signals.control.arms),
@@ -181,10 +183,11 @@ def _detect(state: Any, sight: Sight) -> Any:
         tick=sight.tick,
         views=views,
     )
-    return detectors.step(setup, params.detectors, state, seen)
+    return detectors.step(setup, params.detectors, state, signal)
 
 
 def _add_loads(state: Any, sight: Sight) -> Any:
+    # Adds the cable tensions of this tick, divided by each cable's strength.
     loads = tuple(
         out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
         for out, arm in zip(sight.signals.plant, sight.params.plant, strict=True)
@@ -194,7 +197,7 @@ def _add_loads(state: Any, sight: Sight) -> Any:
 
 def _add_touches(state: Any, sight: Sight) -> Any:
     touches = (out.touch for out in sight.signals.plant)
-    return touch.step(state, tuple(felt for felt in touches if felt is not None))
+    return touch.step(state, tuple(contact for contact in touches if contact is not None))
 
 
 STAGES: dict[str, Stage] = {
@@ -212,14 +215,14 @@ STAGES: dict[str, Stage] = {
         present=lambda setup: setup.reacts,
         init=lambda start: reaction.init(),
         act=_react,
-        watch=_feel,
+        watch=_feel_cue,
         outcomes=lambda setup, state: {"reaction_ms": state.acted},
         moves_hands=True,
     ),
     "hand": Stage(
         present=lambda setup: setup.hand_yields,
         init=lambda start: for_each_arm(start.setup, hand.init(start.setup)),
-        watch=_yield,
+        watch=_move_hand,
         outcomes=hand.outcomes,
         moves_hands=True,
     ),

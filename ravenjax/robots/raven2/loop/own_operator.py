@@ -25,7 +25,7 @@ from ravenjax.stages import haptics
 
 @record
 class ScreenView:
-    """What the operator sees and feels of an arm, in the console's axes, from the arm's base."""
+    """What the operator sees and feels of an arm, in the console's axes; origin: frame 0."""
 
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, tip of the nominal model
@@ -35,7 +35,7 @@ class ScreenView:
 
 @record
 class OwnPace:
-    """How far the hands are behind the plan, in rows of the plan."""
+    """The lag of the hands behind the plan, in rows of the plan."""
 
     part: Scalar  # fraction of a row, in addition to `lag`
     lag: Scalar  # int32, the lag now
@@ -45,7 +45,7 @@ class OwnPace:
 
 @record
 class OwnGrasp:
-    """How far the hands are closed beyond the plan, mrad."""
+    """The closing of the hands in addition to the plan, mrad."""
 
     offset: PerArm[Scalar]
     sent: PerArm[Scalar]  # the value in the newest packet
@@ -60,7 +60,7 @@ class OwnOperatorState:
     runlevel: Scalar  # int32
     pace: OwnPace | None
     grasp: OwnGrasp | None
-    lifted: Scalar | None  # bool, the file had the foot off the pedal in the newest packet
+    lifted: Scalar | None  # bool, in the newest packet the file lifted the foot off the pedal
 
 
 def init(start: Start) -> OwnOperatorState:
@@ -71,34 +71,37 @@ def init(start: Start) -> OwnOperatorState:
     setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
     poses = map(kinematics.forward_pose, setup.arms, start.jpos)
-    models = tuple(pose.position for pose in poses)
-    none, still = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
+    model_tips = tuple(pose.position for pose in poses)
+    nothing, no_motion = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
     zero = jnp.int32(0)
     state = OwnOperatorState(
         own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
-        screen=_screen(setup, tips, models, [(still, none)] * len(tips)),
+        screen=_screen(setup, tips, model_tips, [(no_motion, nothing)] * len(tips)),
         runlevel=jnp.int32(start.runlevel),
         pace=None,
         grasp=None,
         lifted=None,
     )
-    plan = for_each_arm(setup, (still, none, still))
-    _, keys = _stepped(setup, params, state, zero, jnp.bool_(False), plan)
+    plan = for_each_arm(setup, (no_motion, nothing, no_motion))
+    _, keys = _run_file(setup, params, state, zero, jnp.bool_(False), plan)
     return replace(
         state,
-        pace=OwnPace(none, zero, zero, zero) if "pace" in keys else None,
-        grasp=OwnGrasp(*(for_each_arm(setup, none),) * 2) if "grasp" in keys else None,
+        pace=OwnPace(nothing, zero, zero, zero) if "pace" in keys else None,
+        grasp=OwnGrasp(*(for_each_arm(setup, nothing),) * 2) if "grasp" in keys else None,
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
 
 
 def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
-    """Compute one millisecond of the file. A packet that was given stays as it is."""
+    """Run the file for one millisecond, and set the deviations of the hands from the plan.
+
+    If an external console sends the packets, the file does not run.
+    """
     setup, signal, moment = console.setup, console.signal, console.plan
     if signal.packet is not None:
         return state
     hands, fresh, pace = console.hands, console.fresh, state.pace
-    now, before = (
+    row, row_before = (
         operator.look_up_row(signal.motion, row)
         for row in (
             (moment.row, moment.before)
@@ -107,36 +110,38 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
         )
     )
 
-    def planned(offset: Vec, *rows: Any) -> tuple[Vec, Scalar, Vec]:
-        position, old_position, grasp, old_grasp = cast_to_real(setup, rows)
+    def planned(offset: Vec, *values: Any) -> tuple[Vec, Scalar, Vec]:
+        position, old_position, grasp, old_grasp = cast_to_real(setup, values)
         moves = position - old_position, grasp - old_grasp
         still = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
         return *where(moment.goes_on, moves, still), offset
 
-    hands_in = now.position, before.position, now.grasp, before.grasp
+    hands_in = row.position, row_before.position, row.grasp, row_before.grasp
     plan = tuple(map(planned, hands.offset, *hands_in))
-    after, will = _stepped(
-        setup, console.params.operator, state, signal.tick, now.surgeon_mode > 0, plan
+    file_state, returned = _run_file(
+        setup, console.params.operator, state, signal.tick, row.surgeon_mode > 0, plan
     )
-    state, how = replace(state, own=after), operator.PLAN
-    if "delta" in will:
+    state, deviation = replace(state, own=file_state), operator.PLAN
+    if "delta" in returned:
         console.hands = operator.with_stray_motion(
             hands,
-            tuple(new - delta for new, (delta, _, _) in zip(will["delta"], plan, strict=True)),
+            tuple(new - delta for new, (delta, _, _) in zip(returned["delta"], plan, strict=True)),
         )
     if state.grasp is not None:
         old = state.grasp
-        grasps = zip(old.offset, will["grasp"], plan, strict=True)
+        grasps = zip(old.offset, returned["grasp"], plan, strict=True)
         grasp = tuple(x + (new - planned) for x, new, (_, planned, _) in grasps)
-        how = how._replace(grasp=grasp, grasp_before=old.sent)
+        deviation = deviation._replace(grasp=grasp, grasp_before=old.sent)
         state = replace(state, grasp=OwnGrasp(grasp, where(fresh, grasp, old.sent)))
     if state.lifted is not None:
-        lifted = jnp.where(fresh, ~will["pedal"], state.lifted)
-        how, state = how._replace(lifted=lifted), replace(state, lifted=lifted)
+        lifted = jnp.where(fresh, ~returned["pedal"], state.lifted)
+        deviation, state = deviation._replace(lifted=lifted), replace(state, lifted=lifted)
     if pace is not None:
-        how = how._replace(lag=jnp.where(fresh, pace.lag, pace.sent), lag_before=pace.sent)
-        share = will["pace"]
-        share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN means as planned
+        deviation = deviation._replace(
+            lag=jnp.where(fresh, pace.lag, pace.sent), lag_before=pace.sent
+        )
+        share = returned["pace"]
+        share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN: the planned pace
         behind = pace.part + jnp.where(moment.goes_on, 1.0 - share, 0.0)
         rows = as_int(behind)
         new_pace = OwnPace(
@@ -146,12 +151,12 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
             sent=jnp.where(fresh, pace.lag, pace.sent),
         )
         state = replace(state, pace=new_pace)
-    console.deviate = lambda timing: how
+    console.deviate = lambda timing: deviation
     return state
 
 
 def show_state(state: OwnOperatorState, sight: Sight) -> OwnOperatorState:
-    """Return the state with what the operator is shown until the next tick."""
+    """Return the state with what the operator sees and feels until the next tick."""
     setup, signals = sight.setup, sight.signals
 
     def pulled(arm: ArmName, cue: haptics.HapticOutput) -> tuple[Vec, Scalar]:
@@ -167,15 +172,16 @@ def show_state(state: OwnOperatorState, sight: Sight) -> OwnOperatorState:
 def _screen(
     setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], pulls: Sequence[Any]
 ) -> PerArm[ScreenView]:
+    # Returns the tips and cues of each arm in the axes of the console.
     rows = zip(setup.arms, tips, model_tips, pulls, strict=True)
-    shown = (
+    views = (
         ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model), *pull)
         for arm, tip, model, pull in rows
     )
-    return cast_to_real(setup, tuple(shown))
+    return cast_to_real(setup, tuple(views))
 
 
-def _stepped(
+def _run_file(
     setup: RavenSetup,
     params: operator.OperatorParams,
     state: OwnOperatorState,
@@ -183,21 +189,28 @@ def _stepped(
     pedal: Scalar,
     plan: PerArm[tuple[Vec, Scalar, Vec]],
 ) -> tuple[Any, ...]:
-    """Return the file's new state and its other values. plan: um, mrad and um of each hand."""
+    """Return the file's new state, and the values that the file returned by key.
+
+    plan: planned motion (um), closing (mrad) and present offset (um) of each hand.
+    """
     assert setup.hands is not None
     arms = tuple(
         View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(shown)})
         for (delta, grasp, offset), shown in zip(plan, state.screen, strict=True)
     )
     scale = cast_to_real(setup, params.scale)
-    seen = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
-    each = f"a tuple of {len(arms)}, one for each arm"
-    like = {
-        "delta": InPlace(tuple(arm.delta for arm in arms), f"{each}: a Vec of 3 numbers, um"),
-        "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{each}: a number, mrad"),
+    view = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
+    per_arm = f"a tuple of {len(arms)}, one for each arm"
+    examples = {
+        "delta": InPlace(tuple(arm.delta for arm in arms), f"{per_arm}: a Vec of 3 numbers, um"),
+        "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{per_arm}: a number, mrad"),
         "pedal": InPlace(pedal, "one truth value"),
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
     return part.load_part(setup.hands).step(
-        params.own.hands, state.own, View("the operator", seen), setup.precision.real, hands=like
+        params.own.hands,
+        state.own,
+        View("the operator", view),
+        setup.precision.real,
+        hands=examples,
     )

@@ -64,12 +64,12 @@ class TickState:
 
     faults: fault.FaultState
     control: control.ControlState
-    boards: usb.UsbOut  # values that the USB boards hold
-    # int32, values that the boards held in earlier ticks, latest first
+    boards: usb.UsbOut  # present values of the USB boards
+    # int32, commands of the boards in earlier ticks, latest first
     commands: tuple[PerArm[Vec], ...]
     plc: plc.PlcState
     plant: PerArm[plant.PlantState]
-    enc_val: PerArm[Vec]  # int32 counts that the encoders show
+    enc_val: PerArm[Vec]  # int32, counts of the encoders
     motors: PerArm[tuple[Vec, Vec]]  # rad, rad/s of motors 1-3, only for dynamics-simulator builds
     nominal: PerArm[nominal.NominalState]
     haptics: PerArm[haptics.HapticState]
@@ -90,7 +90,7 @@ class Input:
     tick: Scalar  # int32, ticks since the run began
     motion: tuple[Any, ...]  # columns of the operator's motion, 1-D: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
-    packet: Any = None  # packet.Packet of an external console, in place of those of the motion
+    packet: Any = None  # packet.Packet of an external console; None: packets are made of the motion
     apart: Any = None  # bool, False: no fault has acted so far, and the robot is its own golden run
 
 
@@ -101,7 +101,7 @@ class TickSignals:
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: PerArm[plant.PlantOutput]
-    boards: PerArm[Vec]  # 7 int32 DAC counts that the USB boards hold after their checks
+    boards: PerArm[Vec]  # 7 int32 DAC counts of the USB boards, after their checks
     plc: plc.PlcOutput
     nominal: PerArm[nominal.NominalOutput]
     haptics: PerArm[haptics.HapticOutput]
@@ -113,9 +113,9 @@ class TickSignals:
 
 @record
 class Network:
-    """What a fault may do to the newest packet on its way to the robot."""
+    """The effect of faults on the newest packet on its way to the robot."""
 
-    lag: Scalar  # int32, packets; how much older the packet is that is sent instead
+    lag: Scalar  # int32, packets; age of the packet that is sent instead of the newest
     delay: Scalar  # int32, packets; delay of a channel that delivers in order
     lost: Scalar  # bool
     bursts: Scalar  # float, seed of the channel's losses; 0: none
@@ -154,15 +154,15 @@ class Console:
     timing: operator.PacketTiming
     plan: PlanMoment
     hands: operator.HandOffsets
-    older: Callable[[Network], operator.PacketTiming]  # of the packet that arrives
-    packets_in: Callable[[Scalar], Scalar]  # packets (int32) in that many ms (int32)
-    # Returns the operator's deviation from the plan in a packet of that timing
+    older: Callable[[Network], operator.PacketTiming]  # returns the timing of the arriving packet
+    packets_in: Callable[[Scalar], Scalar]  # ms (int32) -> number of packets sent (int32)
+    # Returns the operator's deviation from the plan in a packet with this timing
     deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
 
 
 @dataclasses.dataclass
 class Sight:
-    """What a stage may read after the robot has moved. The stage may move the hands."""
+    """The inputs of stages that run after the robot has moved. Stages may move the hands."""
 
     setup: RavenSetup
     params: TickParams

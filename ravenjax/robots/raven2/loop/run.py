@@ -35,7 +35,7 @@ from ravenjax.robots.raven2.loop.records import (
     TickState,
     UsbParams,
 )
-from ravenjax.robots.raven2.loop.tick import advance_tick, boards_apart, motor_angles
+from ravenjax.robots.raven2.loop.tick import advance_tick, motor_angles, separate_boards
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
@@ -52,7 +52,7 @@ def params(
     start_jpos: tuple[tuple[float, ...], ...],
     parameter_set: str = parameter_sets.DEFAULT,
 ) -> TickParams:
-    """Return every parameter at its documented value, for a run that starts at `start_jpos`.
+    """Return all parameters with their default values, for a run that starts at `start_jpos`.
 
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
     `parameter_sets.Name`.
@@ -78,34 +78,36 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """Return a homed and ready robot at rest at `params.start`, pedal up, its model beside it."""
+    """Return the state of a homed robot at rest at `params.start`, with the pedal up."""
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = cast_to_real(setup, params.start)
     plants = map_arms(setup, plant.init, params.plant, start)
     robots = map_arms(setup, plant.observe_robot, params.plant, plants)
     tips = plant.true_tips(setup, params.plant, plants, robots)
-    beside = observers.init(setup, params, start, tips)
+    observers_state = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
     with at_once():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
-    moves = injects_faults(setup, "hand") or any(stage.moves_hands for stage in stages.values())
-    begin = Start(setup, params, start, tips, ready)
+    hands_may_move = injects_faults(setup, "hand") or any(
+        stage.moves_hands for stage in stages.values()
+    )
+    start_of_run = Start(setup, params, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
         control=software,
         boards=usb.UsbOut(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero)),
         commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, ready, boards_apart(setup)),
+        plc=plc.init(setup, ready, separate_boards(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=motor_angles(setup, robots),
-        nominal=beside.nominal,
-        haptics=beside.haptics,
-        hands=operator.at_plan(setup) if moves else operator.ON_PLAN,
+        nominal=observers_state.nominal,
+        haptics=observers_state.haptics,
+        hands=operator.at_plan(setup) if hands_may_move else operator.ON_PLAN,
         files=user_files.init(setup, params.checks, params.control.own),
-        monitor=beside.monitor,
-        stages={name: stage.init(begin) for name, stage in stages.items()},
+        monitor=observers_state.monitor,
+        stages={name: stage.init(start_of_run) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
@@ -119,7 +121,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     out |= haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
-    # A fault may write a number there that is not a run level
+    # A fault may write a number that is no run level.
     out["end_runlevel"] = jnp.where((level >= 0) & (level < len(run_levels.NAMES)), level, -1)
     out["pedal_down_ms"] = state.pedal_down_ticks
     for name, stage in find_stages(setup).items():
@@ -160,18 +162,18 @@ def series_length(setup: RavenSetup) -> int:
 
 
 def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
-    """Return the golden run's tick from these numbers."""
+    """Return the golden run in a tick from its `reference_series`."""
     rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
     return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
 
 
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
-    """Return every check by its name in columns, users' checks first; each for the worse arm."""
-    added = zip(setup.checks, state.files.histories, strict=True)
-    out = {f"{OWN}{use.name}": history for use, history in added}
+    """Return name of a check in columns -> its history over all arms, users' checks first."""
+    user_checks = zip(setup.checks, state.files.histories, strict=True)
+    out = {f"{OWN}{use.name}": history for use, history in user_checks}
     for name, (place, field) in _CHECKS.items():
-        found = attrgetter(place)(state)
-        arms = found if isinstance(found, tuple) else (found,)
+        histories = attrgetter(place)(state)
+        arms = histories if isinstance(histories, tuple) else (histories,)
         out[name] = check.worst_of_arms([getattr(arm, field) for arm in arms])
     return out
 
@@ -196,14 +198,14 @@ def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scal
         ]
         rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
     numbers = []
-    for place in list_numbers(setup):
+    for crossing in list_numbers(setup):
         first, *path = (
-            setup.arms.index(place.arm) if step == ARM else step  # type: ignore[arg-type]
-            for step in place.channel.path
+            setup.arms.index(crossing.arm) if step == ARM else step  # type: ignore[arg-type]
+            for step in crossing.channel.path
         )
         number = read_channel((rotations | vars(signals))[str(first)], tuple(path))
-        of_packet = place.seam.name in ("packet_header", "packet")
-        numbers.append((number, packet.received != 0 if of_packet else True))
+        is_packet = crossing.seam.name in ("packet_header", "packet")
+        numbers.append((number, packet.received != 0 if is_packet else True))
     return numbers
 
 

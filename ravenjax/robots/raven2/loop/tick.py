@@ -39,7 +39,7 @@ from ravenjax.stages import channel, detectors
 
 @record
 class Buttons:
-    """The buttons beside the robot; 1 is pressed."""
+    """The buttons of the robot; True while pressed."""
 
     estop: Scalar  # bool
     start: Scalar  # bool
@@ -82,24 +82,24 @@ def advance_tick(
         pos=tuple(arm.pos.position_um for arm in software.arms),
         tips=plant.true_tips(setup, params.plant, state.plant, robots),
     )
-    state, seen = observers.update_model_and_cue(setup, params, state, clean, fresh, robot)
+    state, observed = observers.update_model_and_cue(setup, params, state, clean, fresh, robot)
     signals = TickSignals(
         packet=packet,
         control=software,
         plant=robots,
         boards=state.boards.current_cmd,
         plc=relays,
-        nominal=seen.models,
-        haptics=seen.cues,
-        tip=seen.tips,
-        depth=seen.depth,
-        tip_distance=seen.distance,
+        nominal=observed.models,
+        haptics=observed.cues,
+        tip=observed.tips,
+        depth=observed.depth,
+        tip_distance=observed.distance,
         fault_active=tuple(slot.active for slot in inject.state.slots),
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
     hands = operator.mark_sent(console.hands, fresh)
     foot = clean.surgeon_mode != 0
-    sight = Sight(setup, params, now, down, seen.live, foot, signals, files, hands)
+    sight = Sight(setup, params, now, down, observed.live, foot, signals, files, hands)
 
     def watch(early: bool) -> None:
         for name, stage in present.items():
@@ -108,7 +108,7 @@ def advance_tick(
 
     watch(early=True)
     monitor = observers.update_monitor(
-        setup, params, state.monitor, clean, fresh, robot, seen, signal, now
+        setup, params, state.monitor, clean, fresh, robot, observed, signal, now
     )
     watch(early=False)
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
@@ -123,7 +123,7 @@ def advance_tick(
         files=files.state,
         stages=stages,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),
-        pedal_down_ticks=state.pedal_down_ticks + as_int(seen.live),
+        pedal_down_ticks=state.pedal_down_ticks + as_int(observed.live),
         packet=sequence,
         delivered=jnp.where(arrives, packet.sequence - 1, state.delivered),
         monitor=replace(monitor, finite=finite.step(monitor.finite, numbers, now)),
@@ -134,7 +134,7 @@ def advance_tick(
 def _wait_for_packet(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
 ) -> Console:
-    """Return the console of this tick, if all packets last `cycles_per_packet` cycles."""
+    """Return the console in this tick, with packets of `cycles_per_packet` cycles each."""
     now, cycles = signal.tick, params.network.cycles_per_packet
     stopped = state.control.state_machine.soft_estopped
     # A simulator's packet generator ends with the robot's software E-stop
@@ -149,9 +149,9 @@ def _wait_for_packet(
             sequence = jnp.where(stopped != 0, state.packet, sequence)
         fresh = jnp.bool_(True) if every_tick and not ends else sequence != state.packet
 
-    def count_packets(late: Scalar) -> Scalar:
-        least = jnp.maximum(cycles, 1)
-        return lax.div(late + least - 1, least)
+    def count_packets(ms: Scalar) -> Scalar:
+        length = jnp.maximum(cycles, 1)
+        return lax.div(ms + length - 1, length)
 
     return Console(
         setup,
@@ -178,18 +178,18 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Return the packet as it was sent, as it reaches the robot, and whether it does."""
+    """Return the packet before faults, the packet at the robot, and whether a packet arrives."""
     signal, sequence = console.signal, console.sequence
     if inject.strikes("hand"):
         still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
         console.hands = operator.with_stray_motion(console.hands, inject("hand", still))
 
-    def make(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
+    def make_packet(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
         return operator.make_packet(
             setup, sender, signal.motion, timing, console.hands, console.deviate(timing)
         )
 
-    clean = make(params.operator, console.timing) if signal.packet is None else signal.packet
+    clean = make_packet(params.operator, console.timing) if signal.packet is None else signal.packet
     scale = inject("console", params.operator.scale)
     zero, none = jnp.int32(0), cast_to_real(setup, 0.0)
     network = inject("network", Network(zero, zero, jnp.bool_(False), none, none))
@@ -200,11 +200,11 @@ def _send_packet(
         network = replace(network, delay=network.delay + late)
 
     # A packet from an external console cannot be sent again
-    packet, again = clean, signal.packet is None
-    if again and inject.strikes("console", "network"):
-        packet = make(replace(params.operator, scale=scale), console.older(network))
+    packet, may_resend = clean, signal.packet is None
+    if may_resend and inject.strikes("console", "network"):
+        packet = make_packet(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
-    if again and inject.strikes("network"):
+    if may_resend and inject.strikes("network"):
         index = packet.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     return clean, replace(packet, received=as_int(arrives)), arrives
@@ -219,9 +219,12 @@ def _move_robot(
     files: user_files.UserFiles,
     pressed: Scalar,
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
-    """Compute control computer, PLC and robot. pressed: bool, a detector presses the E-stop."""
-    fine = for_each_arm(setup, jnp.int32(1))
-    status = inject("usb_status", UsbStatus(fine, fine))
+    """Compute one tick of control software, PLC and mechanics.
+
+    pressed: bool, a detector presses the E-stop.
+    """
+    succeeds = for_each_arm(setup, jnp.int32(1))
+    status = inject("usb_status", UsbStatus(succeeds, succeeds))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), for_each_arm(setup, pins))
     inputs = control.Inputs(packet, delivered, status.read_ok, state.motors)
@@ -237,7 +240,7 @@ def _move_robot(
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
 
     buttons = inject("buttons", Buttons(pressed, jnp.bool_(False)))
-    plc_signal = plc.PlcSignal(boards.pins[: boards_apart(setup)], buttons.estop, buttons.start)
+    plc_signal = plc.PlcSignal(boards.pins[: separate_boards(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
     # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
@@ -247,8 +250,8 @@ def _move_robot(
         if inject.strikes(site)
     }
     driven = boards.current_cmd
-    for ticks, then in enumerate(state.commands, start=1):
-        driven = where(params.usb.command_delay == ticks, then, driven)
+    for ticks, earlier in enumerate(state.commands, start=1):
+        driven = where(params.usb.command_delay == ticks, earlier, driven)
     loads = tuple(
         plant.PlantSignal(counts, brakes, **{site: arms[i] for site, arms in multipliers.items()})
         for i, counts in enumerate(driven)
@@ -268,17 +271,21 @@ def _move_robot(
     return state, signals, relays, robots
 
 
-def boards_apart(setup: RavenSetup) -> int:
+def separate_boards(setup: RavenSetup) -> int:
     """Return the number of USB boards whose output pins may differ.
 
-    All boards are written alike, unless a write can fail or a board can refuse.
+    All boards get the same pins, so pins differ only if a write can fail, or if a user's check can
+    stop a board.
     """
-    apart = injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
-    return len(setup.arms) if apart else 1
+    may_differ = injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
+    return len(setup.arms) if may_differ else 1
 
 
 def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:
-    """Return what a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
+    """Return positions and velocities of motors 1-3, which dynamics-simulator builds read.
+
+    Other builds read encoders, and the result is ().
+    """
     if setup.build == "robot":
         return ()
     return tuple((Vec(out.mpos[:3]), Vec(out.mvel[:3])) for out in robots)

@@ -51,14 +51,14 @@ from ravenjax.stages import check
 
 PACKET, BOARDS = "packet", "usb_out"
 COMMANDS = ("current_cmd", "checked_cmd")
-"""Seams at which a stop must itself set the command of this cycle to 0."""
+"""Seams at which a check that stops must also set the command of this cycle to 0."""
 
 MOTOR_CONTROL, DAC = "motor_control", "dac"
 """Stages that a file may replace, in the order of the tick."""
 
 _WAVE = 1 << PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
-"""Seam -> field of the view, if the field has another name."""
+"""Seam -> its name in the view, if the names differ."""
 
 
 @record
@@ -83,26 +83,26 @@ class UserFilesState:
 
     checks: tuple[PerArm[CheckState], ...]  # for each check
     histories: tuple[check.CheckHistory, ...]
-    refusing: PerArm[Scalar]  # bool, the arm's board refuses; (): no check stops at the boards
+    refusing: PerArm[Scalar]  # bool, a check has stopped the arm's board; (): no such check
     stages: tuple[tuple[Any, ...], ...]  # state of each in the order of `RavenSetup.controller`
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
-    """Return the parameters of the checks' files, with these thresholds in the same order."""
+    """Return the parameters of the checks. thresholds: one per check."""
     names = tuple(use.name for use in setup.checks)
     records = part.part_parameters(tuple(use.part for use in setup.checks))
     return CheckParams(records, part.named_parameters(names, thresholds))
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
-    """Return the state before the first tick, in which no board refuses."""
-    remembered = []
+    """Return the state before the first tick."""
+    check_states = []
     for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
-        begun = part.load_part(use.part).init(params, setup.precision.real)
-        remembered.append(for_each_arm(setup, CheckState(begun, recent)))
+        file_state = part.load_part(use.part).init(params, setup.precision.real)
+        check_states.append(for_each_arm(setup, CheckState(file_state, recent)))
     return UserFilesState(
-        tuple(remembered),
+        tuple(check_states),
         (check.init(setup),) * len(setup.checks),
         for_each_arm(setup, jnp.bool_(False)) if boards_may_refuse(setup) else (),
         tuple(
@@ -113,12 +113,12 @@ def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFile
 
 
 def boards_may_refuse(setup: RavenSetup) -> bool:
-    """Return whether a board may refuse, so that its pins may differ from the other board's."""
+    """Return whether a check may stop a single board, whose pins then differ from the other's."""
     return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
 
 
 class UserFiles:
-    """The numbers that have crossed the seams of one tick so far, and the files that read them."""
+    """Users' files in one tick, and the signals of the tick so far, which the files read."""
 
     def __init__(
         self,
@@ -139,13 +139,14 @@ class UserFiles:
         self.state = replace(self.state, **{field: tuple(items)})
 
     def note(self, **numbers: Any) -> None:
-        """Store what has crossed a seam: each a number, or a tuple with one entry per arm."""
+        """Store signals for the views of files: numbers, or tuples with one entry per arm."""
         self._crossed.update(numbers)
 
     def views(self, at: str, width: str) -> PerArm[part.View]:
-        """Return the view of each arm, with floats in the given width."""
+        """Return the view of each arm. at: name of the seam. width: type of floats."""
 
         def view(i: int, _: Any) -> part.View:
+            # Selects one arm's entry of each signal that has one per arm.
             numbers = {}
             for name, value in self._crossed.items():
                 number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]
@@ -157,11 +158,11 @@ class UserFiles:
     # --- checks ---
 
     def check_packet(self, packet: Packet) -> Packet:
-        """Return the packet that the network layer gets."""
+        """Return the packet after users' checks."""
         self.note(**{name: value for name, value in vars(packet).items() if name != "quat"})
         nothing = tuple(Vec(()) for _ in self._setup.arms)
         for place, use in self._checks_at(PACKET):
-            trips = reduce(or_, self._look(place, nothing)[0])
+            trips = reduce(or_, self._run_check(place, nothing)[0])
             if use.acts == "limit":
                 packet = replace(packet, received=jnp.where(trips, 0, packet.received))
                 self.note(received=packet.received)
@@ -175,24 +176,24 @@ class UserFiles:
         self.note(**{name: signal})
         for place, use in self._checks_at(seam):
             floats = name in _FLOATS
-            trips, values = self._look(
+            trips, values = self._run_check(
                 place, cast_to_real(self._setup, signal) if floats else signal
             )
             if use.acts == "limit":
                 if seam in COMMANDS:
-                    signal = _limited(trips, values, signal)
+                    signal = _limit_commands(trips, values, signal)
                 else:
-                    signal = _chosen(trips, narrow_numbers(self._setup, values), signal)
+                    signal = _where_tripped(trips, narrow_numbers(self._setup, values), signal)
             elif use.acts == "stop":
                 self._stops.append(reduce(or_, trips))
                 if seam in COMMANDS:
-                    signal = _chosen(trips, _zeros(signal), signal)
+                    signal = _where_tripped(trips, _zeros(signal), signal)
             self.note(**{name: signal})
         return signal
 
     def allow(self, live: Scalar) -> Scalar:
         """Return `live`, or False if a check before the DACs has stopped the robot."""
-        return reduce(lambda still, stop: still & ~stop, self._stops, live)
+        return reduce(lambda allowed, stop: allowed & ~stop, self._stops, live)
 
     def stop(self, tripped: Scalar) -> Scalar:
         """Return whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
@@ -201,25 +202,28 @@ class UserFiles:
     def check_boards(
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
-        """Return what the boards hold, after their checks. held: what they held before."""
+        """Return the values of the USB boards after users' checks.
+
+        held: values of the boards in the last tick. boards: values that the software wrote.
+        """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
-        refusing = tuple(still & (plc_runlevel != INIT) for still in self.state.refusing)
+        refusing = tuple(refuses & (plc_runlevel != INIT) for refuses in self.state.refusing)
         for place, use in self._checks_at(BOARDS):
             self.note(boards_cmd=commands)
-            trips, values = self._look(place, commands)
+            trips, values = self._run_check(place, commands)
             if use.acts == "limit":
-                commands = _limited(trips, values, commands)
+                commands = _limit_commands(trips, values, commands)
             elif use.acts == "stop":
                 refusing = tuple(map(or_, refusing, trips))
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)
-            silent = [still & (plc_runlevel != E_STOP) for still in refusing]
-            commands = _chosen(refusing, _zeros(commands), commands)
+            silent = [refuses & (plc_runlevel != E_STOP) for refuses in refusing]
+            commands = _where_tripped(refusing, _zeros(commands), commands)
             pins = tuple(
-                (new & ~_WAVE) | (jnp.where(quiet, old, new) & _WAVE)
-                for quiet, new, old in zip(silent, pins, held.pins, strict=True)
+                (new & ~_WAVE) | (jnp.where(is_silent, old, new) & _WAVE)
+                for is_silent, new, old in zip(silent, pins, held.pins, strict=True)
             )
         self.note(boards_cmd=commands)
         return usb.UsbOut(commands, pins)
@@ -227,18 +231,22 @@ class UserFiles:
     def _checks_at(self, seam: str) -> list[tuple[int, Any]]:
         return [(place, use) for place, use in enumerate(self._setup.checks) if use.at == seam]
 
-    def _look(self, place: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
-        """Return whether a check trips in this millisecond, and the signal if it limits."""
+    def _run_check(self, place: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
+        """Run one check in this millisecond, and store its state and history.
+
+        place: index of the check. crossing: signal at the check's seam, one Vec per arm. Returns
+        for each arm whether the check trips, and the signal that replaces it if the check limits.
+        """
         assert self._checks is not None
         use, width = self._setup.checks[place], self._setup.precision.real
         code, params = part.load_part(use.part), self._checks.own[place]
         threshold, views = self._checks.threshold[place], self.views(use.at, width)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self.state.checks[place]):
-            gives: dict[str, Any] = {"score": part.SCORE}
+            examples: dict[str, Any] = {"score": part.SCORE}
             if use.acts == "limit" and crossing[i]:
-                gives["values"] = crossing[i]
-            after, score, *limited = code.step(params, before.own, views[i], width, **gives)
+                examples["values"] = crossing[i]
+            after, score, *limited = code.step(params, before.own, views[i], width, **examples)
             values[i : i + 1] = limited or [crossing[i]]
             score = jnp.where(score == score, score, 0.0)  # NaN is above no threshold
             lowest = reduce(jnp.minimum, [score, *before.recent])
@@ -266,17 +274,17 @@ class UserFiles:
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
     ) -> PerArm[motor_control.MotorControlState]:
-        """Return the same as `motor_control.motor_torques`, for every arm."""
+        """Return every arm's torques of a user's file, in place of `motor_torques`."""
         setup, feels_gravity = self._setup, self._setup.software == "raven2"
-        still = for_each_arm(setup, Vec.full(3, 0.0))
+        gravity = for_each_arm(setup, Vec.full(3, 0.0))
         if feels_gravity:
-            still = map_arms(setup, motor_control.gravity_torques, jpos)
+            gravity = map_arms(setup, motor_control.gravity_torques, jpos)
         gains = ("kp", "kd", "ki", "mvel_d")
         self.note(
             active=active,
             pedal_down=pedal_down,
             mpos_d=mpos_d,
-            tau_g=still,
+            tau_g=gravity,
             period=stored.PERIOD,
             **{name: tuple(getattr(arm, name) for arm in params) for name in gains},
         )
@@ -286,13 +294,17 @@ class UserFiles:
                 before,
                 mpos_d=where(active, target, before.mpos_d),
                 tau_d=where(active, tau, before.tau_d),
-                tau_g=where(active, lift, before.tau_g) if feels_gravity else before.tau_g,
+                tau_g=where(active, gravity_torque, before.tau_g)
+                if feels_gravity
+                else before.tau_g,
             )
-            for before, target, tau, lift in zip(states, mpos_d, torques, still, strict=True)
+            for before, target, tau, gravity_torque in zip(
+                states, mpos_d, torques, gravity, strict=True
+            )
         )
 
     def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the same as `dac.step`, for every arm."""
+        """Return the DAC counts of every arm from a user's file, in place of `dac.step`."""
         setup = self._setup
         self.note(
             amps_per_torque=tuple(
@@ -306,15 +318,15 @@ class UserFiles:
             dac.stored_counts(new, live, rest) for new, rest in zip(counts, resting, strict=True)
         )
 
-    def _step_stage(self, stage: str, **gives: Sequence[Vec]) -> list[Vec]:
+    def _step_stage(self, stage: str, **examples: Sequence[Vec]) -> list[Vec]:
         # Runs the user's file in place of a stage of the control software, for each arm.
-        ((name, like),) = gives.items()
+        ((name, example),) = examples.items()
         place = list(dict(self._setup.controller)).index(stage)
         code, width = part.load_part(self._setup.controller[place][1]), self._setup.precision.narrow
         after, values = [], []
         for i, view in enumerate(self.views(stage, width)):
             state, value = code.step(
-                self._stages[place], self.state.stages[place][i], view, width, **{name: like[i]}
+                self._stages[place], self.state.stages[place][i], view, width, **{name: example[i]}
             )
             after.append(state)
             values.append(value)
@@ -329,16 +341,23 @@ def _zeros(signal: PerArm[Vec]) -> PerArm[Vec]:
     return tuple(Vec.full(len(command), 0) for command in signal)
 
 
-def _chosen(trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]) -> PerArm[Vec]:
+def _where_tripped(
+    trips: Sequence[Scalar], values: PerArm[Vec], signal: PerArm[Vec]
+) -> PerArm[Vec]:
     return tuple(map(where, trips, values, signal))
 
 
-def _limited(trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]) -> PerArm[Vec]:
-    """Return commands after a check, within 16 bits; 0 stays 0, so no check undoes an E-stop."""
-    there = (reduce(or_, (x != 0 for x in command)) for command in commands)
-    limited = list(map(and_, trips, there))
-    within = tuple(
+def _limit_commands(
+    trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]
+) -> PerArm[Vec]:
+    """Return commands after a check that limits, saturated to 16 bits.
+
+    Commands that are all 0 stay 0, so that no check cancels an E-stop.
+    """
+    nonzero = (reduce(or_, (x != 0 for x in command)) for command in commands)
+    limited = list(map(and_, trips, nonzero))
+    saturated = tuple(
         value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
         for value in values
     )
-    return _chosen(limited, within, commands)
+    return _where_tripped(limited, saturated, commands)

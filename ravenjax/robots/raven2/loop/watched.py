@@ -17,7 +17,7 @@ __all__ = ["advance", "init", "outcomes", "series_length"]
 
 @record
 class WatchedSignals:
-    """The detectors' state after a millisecond."""
+    """The detectors' state after a tick."""
 
     detectors: DetectorsState
     live: Scalar  # bool, whether the detectors were armed, ignoring `armed_after`

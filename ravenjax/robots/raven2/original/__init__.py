@@ -1,1 +1,3 @@
-"""Geometry by the operations of the original, in their order and in double precision."""
+"""Computes geometry with the operations of the original software, in their order and in double
+precision.
+"""

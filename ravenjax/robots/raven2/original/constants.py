@@ -1,8 +1,8 @@
-"""Constants as the control software stores them: its `float`s are rounded to float32.
+"""Defines constants as the control software stores them: its `float`s are rounded to float32.
 
 Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
-`inv_cable_coupling.cpp`, `DS0.h`. They are Python numbers, so that JAX computes with them in
-the type of the other operand.
+`inv_cable_coupling.cpp`, `DS0.h`. The constants are Python numbers, so JAX converts each to the
+type of the other operand.
 """
 
 import math
@@ -35,7 +35,7 @@ GAINS = resources.read_tables(__file__, "gains.toml")
 
 
 def jaw_commands(software: str) -> tuple[int, int, int]:
-    """Return the gain of the jaws' increments, and the least and greatest opening, mrad.
+    """Return the gain of the jaws' increments, and the smallest and largest opening, mrad.
 
     Source: local_io.cpp of raven2 and of the 2015 fork.
     """
@@ -44,7 +44,7 @@ def jaw_commands(software: str) -> tuple[int, int, int]:
 
 
 def wrist_coupling(tool: str) -> float:
-    """Return how far each jaw turns with the wrist, rad/rad."""
+    """Return the rotation of each jaw per rotation of the wrist, rad/rad."""
     return as_float32(find_tool(tool).wrist_coupling)
 
 
@@ -57,11 +57,11 @@ def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
 
 
 def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | None]:
-    """Return the limits to which joint targets are clamped: those of the first mechanism's tool.
+    """Return the limits to which joint targets are clamped: those of the first arm's tool.
 
-    They are (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist (rad), and the
-    lower limit of the jaws' yaw (rad; None: not limited). All are stored as float32, except the
-    fork's roll limit: that is a literal in its r2_kinematics.cpp, and a double.
+    The result contains (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist
+    (rad), and the lower limit of the jaws' yaw (rad; None: no limit). All are stored as float32.
+    Only the fork's roll limit is a double, a literal in its r2_kinematics.cpp.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = [

@@ -1,15 +1,17 @@
-"""Kinematics, gravity and quaternions by the operations of the original, in double precision.
+"""Computes kinematics, gravity and quaternions with the operations of the original control
+software.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
-error. To reproduce its DAC counts, code must round where the original rounds. `geometry` computes
-the same with a fraction of the operations, and as exactly. `select_evaluation` selects one of the
-two: the order of the original only helps if results are rounded as there (precision `ORIGINAL`).
+error. Code that is to give the original's DAC counts must therefore round where the original
+rounds. `geometry` computes the same quantities equally exactly and with far fewer operations.
+`select_evaluation` selects one of the two. The operations of the original help only if results are
+also rounded as in the original (precision `ORIGINAL`).
+
 Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
 `src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
-of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`).
-
-Products with a literal 0 or 1 are left out, which changes no bit but the sign of a zero. Products
-of quaternions and their matrices are those of `mapping`, which already has tf's order.
+of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`). All are in double
+precision. Products with a constant 0 or 1 are left out, which changes no bit but the sign of a
+zero. Products and matrices of quaternions are those of `mapping`, which has the order of tf, too.
 """
 
 import math
@@ -62,7 +64,7 @@ class Transform(NamedTuple):
 
 
 def multiply_literally(a: Transform, b: Transform) -> Transform:
-    """Return a b."""
+    """Return the product a b, with products and sums in the order of the original."""
     return Transform(matmul(a.rotation, b.rotation), transform_point(a, b.origin))
 
 
@@ -80,7 +82,7 @@ def inverse_transform(transform: Transform) -> Transform:
 def inverse_matrix(m: Vec) -> Vec:
     """Return the inverse of a 3 x 3 matrix by cofactors.
 
-    Rotations are inverted so, too: the transpose would differ in the last bits.
+    The original also inverts rotations by cofactors. The transpose would differ in the last bits.
     """
 
     def cofactor(r1: int, c1: int, r2: int, c2: int) -> Scalar:
@@ -98,8 +100,8 @@ def inverse_matrix(m: Vec) -> Vec:
 def quat_from_matrix(rotation: Vec) -> Vec:
     """Return the quaternion (x, y, z, w) of a rotation matrix.
 
-    It comes from the trace or, if that is not positive, from the greatest diagonal element. The
-    component in question is half a root; the others are divided by twice that component.
+    One component is half of a root: w if the trace is positive, otherwise the component of the
+    greatest diagonal element. The other components are divided by twice this component.
     """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
@@ -147,10 +149,11 @@ _ARMS = {
 }
 
 _TURNS = 3
-"""Whole turns subtracted one by one; beyond them all turns are subtracted at once."""
+"""Largest number of turns that are subtracted one by one. More turns are subtracted at once."""
 
 
 def _wrapped(value: Scalar, turns: int) -> Scalar:
+    # Subtracts or adds up to `turns` whole turns, one by one, as the original does.
     for _ in range(turns):
         value = jnp.where(value > PI, value - 2 * PI, value)
     for _ in range(turns):
@@ -158,19 +161,21 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
     return value
 
 
-def _thetas(arm: str, joints: Vec) -> Vec:
-    """Return the DH variables (6) of joints and yaw; the insertion is wrapped like an angle."""
+def _dh_variables(arm: str, joints: Vec) -> Vec:
+    """Return the DH variables (6) of joints and yaw; as in the original, d3 is wrapped, too."""
 
-    def near(value: Scalar) -> Scalar:
+    def wrapped(value: Scalar) -> Scalar:
         far = jnp.abs(value) > (2 * _TURNS + 1) * PI
         return _wrapped(
             jnp.where(far, value - 2 * PI * jnp.round(value * (0.5 / PI)), value), _TURNS
         )
 
-    return joints.map(add, _ARMS[arm].zeros).map(near)
+    return joints.map(add, _ARMS[arm].zeros).map(wrapped)
 
 
-def _row(alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
+def _dh_row_of(
+    alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float = 0.0
+) -> Transform:
     """Return one row of the modified DH table, from cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
     rotation = matrix(
@@ -181,39 +186,40 @@ def _row(alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float =
     return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
 
 
-def _turned(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
-    return _row(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
+def _dh_row(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
+    return _dh_row_of(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
 
 
 def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Transform, ...]:
+    # Returns the transforms of shoulder, elbow and insertion.
     theta3 = GEOMETRY[arm].side * PI / 2
     return (
-        _turned(_ARMS[arm].alpha0, theta1),
-        _turned(LINK12, theta2),
-        _row(_ARMS[arm].alpha2, math.cos(theta3), math.sin(theta3), d3),
+        _dh_row(_ARMS[arm].alpha0, theta1),
+        _dh_row(LINK12, theta2),
+        _dh_row_of(_ARMS[arm].alpha2, math.cos(theta3), math.sin(theta3), d3),
     )
 
 
 def _links45(theta4: Scalar, theta5: Scalar) -> tuple[Transform, ...]:
-    return _turned(0.0, theta4, D4), _turned(PI / 2, theta5)
+    return _dh_row(0.0, theta4, D4), _dh_row(PI / 2, theta5)
 
 
 def _chain(*links: Transform) -> Transform:
-    """Return the product of links. It starts from the last, as the original's recursion does."""
+    """Return the product of links, from the last to the first, as in the original's recursion."""
     return reduce(lambda rest, link: multiply_literally(link, rest), reversed(links))
 
 
 def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
-    """Return the same as `kinematics.forward_pose`."""
+    """Return the pose of `kinematics.forward_pose`, with the original's operations."""
     theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
-    th = _thetas(arm, Vec((*jpos[:5], theta6)))
-    tip = _chain(*_links123(arm, *th[:3]), *_links45(*th[3:5]), _turned(PI / 2, th[5], a=LW))
+    th = _dh_variables(arm, Vec((*jpos[:5], theta6)))
+    tip = _chain(*_links123(arm, *th[:3]), *_links45(*th[3:5]), _dh_row(PI / 2, th[5], a=LW))
     return Pose(tip.origin, tip.rotation)
 
 
 def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> kinematics.IK:
-    """Return the same as `kinematics.inverse_joints`."""
-    measured = _thetas(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
+    """Return the joints of `kinematics.inverse_joints`, with the original's operations."""
+    measured = _dh_variables(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
     least = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
@@ -221,11 +227,11 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
         turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
         far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(far, turn, theta[3]))
-        gaps = measured - theta
-        gaps = gaps.replace(2, gaps[2] * kinematics.INSERTION_WEIGHT)
-        cost = dot(gaps, gaps)
-        nearer = valid & (cost < least)  # never true for NaN
-        least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
+        differences = measured - theta
+        differences = differences.replace(2, differences[2] * kinematics.INSERTION_WEIGHT)
+        cost = dot(differences, differences)
+        is_nearer = valid & (cost < least)  # never true for NaN
+        least, best = jnp.where(is_nearer, cost, least), where(is_nearer, theta, best)
     joints = best - _ARMS[arm].zeros
     joints = joints.map(lambda joint: _wrapped(joint, 1)).replace(3, joints[3])
     status = jnp.where(
@@ -239,16 +245,16 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
-    """Return all eight solutions in the original's order (6 DH variables, validity), and `stopped`.
+    """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
-    A wrist at the remote centre stops the original before the first angle: all angles are zero. It
-    has marked that side invalid; the other one counts as valid. The insertion of side 0 is known.
+    If a wrist is at the remote centre, the original stops before the first angle, so all angles are
+    zero. The side with this wrist is invalid, and the other side counts as valid.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
     wrists = []
     for side in (-1.0, 1.0):
-        # In place: the second side normalises what the first side has normalised.
+        # As in the original, the second side normalises the vector again.
         toward = scale(1.0 / norm(toward), toward)
         wrists.append(transform_point(tip, scale(side * LW, toward)))
     insertions = [norm(wrist) for wrist in wrists]
@@ -257,17 +263,17 @@ def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scal
 
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
-        unreached = at_centre[0] if side == 0 else stopped  # no insertion was computed
+        not_computed = at_centre[0] if side == 0 else stopped  # no insertion was computed
         valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
         for d3 in (-D4 - insertion, -D4 + insertion):
             cosine = _cosine2(arm, wrist[2], d3 + D4)
             theta2 = jnp.acos(cosine)
             valid = jnp.where(stopped, valid_if_stopped, ~((cosine > 1.0) | (cosine < -1.0)))
-            left = jnp.where(unreached, 0.0, d3)
+            last_d3 = jnp.where(not_computed, 0.0, d3)
             for sign in (1.0, -1.0):
                 th = _angles(arm, tip, wrist, d3, mul(sign, theta2))
                 angles = th.map(lambda angle: jnp.where(stopped, 0.0, angle))
-                solutions.append((angles.replace(2, left), valid))
+                solutions.append((angles.replace(2, last_d3), valid))
     return solutions, stopped
 
 
@@ -278,7 +284,8 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    # Computes the joints of one wrist position. Near a singularity other entries are divided.
+    # Computes the DH variables of one wrist position. Near a singularity, other matrix entries are
+    # used.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
@@ -287,19 +294,20 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     ).rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
-    bent = jnp.abs(c5) > kinematics.SINGULAR
-    c4 = jnp.where(bent, t36.origin[0] / (LW * c5), r02 / s5)
-    s4 = jnp.where(bent, t36.origin[1] / (LW * c5), r12 / s5)
+    use_tip = jnp.abs(c5) > kinematics.SINGULAR
+    c4 = jnp.where(use_tip, t36.origin[0] / (LW * c5), r02 / s5)
+    s4 = jnp.where(use_tip, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
 
     t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
-    turned, _, across = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
-    crossed = jnp.abs(s5) > kinematics.SINGULAR
-    c6, s6 = jnp.where(crossed, r20 / s5, turned), jnp.where(crossed, -r21 / s5, across)
+    cosine6, _, sine6 = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
+    use_axis = jnp.abs(s5) > kinematics.SINGULAR
+    c6, s6 = jnp.where(use_axis, r20 / s5, cosine6), jnp.where(use_axis, -r21 / s5, sine6)
     return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
+    # Returns theta1, from the wrist's x and y, the insertion `d` and theta2.
     side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
@@ -311,13 +319,13 @@ def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scal
 
 
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
-    """Return tau_g: capstan torque (3, Nm) of the compensating joint efforts.
+    """Return tau_g: capstan torques (3, Nm) that balance gravity.
 
-    It is `gravity.gravity_torque` under the float32 gravity that the original stores. The
+    The result is `gravity.gravity_torque` with the float32 gravity that the original stores. The
     operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are inverted
-    by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts them.
+    by cofactors. Transmission ratios are float32 numbers, as in `defines.h`.
     """
-    theta1, theta2, d3, *_ = _thetas(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
+    theta1, theta2, d3, *_ = _dh_variables(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
     t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
@@ -344,7 +352,7 @@ def _about_z(centre: Vec, weight: Vec) -> Scalar:
 
 
 class Evaluation(NamedTuple):
-    """One implementation of the geometry; contracts as in `kinematics`, `gravity` and `mapping`."""
+    """One implementation of the functions in `kinematics`, `gravity` and `mapping`."""
 
     forward: Callable[[str, Vec, Scalar], Pose]
     inverse: Callable[[str, Pose, Scalar, Vec], kinematics.IK]

@@ -1,1 +1,1 @@
-"""Motors, cables, links and encoders of the virtual robot, and the nominal model beside it."""
+"""Simulates motors, cables, links and encoders of the virtual robot, and the nominal model."""

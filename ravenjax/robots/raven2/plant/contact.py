@@ -1,4 +1,4 @@
-"""Contact forces: jaw tips against tissue and vessel, and instruments against each other.
+"""Computes contact forces of jaw tips on tissue and vessel, and of the instruments on each other.
 
 **Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L.
 Johnson, Contact Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl.
@@ -6,18 +6,19 @@ Mech. 42, 1975; for soft tissue Diolaiti, Melchiorri, Stramigioli, IEEE T-RO 21,
 
     F = k d^1.5 (1 + a d'),  k = 4/3 E / (1 - nu^2) sqrt(R),  nu = 0.5: soft tissue keeps its volume
 
-d is the depth below the surface along the world's z. The force is F times (-dh/dx, -dh/dy, 1) of
-the surface's height h. This is the gradient of one potential, so no path through the tissue and
-back gains energy. If the tip leaves faster than 1/a, the force is 0 and never pulls. Friction is
-Coulomb's, regularised below `CREEP_M_S`.
+d is the depth below the surface along the world's z. The force vector is F times (-dh/dx, -dh/dy,
+1), where h is the surface's height. This vector is the gradient of a potential, so no path through
+the tissue and back gains energy. If the tip leaves faster than 1/a, the force is 0 and never pulls.
+Friction is Coulomb's, regularised below `CREEP_M_S`.
 
-**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius. At the point where the
-two are nearest, a spring and the same kind of damping push them apart, without friction (*assumed*:
-wet polished steel). quantities.toml has the sources of the numbers.
+**Instruments.** An instrument is a line of two pieces, shaft and jaws, with a radius. At the point
+where the two instruments are nearest, a spring and the same kind of damping push them apart. There
+is no friction (*assumed*: wet polished steel). quantities.toml has the sources of the numbers.
 
-A law F(d, d') is linearised about the depth that the present speed would reach at the end of the
-step. It is solved with the step's other implicit forces: Newton's first step of backward Euler.
-This is stable for any stiffness, with an error of second order.
+A force F(d, d') is linearised about the depth that the present speed would reach at the end of the
+step. The linear force is solved together with the other implicit forces of the step, which is the
+first Newton step of backward Euler. The method is stable for any stiffness, with an error of second
+order.
 """
 
 import functools
@@ -31,14 +32,14 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
 CREEP_M_S = 1e-3
-"""Sliding speed (m/s) at which friction is 0.71 of Coulomb's, and less below; *assumed*."""
+"""Sliding speed (m/s) at which friction is 0.71 of Coulomb's; below it is smaller; *assumed*."""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
 @describe_fields
 @record
 class ContactParams:
-    """Parameters of tissue, vessel and instruments, the same for every arm; see the module."""
+    """Parameters of the contact with tissue and vessel and between instruments, for all arms."""
 
     tissue_modulus: Scalar = 12.5e3  # Pa
     tip_radius: Scalar = 2e-3  # m
@@ -59,54 +60,59 @@ class Touch:
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step, and how it rises with closing speed."""
+    """A normal force in the coming step, and its derivative by the closing speed."""
 
     force: Scalar  # N
     rate: Scalar  # N s/m
 
 
 def spring_law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
-    """Return the law of a spring.
+    """Return the force of a damped spring, linearised about the coming step.
 
-    Its force (N) and stiffness (N/m) are those at the end of `dt` (s) if the closing speed (m/s)
-    stays constant. damping: s/m, as in F (1 + damping closing).
+    spring, slope: force (N) and stiffness (N/m) at the end of the step `dt` (s), if the closing
+    speed (m/s) is constant. damping: s/m, as in F (1 + damping closing).
     """
-    grows = 1.0 + damping * closing
-    holds = grows > 0.0
-    rate = jnp.where(holds, slope * dt * grows + damping * spring, 0.0)
-    return Law(spring * jnp.maximum(grows, 0.0), rate)
+    damping_factor = 1.0 + damping * closing
+    in_contact = damping_factor > 0.0
+    rate = jnp.where(in_contact, slope * dt * damping_factor + damping * spring, 0.0)
+    return Law(spring * jnp.maximum(damping_factor, 0.0), rate)
 
 
 class TipContact(NamedTuple):
-    """A jaw tip on the tissue, over the coming step."""
+    """The contact of a jaw tip with the tissue in the coming step."""
 
     tip: instrument.InstrumentPoint
     rise: Vec  # 3, direction of the force: `scene.Surface`
     vessel: Scalar  # bool, the tip is over the vessel
-    normal: Law  # per `rise`
+    normal: Law  # normal force, as a factor of `rise`
     drag: Scalar  # N s/m, friction per sliding speed
     inverse: Scalar  # 1 / |rise|^2
     velocity: Vec  # m/s, at the start of the step
 
     def force(self) -> Vec:
-        """The force in N if the tip keeps its speed."""
+        """Return the force in N if the tip's speed does not change."""
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """Return the force (N) in a step in which the joints gain these speeds (rad/s, m/s)."""
-        more = self.tip.velocity(gained)
-        normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
-        return self.rise * normal - self._sliding(self.velocity + more) * self.drag
+        """Return the force (N) in the step. gained: speed gains of the joints, rad/s and m/s."""
+        gained_velocity = self.tip.velocity(gained)
+        normal = jnp.maximum(
+            self.normal.force - self.normal.rate * dot(self.rise, gained_velocity), 0.0
+        )
+        return self.rise * normal - self._sliding(self.velocity + gained_velocity) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle. A: N that are lost per m/s that the tip gains."""
+        """Add J^T A J to the lower triangle. A: loss of force per gain of tip speed, N s/m."""
         columns, along = self.tip.columns, self.tip.along(self.rise)
-        across = self.normal.rate - self.drag * self.inverse
+        normal_rate = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
-            pushed, dragged = mul(across, along[i]), column.map(lambda x: mul(self.drag, x))
+            normal_part, friction_part = (
+                mul(normal_rate, along[i]),
+                column.map(lambda x: mul(self.drag, x)),
+            )
             for j in range(i + 1):
                 system[i][j] = add(
-                    system[i][j], add(mul(pushed, along[j]), dot(dragged, columns[j]))
+                    system[i][j], add(mul(normal_part, along[j]), dot(friction_part, columns[j]))
                 )
 
     def _sliding(self, velocity: Vec) -> Vec:
@@ -119,7 +125,7 @@ def jaw_tips(
     """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
 
     def touch(tip: instrument.InstrumentPoint) -> TipContact:
-        # Force at one tip: Hertz contact with damping along the normal, and dry friction across.
+        # Computes the contact of one tip: a damped Hertz contact with dry friction.
         surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
         rise = surface.rise
         closing = -dot(rise, velocity)
@@ -138,35 +144,37 @@ def jaw_tips(
 
 
 def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """Return the tissue's forces in a step in which the joints gained these speeds."""
+    """Return the forces of the tissue in a step. gained: speed gains of the joints, rad/s, m/s."""
     forces = [tip.after(gained) for tip in contacts]
-    whole = forces[0] + forces[1]
+    total = forces[0] + forces[1]
     on_vessel = [
         force.map(lambda x, tip=tip: jnp.where(tip.vessel, x, 0.0))
         for tip, force in zip(contacts, forces, strict=True)
     ]
-    return Touch(whole, norm(whole), norm(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
+    return Touch(total, norm(total), norm(on_vessel[0] + on_vessel[1]), total[0] * 0.0)
 
 
 # --- instruments against each other ---
 
 
 class Meeting(NamedTuple):
-    """Two instruments at the points where they are nearest, over the coming step."""
+    """The contact of two instruments at their nearest points, in the coming step."""
 
-    ways: Sequence[Vec]  # 7 each: speed at which each joint at unit speed moves them apart
+    ways: Sequence[Vec]  # 7 per arm: separation speed of the points per unit speed of each joint
     normal: Law
     apart: Sequence[Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
 
     def solved(self, gained: Sequence[Vec], yielding: Sequence[Vec]) -> Scalar:
-        """Return the force in the step in N, never below 0.
+        """Return the force in the step in N, at least 0.
 
-        gained: speeds that joints gain under `normal.force`; yielding: more speed (7) per N.
+        gained: speed gains of each arm's joints under `normal.force`. yielding: gains per N.
         """
-        lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
-        gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
+        gained_speed = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
+        yield_speed = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
         rate = self.normal.rate
-        return jnp.maximum(self.normal.force - rate * lost / (1.0 + rate * gives), 0.0)
+        return jnp.maximum(
+            self.normal.force - rate * gained_speed / (1.0 + rate * yield_speed), 0.0
+        )
 
 
 def instruments_meeting(
@@ -176,25 +184,27 @@ def instruments_meeting(
     jvel: Sequence[Vec],
     dt: float,
 ) -> Meeting:
-    """Return how two instruments meet at `jpos` and `jvel` (7 each) over the coming `dt` (s)."""
+    """Return the contact of two instruments in the coming `dt` (s). jpos, jvel: 7 per arm."""
     lines = tuple(map(instrument.instrument_line, arms, jpos))
     pairs = itertools.starmap(_nearest, itertools.product(*map(_pieces, arms, lines)))
     best = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
-    ways, frames = [], []
-    for i, sense in enumerate((1.0, -1.0)):
+    joint_speeds, directions = [], []
+    for i, sign in enumerate((1.0, -1.0)):
         origin, rotation = scene.frame0_in_world(arms[i])
-        back = transpose(rotation)
-        at = matvec(back, best.at[i] - origin)
-        way = matvec(back, apart * sense)
-        ways.append(instrument.point_on(arms[i], lines[i], at, best.beyond[i]).along(way))
-        frames.append(way)
-    closing = -(dot(ways[0], jvel[0]) + dot(ways[1], jvel[1]))
+        inverse_rotation = transpose(rotation)
+        at = matvec(inverse_rotation, best.at[i] - origin)
+        direction = matvec(inverse_rotation, apart * sign)
+        joint_speeds.append(
+            instrument.point_on(arms[i], lines[i], at, best.beyond[i]).along(direction)
+        )
+        directions.append(direction)
+    closing = -(dot(joint_speeds[0], jvel[0]) + dot(joint_speeds[1], jvel[1]))
     depth = jnp.maximum(best.depth + closing * dt, 0.0)
     k = params.instrument_stiffness
     slope = jnp.where(depth > 0.0, k, 0.0)
     normal = spring_law(k * depth, slope, params.instrument_damping, closing, dt)
-    return Meeting(ways, normal, frames)
+    return Meeting(joint_speeds, normal, directions)
 
 
 class _Piece(NamedTuple):
@@ -209,14 +219,15 @@ class _Piece(NamedTuple):
 class _Pair(NamedTuple):
     """The nearest points of two pieces."""
 
-    depth: Scalar  # m, depth of their overlap; negative: apart
+    depth: Scalar  # m, overlap of the pieces; negative: their distance
     distance: Scalar  # m, distance between their axes
-    away: Vec  # m, vector from the second's axis to the first's
+    away: Vec  # m, vector from the axis of the second to the axis of the first
     at: tuple[Vec, Vec]  # m, the point on each axis, world
     beyond: tuple[Scalar, Scalar]  # for each, 0 on a shaft; on jaws the fraction from wrist to end
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
+    # Returns shaft and jaws of an instrument as straight pieces in the world.
     origin, _ = scene.frame0_in_world(arm)
     wrist, end = scene.to_world(arm, line.wrist), scene.to_world(arm, line.end)
     return (
@@ -230,9 +241,9 @@ def _nearest(first: _Piece, second: _Piece) -> _Pair:
     between = first.begin - second.begin
     a, b, e = dot(first.way, first.way), dot(first.way, second.way), dot(second.way, second.way)
     c, f = dot(first.way, between), dot(second.way, between)
-    s = _share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
-    t = _share((b * s + f) / e)
-    s = _share((b * t - c) / a)
+    s = _clamp_share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
+    t = _clamp_share((b * s + f) / e)
+    s = _clamp_share((b * t - c) / a)
     points = first.begin + first.way * s, second.begin + second.way * t
     away = points[0] - points[1]
     distance = norm(away)
@@ -240,5 +251,5 @@ def _nearest(first: _Piece, second: _Piece) -> _Pair:
     return _Pair(first.radius + second.radius - distance, distance, away, points, beyond)
 
 
-def _share(x: Scalar) -> Scalar:
+def _clamp_share(x: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(x, 0.0), 1.0)

@@ -1,9 +1,10 @@
-"""The motor matrix T (motor rad per joint rad or m), factored so that its structure saves work.
+"""Defines the motor matrix T, which gives motor angles (rad) from joints (rad or m).
 
 Instrument cables run along the insertion, so moving the insertion turns every tool capstan. The row
-of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for its joint.
-Here tool motors are coupled to the *joints*, because cable length follows the links. At rest this
-equals the control software, which couples them to the insertion motor's angle.
+of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for the tool's
+joint. Products with T use these factors to save operations. Cable length follows the links, so tool
+motors are coupled to the *joints*. The control software couples them to the insertion motor's
+angle. At rest both are equal.
 """
 
 import dataclasses
@@ -29,19 +30,20 @@ class Coupling:
 
     rows: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    gain: Vec = AS_DRAWN  # motion of each joint per motion by its drum's drawing; 1 drops out
+    # Motion of each joint, divided by its motion with a drum as drawn. Factors 1 add no operations.
+    gain: Vec = AS_DRAWN
 
     def motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint angles (or speeds)."""
         joints = joints.map(_divide, self.gain)
-        along = dot(self.rows[Z], joints)
+        insertion = dot(self.rows[Z], joints)
         return Vec(
-            along if i == Z else add(dot(self.rows[i], joints), mul(self.ratio[i], along))
+            insertion if i == Z else add(dot(self.rows[i], joints), mul(self.ratio[i], insertion))
             for i in range(N)
         )
 
     def joints(self, motors: Vec) -> Vec:
-        """Return joint angles (or speeds) from motors' angles (or speeds), cables unstretched."""
+        """Return T^-1 x: joint angles (or speeds) from motor angles (or speeds)."""
         angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
@@ -52,16 +54,16 @@ class Coupling:
 
     def loads(self, forces: Vec) -> Vec:
         """Return T^T f: joint torques (N m, N) from motor torques (N m)."""
-        along = forces[Z]
+        insertion = forces[Z]
         for i in range(N):
-            along = add(along, mul(self.ratio[i], forces[i]))
-        effective = [along if i == Z else forces[i] for i in range(N)]
+            insertion = add(insertion, mul(self.ratio[i], forces[i]))
+        effective = [insertion if i == Z else forces[i] for i in range(N)]
         columns = zip(*self.rows, strict=True)
         torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
         return torques.map(_divide, self.gain)
 
     def carried(self, loads: Vec) -> Vec:
-        """Return T^-T f: motor torques (N m) that put `loads` (N m, N) on the joints."""
+        """Return T^-T f: motor torques (N m) that balance `loads` (N m, N) on the joints."""
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
@@ -92,7 +94,10 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return where inner[i][j] enters the lower half of rows^T inner rows: row, column, factor."""
+    """Return the terms of inner[i][j] in the lower half of rows^T inner rows.
+
+    A term is (row, column, factor): entry [row][column] contains factor times inner[i][j].
+    """
     factors: dict[tuple[int, int], float] = {}
     for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
         for row in range(N):
@@ -104,7 +109,7 @@ def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 @cache
 def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
-    """Return the coupling of an arm with a tool; `software` decides the sign of the first jaw."""
+    """Return the coupling of an arm with a tool. `software` sets the sign of the first jaw."""
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     rows = tuple(

@@ -1,42 +1,42 @@
-"""Forces on the joints of one arm: motors, encoders, brakes, cables, dry friction, hard stops.
+"""Computes forces on the joints of one arm: motors, brakes, cables, dry friction and hard stops.
 
-**Motors.** The equation of motion of a motor's shaft is solved for one step, with torques after the
-gearbox, and inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml).
-Dry friction is decided with the joint's speed of the last step, and a closed brake adds to it. The
-other terms are implicit, so the motor's speed w at the end of the step is affine in the link's
-speed, and is eliminated from the links' equations:
+**Motors.** The equation of motion of a motor's shaft is solved for one step. Torques are those
+after the gearbox; inertia and speed are those of the shaft (the units of the model's authors, see
+models/raven2/mechanics.toml). Dry friction is computed with the joint's speed of the last step. A
+closed brake adds to the friction. The other terms are implicit. The motor's speed w at the end of
+the step is therefore an affine function of the link's speed, and is eliminated from the equations
+of the links:
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
     w = (momentum + coupling * T q') * inverse
 
 **Encoders** have 4000 counts per turn on every motor (raven2: defines.h). The motor angle is stored
-as whole counts (int32) plus a fraction of a count. An angle near 900 rad in float32 would lose
-increments below 3e-5 rad per millisecond; a fraction of a count never does, and the reading is
-exact.
+as whole counts (int32) plus a fraction of a count, so the reading is exact. An angle near 900 rad
+in float32 would lose increments below 3e-5 rad per millisecond.
 
-**Cables** between capstan and joint are the authors' exponential spring-damper, linearised once per
-step. Stretch is stored in motor angle, `epsilon = m - T q` (rad), where T is the motor matrix. At
-zero stretch encoders, cable coupling of the control software and links agree exactly. At the
-capstan it is `delta = a epsilon` (m) with a = capstan radius / gearbox ratio. The tension
-difference is `gamma = ke (exp(delta) - exp(-delta)) + 2 be delta'` (CSLDepend/raven2_sim,
-Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a gamma`: on the motor
-`-reaction_scale * lambda`, on the joints `T^T lambda`.
+**Cables** between capstan and joint are the exponential spring-damper of the model's authors,
+linearised once per step. The stretch of a cable is stored as a motor angle, `epsilon = m - T q`
+(rad), where T is the motor matrix. At zero stretch, encoders, cable coupling of the control
+software and links agree exactly. At the capstan the stretch is `delta = a epsilon` (m) with a =
+capstan radius / gearbox ratio. The tension difference is `gamma = ke (exp(delta) - exp(-delta)) + 2
+be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it is `lambda = a
+gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints `T^T lambda`.
 
-**Friction.** `sign(velocity)` chatters at rest, and a smoothed sign creeps. Instead, the force that
-carries a degree of freedom through the step is computed first: `drive = inertia_rate * v + forces`.
-Here `inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction
-can hold this force, the damping becomes so large that the velocity ends at zero within `CREEP`.
-Otherwise the damping makes the friction force equal to its level at the predicted velocity,
-(|drive| - level) / inertia_rate.
+**Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
+creep. Instead, the step without friction is solved first: `drive = inertia_rate * v + forces`. Here
+`inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction is
+greater than this force, friction becomes a damping so large that the velocity ends at zero within
+`CREEP`. Otherwise friction becomes a damping that equals the friction level at the predicted
+velocity, (|drive| - level) / inertia_rate.
 
-**Brakes** act on motors 1-3 only (RE40); tool motors run free when unpowered. A brake engages and
-releases some time after the PLC's command, adds dry friction of its holding torque, and slips above
-that. No source gives their data.
+**Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
+releases some time after the PLC's command. It adds dry friction of its holding torque, and slips
+above that torque. No source gives the data of the brakes.
 
 **Hard stops** are one-sided stiff springs at the positions against which the control software homes
 (raven2: defines.h, homing.cpp, tools.cpp). They are shoulder 0 deg, elbow 137.5 deg, insertion
-0.562 m, and the tool's own angles. The other ends of the first three joints are not published. They
-are taken as the soft limit plus the margin that the published end of elbow and insertion has. The
+0.562 m, and the tool's angles. The other ends of the first three joints are not published. They are
+set to the soft limit plus the margin that the published end of elbow and insertion has. The
 stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
 """
 
@@ -47,14 +47,14 @@ from ravenjax.numbers.algebra import add, mul
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
 
-CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
+CREEP = 1e-7  # largest speed while friction holds a joint, rad/s or m/s: 1 um or urad in 10 s
 
 
 def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scalar:
     """Return the damping that acts as dry friction during one step: N m s/rad (insertion: N s/m).
 
-    level: torque or force of the friction, N m (insertion: N). drive: torque or force that carries
-    the motor or joint through the step, in the same unit. inertia_rate: inertia divided by the
+    level: torque or force of the friction, N m (insertion: N). drive: `inertia_rate` times the
+    speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
@@ -81,13 +81,13 @@ def at_angle(angle: Scalar) -> Angle:
 
 def advance_angle(angle: Angle, turned: Scalar) -> Angle:
     """Return the angle after turning by `turned` (rad)."""
-    moved = angle.fraction + turned * COUNTS_PER_RAD
-    whole = jnp.floor(moved + 0.5)
-    return Angle(angle.count + as_int(whole), moved - whole)
+    counts = angle.fraction + turned * COUNTS_PER_RAD
+    whole = jnp.floor(counts + 0.5)
+    return Angle(angle.count + as_int(whole), counts - whole)
 
 
 def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
-    """Return the angle in rad; it is rounded to `dtype` once, so no error accumulates."""
+    """Return the angle in rad. It is computed from counts, so rounding errors do not accumulate."""
     return (angle.count.astype(dtype) + angle.fraction) * transmission.ENCODER_RAD
 
 
@@ -119,13 +119,13 @@ def linearise_cable(
 
 
 def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
-    """Return the stretch (rad) at which a resting cable carries `force` (N m at the motor)."""
+    """Return the stretch (rad) at which a resting cable exerts `force` (N m at the motor)."""
     ratio = force / (2.0 * arm * stiffness)
     return jnp.log(ratio + jnp.sqrt(ratio * ratio + 1.0)) / arm
 
 
-# Stretches stay below 1 mm (about 5e-4 m at the published faults). There exp(d) - exp(-d) loses all
-# digits in float32; these series are exact to 1e-10 relative up to 0.1 m.
+# Stretches are below 1 mm (about 5e-4 m at the published faults). For so small d, exp(d) - exp(-d)
+# loses all digits in float32. The series have relative errors of 1e-10 up to 0.1 m.
 def _sinh(x: Scalar) -> Scalar:
     square = x * x
     return x * (1.0 + square * (1.0 / 6.0) * (1.0 + square * 0.05))
@@ -155,24 +155,24 @@ class ActuatorParams:
 
 @record
 class Eliminated:
-    """One motor with its cable, as the links' equations see it in this step."""
+    """The effect of one motor and its cable on the equations of the links in this step."""
 
     momentum: Scalar  # N m, drive and inertia over the step
     coupling: Scalar  # N m s/rad, reaction per link speed
     inverse: Scalar  # rad/s per N m
     resistance: Scalar  # N m s/rad, all damping but the cable's
-    force: Scalar  # N m on the joints (motor coordinates) if the links keep their speed
-    stretch_rate: Scalar  # rad/s if the links keep their speed
+    force: Scalar  # N m on the joints (motor coordinates) if the links' speed does not change
+    stretch_rate: Scalar  # rad/s if the links' speed does not change
     stiffening: Scalar  # N m s/rad, loss of that force per gain of link speed
 
 
 def limit_torque(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """Return the part of a commanded `torque` (N m) that the motor gives at `speed` (rad/s).
+    """Return the torque (N m) of a motor at `speed` (rad/s) if `torque` is commanded.
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
-    limit. The current limit also holds for a motor that turns faster than the supply could do.
+    limit. The current limit also applies if the motor turns faster than the supply could turn it.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -189,15 +189,15 @@ def eliminate_motor(
     link_speed: Scalar,
     cable: Linear,
 ) -> Eliminated:
-    """Solve one motor's step for its link's speed.
+    """Return one motor's equation of motion, solved for the speed of its link.
 
     inertia_rate: Im/dt. speed, link_speed: rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
     push = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
     rate = add(inertia_rate, viscous)
-    stick = coulomb_damping(coulomb, push + coupling * link_speed, rate + coupling)
-    resistance = rate + stick
+    friction = coulomb_damping(coulomb, push + coupling * link_speed, rate + coupling)
+    resistance = rate + friction
     inverse = 1.0 / (resistance + coupling)
     stretch_rate = (push - resistance * link_speed) * inverse
     return Eliminated(
@@ -235,9 +235,9 @@ def step_brakes(
     commanded = as_int(commanded)
     pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
     delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
-    moves = pending > delay
-    engaged = jnp.where(moves, commanded, state.engaged)
-    state = BrakeState(as_int(engaged), as_int(jnp.where(moves, 0, pending)))
+    switches = pending > delay
+    engaged = jnp.where(switches, commanded, state.engaged)
+    state = BrakeState(as_int(engaged), as_int(jnp.where(switches, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
 
 
@@ -267,8 +267,10 @@ def stop_params(tool: str) -> StopParams:
 def stop_force(
     params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float
 ) -> tuple[Scalar, Scalar]:
-    """Return the stop's force (N m; insertion N) on joint `i` over `dt` (s), at its present speed,
-    and its loss per gain of speed (N m s/rad; insertion N s/m). Both are zero within the range.
+    """Return the force of joint i's hard stop (N m; insertion N), and its derivative by speed.
+
+    The force is that of a step `dt` (s) at the present speed. The derivative is the loss of force
+    per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
     """
     beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
     damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)

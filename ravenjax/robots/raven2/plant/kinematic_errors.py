@@ -1,22 +1,23 @@
-"""Models kinematic errors: joints, drums and links that differ from the drawings, so that reports
-are wrong.
+"""Models an arm whose joints, drums and links differ from the drawings, so that its reported tip is
+wrong.
 
-- The **true** arm: its links are at angles that nobody measures, with the lengths and twists with
-  which they were built.
-- The **reported** arm: the software turns encoder counts into joints by the drawings' ratios and by
-  the zero that homing found, and joints into a tip by the drawings' links. Controller, checks,
-  report and cue know this arm only.
-- The **nominal model** starts at the reported pose and has the drawings' links: it stays where the
-  report would be.
+- The **true** arm has links at angles that nobody measures, with the lengths and twists with which
+  they were built.
+- The **reported** arm is what the software computes: joints from encoder counts by the drawings'
+  ratios and by the zero that homing found, and a tip from these joints by the drawings' links.
+  Controller, checks, report and cue use this arm only.
+- The **nominal model** starts at the reported pose and has the drawings' links, so kinematic errors
+  cause no distance between this model and the reported tip.
 
 With equal motor angles, the true joints q follow from the reported joints r and the home pose h.
-Cable stretch is added. Every error that is 0 drops out of the traced code.
+Cable stretch is added. An error that is 0 adds no operations to the tick.
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
-`registered` does the same: a rigid motion, constant in a run, brings true tips onto reported tips
-at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a displacement.
+`registered` removes this displacement: a rigid motion, constant in a run, moves true tips onto
+reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a
+displacement.
 """
 
 import functools
@@ -36,7 +37,7 @@ _DEG = math.pi / 180.0
 @describe_fields
 @record
 class KinematicErrors:
-    """Kinematic errors of one arm. All but `scale` are 0 in the robot that its software assumes."""
+    """Kinematic errors of one arm. Without errors, all but `scale` are 0."""
 
     scale: Scalar
     joint_offset: Vec  # rad; m
@@ -71,7 +72,7 @@ def no_errors() -> KinematicErrors:
 
 
 def is_exact(errors: KinematicErrors) -> bool:
-    """Return whether all errors are known to be 0 in this trace."""
+    """Return whether all errors are 0 in all runs, so that the code needs no errors."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
@@ -79,19 +80,19 @@ def is_exact(errors: KinematicErrors) -> bool:
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
 
-    def true(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
-        moved = mul(mul(errors.scale, error), joint - home)
-        return add(joint, add(moved, mul(errors.scale, offset)))
+    def true_joint(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
+        scaled = mul(mul(errors.scale, error), joint - home)
+        return add(joint, add(scaled, mul(errors.scale, offset)))
 
-    return reported.map(true, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
+    return reported.map(true_joint, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error)
 
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
-    """Return the registration of the arm's frame 0; None: it is where the software assumes it."""
+    """Return the registration of the arm's frame 0; None: without errors or not registered."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
-    return where(errors.registered != 0, fit_registration(arm, true), _same())
+    return where(errors.registered != 0, fit_registration(arm, true), _no_motion())
 
 
 def true_tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
@@ -110,7 +111,7 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
 # --- registration ---
 
 STEPS = 4
-"""Gauss-Newton steps: from 20 degrees the fourth changes nothing in single precision."""
+"""Gauss-Newton steps. With 20 degrees of rotation, the fourth changes no bit of a float32."""
 
 _RANGES = (
     (20 * _DEG, 50 * _DEG),
@@ -119,7 +120,7 @@ _RANGES = (
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
 )
-"""Ranges of shoulder to wrist: where the arm of recording `camera_poses_left_arm` works."""
+"""Ranges of shoulder to wrist, rad and m: the workspace of recording `camera_poses_left_arm`."""
 POSES = tuple(
     Vec(
         (
@@ -130,7 +131,7 @@ POSES = tuple(
     )
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
-"""Eight of all 32 corners: any two joints have all four combinations of their ends."""
+"""Eight of the 32 corners of the ranges. Any two joints have all four combinations of ends."""
 
 
 def in_registered_frame(frame: Registration, point: Vec) -> Vec:
@@ -141,22 +142,22 @@ def in_registered_frame(frame: Registration, point: Vec) -> Vec:
 def fit_registration(arm: str, true: list[Vec]) -> Registration:
     """Return the registration from true tips (m) at POSES."""
     reported, solve = _normal_equations(arm)
-    frame = _same()
+    frame = _no_motion()
     for _ in range(STEPS):
         residual = Vec(
             x
             for p, r in zip(true, reported, strict=True)
             for x in Vec(r) - in_registered_frame(frame, p)
         )
-        small = Vec(dot(Vec(row), residual) for row in solve)
-        turn = mapping.matrix_from_quat(Vec((*(Vec(small[:3]) * 0.5), 1.0)))
+        correction = Vec(dot(Vec(row), residual) for row in solve)
+        turn = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
         frame = Registration(
-            matmul(turn, frame.rotation), matvec(turn, frame.translation) + small[3:]
+            matmul(turn, frame.rotation), matvec(turn, frame.translation) + correction[3:]
         )
     return frame
 
 
-def _same() -> Registration:
+def _no_motion() -> Registration:
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
     return Registration(
         matrix((one, zero, zero), (zero, one, zero), (zero, zero, one)), Vec((zero,) * 3)

@@ -1,28 +1,29 @@
-"""The nominal model: the instrument's motion if nothing went wrong, at joint torque level.
+"""Computes the nominal model: how the instrument would move without a fault, from joint torques.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
     tau = kp (q_d - q) - kd q' + G(q)             insertion: + ki times the integral of (q_d - q)
     q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
 The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
-simulator. Its gains are not published. The model has no rotors, so its loop is made dynamically
-similar to the robot's, in which the software's PD acts on a motor of inertia Im with viscous
-friction tau_v. Per unit of joint inertia I (the diagonal of M at the home pose) the model gets the
-same natural frequency, damping and friction dead band:
+simulator. Its gains are not published. In the robot, the software's PD controls a motor of inertia
+Im with viscous friction tau_v. The model has no rotors. It gets gains with which it has the same
+natural frequency, damping and friction dead band as the robot. For each joint, with its inertia I
+(the diagonal of M at the home pose):
 
     kp = I KP g / J,  kd = I KD g / J,  J = Im + rho M / TR^2
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
 KP and KD are those of raven2's r2params.yaml. g is the gain from commanded to real torque. Im, tau,
 F and the reaction share rho are those of the robot's parameter set (`parameter_sets.nominal_set`).
-Nothing is fitted to a published outcome. A jaw's viscous part is in its kd. ki: the robot's
-insertion has no integral. A slow one (time constant 4 s) removes the remainder of the dead band
-without changing the lag on surgical motion. Integration is linearly implicit in gains and friction.
+No gain is fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's
+insertion has no integral. The model's slow integral (ki, time constant 4 s) removes the remaining
+error of the dead band and does not change the lag on surgical motion. Integration is linearly
+implicit in gains and friction.
 
-The target is the operator's clean input, which no fault can change, accumulated into a pose and
-solved for joints, with the model's joints as reference. Targets are clamped to the software's joint
-limits, and re-anchored where they are clamped. While the pedal is up the model holds, and its
-target is its pose, as in the robot.
+The target is the operator's input before any fault. Its increments are added to a desired pose, and
+inverse kinematics near the model's joints gives the desired joints. Desired joints are clamped to
+the software's joint limits, and the desired pose becomes that of the clamped joints. While the
+pedal is up the model stands still, and its target is its pose, as in the robot.
 """
 
 import numpy as np
@@ -60,7 +61,7 @@ class TargetParams:
 
 @record
 class Clean:
-    """The operator's command to one arm in this tick, as the console makes it, before any fault."""
+    """The operator's command to one arm in this tick, before any fault."""
 
     delta_um: Vec  # 3, um, int32: ITP-frame increment, or position in frame 0 (absolute)
     quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
@@ -107,20 +108,20 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """Return the gains derived above. `parameter_set`: see `parameter_sets.Name`."""
+    """Return the gains, as the module derives them. parameter_set: one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
     # As in the software, the first arm's tool limits the joints of every arm
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
-    share, ratio = motor.reaction_scale, transmission.TR
+    reaction_share, ratio = motor.reaction_scale, transmission.TR
     square = ratio.map(lambda r: r**2)
     link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
-    similar = Vec(INERTIA) / (motor.inertia + share * link_inertia / square)
-    law = stored.GAINS["raven2"]["gold"]
-    kp, kd = (similar * Vec(law[name]) * gain for name in ("kp", "kd"))
-    kv = similar * (motor.viscous + share * values.link_viscous / square)
-    kc = similar * (motor.coulomb + share * values.link_coulomb / ratio) / ratio
+    inertia_ratio = Vec(INERTIA) / (motor.inertia + reaction_share * link_inertia / square)
+    gains = stored.GAINS["raven2"]["gold"]
+    kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))
+    kv = inertia_ratio * (motor.viscous + reaction_share * values.link_viscous / square)
+    kc = inertia_ratio * (motor.coulomb + reaction_share * values.link_coulomb / ratio) / ratio
     return NominalParams(
         kp=kp,
         kd=kd + (*(0.0,) * LAGRANGE, *kv[LAGRANGE:]),
@@ -147,18 +148,19 @@ def step(
     clean: Clean,
     measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
-    """Compute one tick (1 ms) under the clean command; the model holds while the pedal is up.
+    """Compute one tick (1 ms). While the pedal is up, the model stands still.
 
-    measured: the robot's joints as its control software has them (rad, m). The measured pose is a
-    little below the desired one. At each lift of the pedal the robot takes the measured pose as the
-    desired one, and sinks further. `resync` lets the model follow: clutching adds no error.
+    clean: command before faults. measured: joints that the control software measures (rad, m). The
+    measured pose is a little below the desired pose, because of gravity. Each time the pedal is
+    lifted, the measured pose becomes the robot's desired pose, so the robot sinks. With
+    `params.resync` the model follows the robot, and clutching causes no distance between them.
     """
-    stands = (params.resync != 0) & (clean.engaged == 0)
-    state = replace(state, jpos=where(stands, measured, state.jpos))
+    follows_robot = (params.resync != 0) & (clean.engaged == 0)
+    state = replace(state, jpos=where(follows_robot, measured, state.jpos))
     target = step_target(setup, arm, params.target, state.target, clean, state.jpos)
-    moved = replace(track_target(setup, arm, params, state, target.jpos_d), target=target)
-    still = replace(state, jvel=state.jvel * 0.0, target=target)
-    state = where(clean.engaged != 0, moved, still)
+    tracking = replace(track_target(setup, arm, params, state, target.jpos_d), target=target)
+    at_rest = replace(state, jvel=state.jvel * 0.0, target=target)
+    state = where(clean.engaged != 0, tracking, at_rest)
     state = replace(cast_to_real(setup, replace(state, target=None)), target=state.target)
     return state, NominalOutput(
         jpos=state.jpos,
@@ -170,17 +172,17 @@ def step(
 def track_target(
     setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
-    """Compute the dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
+    """Compute one tick of the dynamics with the desired joints `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
     error = jpos_d - jpos
     integral = state.integral + dt * error[INSERTION]
-    # Jaws are locked at their home angles; their few grams are near the same axis.
+    # Jaws are locked at their home angles, because their few grams hardly move the centre of mass.
     locked = Vec((*jpos[:LAGRANGE], *limits.HOME_JPOS[LAGRANGE:]))
-    turning = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
-    # The controller's G(q) cancels the model's exactly. Both are left out, for any gravity.
+    link_speeds = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
+    # G(q) of the controller cancels G(q) of the model exactly, so both are left out.
     mass, bias = link_dynamics.mass_matrix_and_bias(
-        arm, locked, turning, Vec.full(3, 0.0), params.mass_scale
+        arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
 
     system, right = [], []
@@ -191,15 +193,15 @@ def track_target(
         force = params.kp[i] * error[i] - damping * jvel[i] - bias[i]
         if i == INSERTION:
             force = force + params.ki * integral
-        stick = coulomb_damping(params.kc[i], row[i] * jvel[i] + force, row[i])
-        row[i] = row[i] + stick
-        right.append(force - stick * jvel[i])
+        friction = coulomb_damping(params.kc[i], row[i] * jvel[i] + force, row[i])
+        row[i] = row[i] + friction
+        right.append(force - friction * jvel[i])
         system.append(Vec(row))
-    gained = list(solve_spd(tuple(system), Vec(right)))
+    speed_gains = list(solve_spd(tuple(system), Vec(right)))
     for i in range(LAGRANGE, 7):
         damping = params.kd[i] + dt * params.kp[i]
-        gained.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
-    jvel = jvel + Vec(gained)
+        speed_gains.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
+    jvel = jvel + Vec(speed_gains)
     return replace(state, jpos=jpos + jvel * dt, jvel=jvel, integral=integral)
 
 
@@ -207,7 +209,7 @@ def track_target(
 
 
 def init_target(arm: ArmName, jpos: Vec) -> TargetState:
-    """Return a target at the joints' own pose."""
+    """Return the target whose pose is that of the joints `jpos`."""
     pose = kinematics.forward_pose(arm, jpos)
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
@@ -225,30 +227,30 @@ def step_target(
     clean: Clean,
     jpos: Vec,
 ) -> TargetState:
-    """Return the target after one tick's command of the operator. jpos: the model's, rad and m."""
+    """Return the target after the command of one tick. jpos: joints of the model, rad and m."""
     engaged = clean.engaged != 0
-    position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
+    position_um, quat, grasp_mrad = _commanded_pose(setup, arm, state, clean)
     pose = kinematics.Pose(
         position=position_um.map(lambda p: p.astype(setup.precision.real) / UM_PER_M),
         rotation=mapping.matrix_from_quat(quat),
     )
     grasp_rad = grasp_mrad.astype(setup.precision.real) / 1000.0
-    solved = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
-    allowed, clamped = _clamp(setup, params, solved.jpos, solved.yaw)
-    reachable = solved.status != -1
+    solution = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
+    allowed, clamped = _clamp(setup, params, solution.jpos, solution.yaw)
+    reachable = solution.status != -1
 
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
-    fresh = TargetState(position_um, quat, grasp_mrad, jpos_d)
-    restarted = replace(
+    target = TargetState(position_um, quat, grasp_mrad, jpos_d)
+    at_joints = replace(
         init_target(arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
     )
-    return where(~engaged | (reachable & clamped), restarted, fresh)
+    return where(~engaged | (reachable & clamped), at_joints, target)
 
 
-def _moved(
+def _commanded_pose(
     setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean
 ) -> tuple[Vec, Vec, Scalar]:
-    # Adds the packet's increments to the nominal model's target; an absolute pose replaces it.
+    # Returns position, orientation and jaw opening that the operator commands.
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
     gain, lowest, highest = stored.jaw_commands(setup.software)
@@ -256,18 +258,17 @@ def _moved(
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
     square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
     grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * clean.grasp_mrad, lowest), highest)
-    # One Newton step of 1/sqrt keeps a quaternion of single precision on the unit sphere
-    # permanently.
+    # One Newton step of 1/sqrt in each tick keeps the length of the quaternion at 1.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints within the limits (jaws keep their yaw), and whether any reached one."""
-    angles, reached = list(jpos), False
+    """Return joints clamped to their limits, and whether any joint is at a limit."""
+    angles, at_limit = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
-        reached = reached | (jpos[i] <= low) | (jpos[i] >= high)
+        at_limit = at_limit | (jpos[i] <= low) | (jpos[i] >= high)
         angles[i] = jnp.minimum(jnp.maximum(jpos[i], low), high)
     lowest_yaw = limits.soft_limits(setup.tools[0], setup.software).lower[5]
     if lowest_yaw is not None:
-        reached = reached | (yaw <= lowest_yaw)
-    return Vec(angles), reached
+        at_limit = at_limit | (yaw <= lowest_yaw)
+    return Vec(angles), at_limit

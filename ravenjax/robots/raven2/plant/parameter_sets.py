@@ -1,4 +1,4 @@
-"""The sets of mechanical parameters that a campaign can choose by name.
+"""Lists the sets of mechanical parameters that a campaign can choose by name.
 
 models/raven2/mechanics.toml has their numbers, with units and sources.
 """
@@ -18,7 +18,7 @@ Name = Literal["power_consistent", "traj3", "A", "B", "C", "D", "E", "matlab_mai
 DEFAULT: Name = "power_consistent"
 """Default parameter set of a campaign's robot."""
 PUBLISHED = get_args(Name)[1:]
-"""The authors' sets."""
+"""Parameter sets of the published dynamic models."""
 
 
 class ParameterSet(NamedTuple):
@@ -58,17 +58,17 @@ def _file() -> dict[str, Any]:
 
 
 def nominal_set(name: str) -> str:
-    """Return the set from which the nominal model of set `name` takes gains and friction.
+    """Return the set of gains and friction of the nominal model, for a robot of set `name`.
 
-    The authors' sets differ as robots of one kind do, and share one model.
+    The published sets differ as robots of one kind do, so they have the same nominal model.
     """
     return name if name == DEFAULT else "traj3"
 
 
 def tells_tension(name: str) -> bool:
-    """Return whether the cable forces of this set agree with statics: then they are real ones, N.
+    """Return whether cable forces of this set are realistic, so that they agree with statics.
 
-    Only such forces can be compared with a strength. With the authors' law a motor pulls twelve
-    times as hard at its cable as a real motor.
+    Only realistic forces can be compared with a cable's strength. In the published sets, a motor
+    pulls its cable twelve times as hard as a real motor.
     """
     return name == DEFAULT

@@ -1,4 +1,4 @@
-"""The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond per tick.
+"""Simulates one arm of the virtual robot: seven motors, cables, links and encoders, 1 ms per tick.
 
 Each substep is linearly implicit, without iteration. Link inertia and bias forces are evaluated
 once, at the start; cable stiffness and damping, viscous and dry friction at the end. Motors are
@@ -6,15 +6,15 @@ eliminated one by one, which leaves one symmetric system in the joint accelerati
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-If the instrument touches something (`contact`), that force is part of the right side, and its loss
-with speed is part of the system.
+If the instrument touches something (`contact`), the contact force is added to the right side, and
+its derivative by speed to the left side.
 
-The scheme is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's
-small masses need no small step.
+The scheme is unconditionally stable. The insertion cable (an eigenvalue of -1943 /s with published
+parameters) and the small masses of the instrument therefore need no small step.
 
 The state is stored relative to the start of the run. Motor angles are whole encoder counts and a
-fraction, cable stretch is stored separately, and the links follow from both. No small difference of
-large numbers is ever formed, so float32 loses nothing that an encoder can resolve.
+fraction, and cable stretch is stored separately. The links' positions follow from both. No small
+difference of large numbers is computed, so float32 is exact enough for every encoder count.
 """
 
 import dataclasses
@@ -74,8 +74,7 @@ class PlantState:
     tick: Scalar  # ms, int32: counter of the noise
     jpos_ref: Vec  # rad; insertion m; joints at the reference counts, cables unstretched; constant
     count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
-    # Registration of the true arm; constant in a run; None: frame 0 is where the software assumes
-    # it
+    # Registration of the true arm, constant in a run; None: without errors or not registered
     frame: kinematic_errors.Registration | None
 
 
@@ -83,7 +82,7 @@ class PlantState:
 class PlantSignal:
     current_cmd: Vec  # DAC counts as written to USB, int32
     brakes: Scalar  # 1: brakes commanded on, int32 or bool
-    # The literal ones and zeros of a robot without a fault drop out of the traced code
+    # The ones and zeros of a robot without a fault add no operations to the tick.
     torque_scale: Vec = _ONES  # 1, factor on each motor's torque constant
     cable_scale: Vec = _ONES  # 1, factor on stiffness and damping of each cable
     friction_scale: Vec = _ONES  # 1, factor on friction of each motor and link
@@ -107,33 +106,32 @@ class PlantOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
-    """Return the documented values; `parameter_set` is one of `parameter_sets.Name`."""
+    """Return the default values. parameter_set: one of `parameter_sets.Name`."""
     return PlantParams(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.no_errors(),
-        # Assumed if noise is drawn: an edge's jitter as large as a count's rounding, and one count
-        # of the DAC.
+        # Sizes of noise are assumed: encoders as the rounding of a count, torques as one DAC count.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
     )
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """Return the state at rest, brakes on, each cable stretched by its share of gravity.
+    """Return the state at rest with the brakes on. Cables are stretched by the links' weight.
 
-    The software assumes the links at `jpos0` (rad, m); kinematic errors may move them from there.
+    jpos0: joints that the software reports (rad, m), from which kinematic errors move the links.
     """
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype, jpos0 = setup.precision.real, cast_to_real(setup, jpos0)
     links = kinematic_errors.true_joints(errors, jpos0)
-    at_rest = Vec.full(N, 0.0)
-    _, weight = link_dynamics.mass_matrix_and_bias(
-        arm, links, at_rest, params.gravity, params.mass_scale
+    no_speed = Vec.full(N, 0.0)
+    _, gravity_load = link_dynamics.mass_matrix_and_bias(
+        arm, links, no_speed, params.gravity, params.mass_scale
     )
-    still = cast_to_real(setup, at_rest)
-    carried = geometry.carried(weight)
+    zeros = cast_to_real(setup, no_speed)
+    carried = geometry.carried(gravity_load)
     stretch = Vec(
         drives.resting_stretch(
             transmission.CABLE_PER_MOTOR[i],
@@ -152,8 +150,8 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
             drives.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors
         ),
         stretch=cast(stretch, dtype),
-        mvel=still,
-        jvel=still,
+        mvel=zeros,
+        jvel=zeros,
         brakes=drives.BrakeState(jnp.int32(1), zero),
         intact=cast_to_real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
         tick=zero,
@@ -171,15 +169,15 @@ def step(
     signal: PlantSignal,
     touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
-    """Compute one tick (1 ms, `setup.substeps` steps) under the DAC command just written.
+    """Compute one tick (1 ms, `setup.substeps` steps) with the DAC command of this tick.
 
-    The next tick reads `PlantOutput`. touched: what the instrument touches; None: nothing.
+    The next tick reads `PlantOutput`. touched: contact parameters; None: no contact.
     """
-    under_way = _ArmTick(setup, arm, params, state, signal, touched)
+    tick = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
-        system, right = under_way.equations()
-        under_way.move(under_way.solve(system, right))
-    return under_way.end()
+        system, right = tick.equations()
+        tick.move(tick.solve(system, right))
+    return tick.end()
 
 
 def step_all(
@@ -189,25 +187,32 @@ def step_all(
     signals: PerArm[PlantSignal],
     touched: contact.ContactParams | None = None,
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
-    """Compute `step` for every arm. Two arms with contact touch tissue and each other.
+    """Compute `step` for every arm, and the contact between the instruments of two arms.
 
-    The force between the two is solved with both arms' equations, so it is the same on both.
+    The force between the instruments is solved with the equations of both arms, so it is equal on
+    both.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
         return map_arms(setup, partial(step, touched=touched), params, states, signals)
-    both = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)
-    left, right = both
+    ticks = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)
+    left, right = ticks
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
-        pair = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
-        ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
-        yielding = [arm.solve(ready[i][0], pair.ways[i]) for i, arm in enumerate(both)]
-        gained = [arm.solve(*equations) for arm, equations in zip(both, ready, strict=True)]
-        force = pair.solved(gained, yielding)
-        for i, arm in enumerate(both):
-            speeds = gained[i] + yielding[i] * (force - pair.normal.force)
-            arm.move(speeds, (pair.apart[i], force))
+        meeting = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
+        equations = [
+            arm.equations(meeting.ways[i] * meeting.normal.force) for i, arm in enumerate(ticks)
+        ]
+        speed_per_force = [
+            arm.solve(equations[i][0], meeting.ways[i]) for i, arm in enumerate(ticks)
+        ]
+        speed_gains = [
+            arm.solve(*equations) for arm, equations in zip(ticks, equations, strict=True)
+        ]
+        force = meeting.solved(speed_gains, speed_per_force)
+        for i, arm in enumerate(ticks):
+            speeds = speed_gains[i] + speed_per_force[i] * (force - meeting.normal.force)
+            arm.move(speeds, (meeting.apart[i], force))
     return left.end(), right.end()
 
 
@@ -239,8 +244,8 @@ class _ArmTick:
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
         """Return a 7x7 system (its lower triangle) and its right side (N m, N).
 
-        Its solution is the speeds that the joints gain in the coming substep. pushed: load of the
-        other instrument on the joints.
+        The solution contains the speed gains of the joints in the coming substep. pushed: load of
+        the other instrument on the joints.
         """
         params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
@@ -249,7 +254,7 @@ class _ArmTick:
         mass, bias = link_dynamics.mass_matrix_and_bias(self.arm, *self._links)
         friction = signal.friction_scale.map(mul, params.friction_scale)
         self._link_speed = self._geometry.motors(jvel)
-        scale = _whole(state, signal.cable_scale)
+        scale = _cable_scale(state, signal.cable_scale)
         self._springs = [
             drives.linearise_cable(
                 transmission.CABLE_PER_MOTOR[i],
@@ -294,21 +299,21 @@ class _ArmTick:
             system[i][i] = system[i][i] + (viscous + damping)
             load = add(sub(loads[i], bias[i]), signal.external_torque[i])
             force = load - viscous * jvel[i] + stop
-            stick = drives.coulomb_damping(
+            dry_friction = drives.coulomb_damping(
                 params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i]
             )
-            system[i][i] = system[i][i] + stick
-            right.append(force - stick * jvel[i])
+            system[i][i] = system[i][i] + dry_friction
+            right.append(force - dry_friction * jvel[i])
         return tuple(Vec(row) for row in system), Vec(right)
 
     def solve(self, system: tuple[Vec, ...], right: Vec) -> Vec:
-        """Return the speeds that the joints gain under `right`, as of `equations`."""
+        """Return the speed gains of the joints. system, right: from `equations`."""
         if self.setup.link_dynamics == "mjx":
             return link_dynamics.solve_by_mjx(self.arm, self.dt, system, right, *self._links)
         return solve_spd(system, right)
 
     def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """Compute one substep, in which the joints gain these speeds (rad/s, m/s).
+        """Compute one substep. gained: speed gains of the joints, rad/s and m/s.
 
         pressed: direction and magnitude (N) of the other instrument's force.
         """
@@ -316,15 +321,15 @@ class _ArmTick:
         if self._tips:
             touch = contact.contact_forces(self._tips, gained)
             if pressed is not None:
-                way, force = pressed
-                touch = replace(touch, force=touch.force + way * force, instrument=force)
+                direction, force = pressed
+                touch = replace(touch, force=touch.force + direction * force, instrument=force)
             self._touches.append(touch)
-        pulled = self._geometry.motors(gained)
+        motor_gains = self._geometry.motors(gained)
         mvel, stretch, motors, carried = [], [], [], []
         for i, item in enumerate(self._solved):
-            link_speed = self._link_speed[i] + pulled[i]
+            link_speed = self._link_speed[i] + motor_gains[i]
             speed = (item.momentum + item.coupling * link_speed) * item.inverse
-            rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
+            rate = item.stretch_rate - item.resistance * item.inverse * motor_gains[i]
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
             motors.append(drives.advance_angle(state.motors[i], self.dt * speed))
@@ -376,7 +381,7 @@ def observe_robot(
     cable_scale: Vec = _ONES,
 ) -> PlantOutput:
     """Return the outputs of a state. cable_scale: see `PlantSignal`."""
-    scale = _whole(state, cable_scale)
+    scale = _cable_scale(state, cable_scale)
     tension = Vec(
         drives.cable_tension(
             _stiffness(params, i, scale[i]),
@@ -429,7 +434,7 @@ def true_tips(
     )
 
 
-def _whole(state: PlantState, cable_scale: Vec) -> Vec:
+def _cable_scale(state: PlantState, cable_scale: Vec) -> Vec:
     """Return the remaining share of each cable's stiffness and damping; 0 for a broken cable."""
     return cable_scale if state.intact is None else cable_scale.map(mul, state.intact)
 
@@ -441,7 +446,7 @@ def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
 def _drive(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
 ) -> Vec:
-    """Return the motor torques of the DAC command in the tick, N m after the gearbox."""
+    """Return the motor torques that the DAC command causes, N m after the gearbox."""
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
     drive = []

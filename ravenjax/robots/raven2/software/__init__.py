@@ -1,1 +1,1 @@
-"""The control software alone, driven from Python."""
+"""The control software without a robot, for use from Python."""

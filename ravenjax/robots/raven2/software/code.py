@@ -1,4 +1,6 @@
-"""The control software as transitions, traced once for each setup, and a cycle's results."""
+"""Compiles one cycle of the control software, once for each set of options, and defines its
+results.
+"""
 
 import dataclasses
 import functools
@@ -47,7 +49,7 @@ class Outputs:
 
 @dataclasses.dataclass(frozen=True)
 class TransitionCode:
-    """Transitions of one setup by name, the kinds of their records, and their arithmetic."""
+    """Programs of one set of options by name, with the types of their records."""
 
     transitions: dict[str, StateTransition]
     kinds: dict[str, RecordKind]
@@ -55,8 +57,8 @@ class TransitionCode:
 
     @functools.cached_property
     def machine(self) -> Compiled | Interpreted:
-        """The machine that runs the transitions on this computer."""
-        # Not a campaign: this is the folder in which any compiled code is cached.
+        """The transitions, ready to run on this computer."""
+        # The cache of compiled code is shared with campaigns.
         from ravenjax.campaign import compile_cache
 
         if self.arithmetic == "interpreted":
@@ -69,10 +71,10 @@ class TransitionCode:
 def software_code(
     setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: str
 ) -> TransitionCode:
-    """Return the code of a setup whose parameters and state are of these kinds.
+    """Return the programs of a setup. params, state: types of the parameters and of the state.
 
-    Transition "cycle" is one millisecond. "receive" takes one packet that arrives before the last
-    packet of a cycle.
+    Transition "cycle" computes one millisecond. "receive" reads one packet that arrives before the
+    last packet of a cycle.
     """
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()

@@ -1,17 +1,18 @@
-"""The control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
+"""Runs the control software alone: encoders, packets, PLC pins in; DAC commands, output pins out.
 
     software = ControlSoftware(tools=("r_grasper", "r_grasper"))
     output = software.step(encoders, packet=datagram, pins=0b11 << 6)
     output.dac[0], output.output_pins, output.signals.runlevel
 
-It is the control software of the tick, evaluated in the original's mixed arithmetic (float32
-stored, float64 in between) and order (`original.literal`): every number equals the original's. It
-runs compiled, or one operation at a time in Python, with the same bits (`engines.cpu.transition`).
+The code is that of the control software in campaigns. It computes in the original's arithmetic
+(float32 stored, float64 for intermediate results) and order (`original.literal`), so every number
+equals the original's. It runs as machine code, or one operation at a time in Python, with the same
+bits (`engines.cpu.transition`).
 
 Homing is not simulated. The start state at a pose is that of the original after an E-stop in that
 pose, so the first pedal-down commands the present pose. One number may differ from the original's:
-the accumulated jaw opening, which the original resets only if it is more than 45 deg off (raven2:
-local_io.cpp).
+the accumulated jaw opening. The original resets this opening only if it differs by more than 45 deg
+from the jaw (raven2: local_io.cpp).
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -54,10 +55,10 @@ class ControlSoftware:
     The gold arm comes before the green one. Joints are in the order shoulder, elbow, insertion,
     tool_roll, wrist, grasp1, grasp2.
 
-    It starts at the home pose, or at the pose given by `jpos`, `encoders` or `state`, which the
-    first pedal-down then commands. For a robot in another pose, pass one of them. Otherwise its
-    jaws jump to the opening of the home pose: as in the original, a measured opening replaces the
-    desired one only if they differ by more than 45 deg.
+    The start pose is the home pose, or the pose given by `jpos`, `encoders` or `state`. The first
+    pedal-down commands the start pose. If the robot is in another pose, pass one of these
+    arguments. Otherwise its jaws jump to the opening of the home pose: as in the original, the
+    measured opening replaces the desired opening only if they differ by more than 45 deg.
     """
 
     def __init__(
@@ -79,15 +80,15 @@ class ControlSoftware:
     ) -> None:
         """Prepare the control software in its start state.
 
-        `tools`: one per arm, by default the software's own. `level`: an overdrive level
+        `tools`: one per arm, by default those of the software. `level`: an overdrive level
         ("beginner", "moderate", "advanced", "fork2015"). `enc_offset`: encoder counts at motor
         angle 0, a number, [7] or [arms, 7]. `runlevel`: the run level at the start, 0 to 3.
         `params`: changes any other parameter. `precision`: number widths other than the original's.
 
-        At most one of these gives the start. `jpos`: joints [arms, 7] in rad and m, rounded to
-        encoder counts. `encoders`: counts [arms, 7] as for `step`. `state`: the `state` of another
-        instance, which is continued bit for bit. `arithmetic`: "interpreted" gives the same bits,
-        100 times slower. Raises UserError.
+        At most one of these three sets the start pose. `jpos`: joints [arms, 7] in rad and m,
+        rounded to encoder counts. `encoders`: counts [arms, 7] as for `step`. `state`: the `state`
+        of another instance, which continues with the same bits. `arithmetic`: "interpreted" gives
+        the same bits, 100 times slower. Raises UserError.
         """
         checked.parse_word("software", software, DEFAULT_TOOLS)
         checked.parse_word("policy", policy, overdrive.POLICIES)
@@ -105,12 +106,13 @@ class ControlSoftware:
         given = [name for name, value in starts.items() if value is not None]
         if len(given) > 1:
             raise UserError(
-                f"{' and '.join(given)} are given, expected one of {', '.join(starts)}; leave the"
-                " others out"
+                f"{' and '.join(given)} are given, expected only one of {', '.join(starts)}:"
+                " each of them sets the start"
             )
         if state is not None and runlevel is not None:
             raise UserError(
-                f"runlevel is {runlevel}, but a state has its own run level; leave one of them out"
+                f"runlevel is {runlevel}, but the argument state contains a run level; pass only"
+                " one of them"
             )
         names = checked.arm_names(arms)
         self.setup = setup = RavenSetup(
@@ -134,7 +136,7 @@ class ControlSoftware:
             )
             """The present parameters."""
             if params is not None:
-                self.params = _changed(self.params, params)
+                self.params = _change_params(self.params, params)
             initial = control.init(setup, runlevel=runlevel)
         if jpos is not None:
             encoders = _encoders_at(setup, self.params, checked.parse_joints(jpos, len(names)))
@@ -145,15 +147,16 @@ class ControlSoftware:
         self.code = software_code(
             setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic
         )
-        """Its transitions and records, for code that prints them."""
+        """The programs of the software and their records, for the C library."""
         if encoders is not None:
             machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
             self._take_memory(replace(initial, state_machine=machine))
             output = self.step(encoders)
-            initial = _standing(initial, self.state, output.signals)
+            initial = _at_measured_pose(initial, self.state, output.signals)
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:
+        # Allocates this instance's memory, and binds the compiled functions to it.
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
@@ -217,20 +220,20 @@ class ControlSoftware:
             "packets",
             (None,) * cycles if packets is None else packets,
             cycles,
-            f"a list with one entry a cycle ({cycles}): a datagram, a Packet, a list or None",
+            f"a list with one entry per cycle ({cycles}): a datagram, a Packet, a list or None",
         )
-        several: dict[int, list[Datagram | Packet | None]] = {}
+        earlier_packets: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
             *earlier, last = self._packets(packet)
             rows.enter(last, cycle)
             if earlier:
-                several[cycle] = earlier
+                earlier_packets[cycle] = earlier
         out = aligned_buffer(cycles, self.code.kinds["signals"].layout.bytes)
         begin = 0
-        for cycle in (*several, cycles):
-            part = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
-            self.code.machine.bind("cycle", part)()
-            self._receive_all(several.get(cycle, ()))
+        for cycle in (*earlier_packets, cycles):
+            memory = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
+            self.code.machine.bind("cycle", memory)()
+            self._receive_all(earlier_packets.get(cycle, ()))
             begin = cycle
         signals: control.ControlSignals = self.code.kinds["signals"].columns(out)
         dac = [np.stack(arm.current_cmd_written, axis=-1) for arm in signals.arms]
@@ -247,11 +250,11 @@ class ControlSoftware:
 
     @property
     def state(self) -> control.ControlState:
-        """The whole state, with the checks' histories; another instance may start with it."""
+        """The whole state, with the histories of checks. Another instance may start from it."""
         return self.code.kinds["state"].read(self._state)
 
     def _receive_all(self, packets: Sequence[Datagram | Packet | None]) -> None:
-        """Take packets that arrive before the last packet of a cycle."""
+        """Process packets that arrive before the last packet of a cycle."""
         for packet in packets:
             self._row.enter(packet)
             self._receive()
@@ -261,6 +264,7 @@ class ControlSoftware:
         return [self._packet(packet) for packet in packets] or [None]
 
     def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
+        # Checks one packet. Returns a datagram unchanged, and the numbers of a `Packet`.
         if given is None:
             return None
         if isinstance(given, Packet):
@@ -268,27 +272,28 @@ class ControlSoftware:
         if not isinstance(given, Datagram):
             kind = type(given).__name__
             raise UserError(
-                f"packet is {kind}; give the bytes of a datagram, a Packet, a list of them, or None"
+                f"packet is {kind}, expected a datagram (bytes), a Packet, a list of these, or None"
             )
         if self.setup.console != "increments":
             raise UserError(
-                "a raw datagram holds increments, but console is 'absolute'; give a Packet"
+                "packet is a datagram, which contains increments, but console is 'absolute',"
+                " expected a Packet"
             )
         return given
 
 
-def _changed(params: control.ControlParams, change: Any) -> control.ControlParams:
-    """Return the parameters from `change`, with each number in the type of its parameter."""
+def _change_params(params: control.ControlParams, change: Any) -> control.ControlParams:
+    """Return `change(params)`, with each number converted to the type of its parameter."""
     if not callable(change):
         raise UserError(
-            f"params is {format_value(change)}, expected a function that takes the ControlParams"
-            " and returns changed ones"
+            f"params is {format_value(change)}, expected a function that gets the ControlParams"
+            " and returns changed ControlParams"
         )
     new = change(params)
     if not isinstance(new, control.ControlParams):
         raise UserError(
-            f"params returned {format_value(new)}, expected the ControlParams it was given, with"
-            " numbers replaced"
+            f"params returned {format_value(new)}, expected the ControlParams that the function"
+            " gets, with changed numbers"
         )
     return checked.record_like("params", new, params, finite=True)
 
@@ -316,18 +321,21 @@ def _encoders_at(
     return counts
 
 
-def _standing(
+def _at_measured_pose(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """Return `state` with the arms at rest where one cycle in E-stop measured them."""
-    places = tuple(arm.pos for arm in after.cartesian)
+    """Return `state` with the arms at rest in the pose that one cycle in E-stop measured.
+
+    after, signals: state and signals of that cycle.
+    """
+    poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
-    change = control.changed_arms
-    accumulated = change(after.teleoperation.arms, pose=places)
+    with_fields = control.changed_arms
+    accumulated = with_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,
         usb=after.usb,
-        cartesian=change(state.cartesian, pos=places, pos_d=places, jpos_d=joints),
+        cartesian=with_fields(state.cartesian, pos=poses, pos_d=poses, jpos_d=joints),
         teleoperation=replace(state.teleoperation, arms=accumulated),
-        motor_control=change(state.motor_control, mpos_d=motors),
+        motor_control=with_fields(state.motor_control, mpos_d=motors),
     )

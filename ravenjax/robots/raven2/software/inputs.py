@@ -1,6 +1,6 @@
 """Checks the arguments of `ControlSoftware` and `VirtualRobot`.
 
-Each error names the argument, the value it got, and what is expected.
+Each error names the argument, the value that was passed, and what is expected.
 """
 
 import dataclasses
@@ -20,7 +20,9 @@ from ravenjax.robots.raven2.setup import RavenSetup
 INT32 = (-(2**31), 2**31 - 1)
 Shape = tuple[int | None, ...]
 _POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
-"""Range of the position of a joint that turns, and of one that slides; as in quantities.toml."""
+"""Range of positions of a rotating and of a sliding joint, as in quantities.toml: lowest, highest,
+unit, and the unit that is probably meant beyond them.
+"""
 
 
 def parse_word(what: str, word: Any, words: Iterable[str]) -> Any:
@@ -39,7 +41,7 @@ def arm_names(given: Any) -> tuple[Any, ...]:
     expected = f"expected a list of {' and '.join(ARMS)}, each at most once, {ARMS[0]} first"
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise UserError(
-            f"arms is {format_value(given)}, {expected}; write arms=['{ARMS[0]}'] for one arm"
+            f"arms is {format_value(given)}, {expected}. For one arm write arms=['{ARMS[0]}']"
         )
     arms = tuple(parse_word("arm", arm, ARMS) for arm in given)
     if not arms or list(arms) != [arm for arm in ARMS if arm in arms]:
@@ -48,7 +50,7 @@ def arm_names(given: Any) -> tuple[Any, ...]:
 
 
 def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...]:
-    """Return one tool per arm; None gives the software's own tools."""
+    """Return one tool per arm. given: names; None: the tools of the software."""
     if given is None:
         return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
     tools = require_list("tools", given, len(arms), f"a list with one tool per arm {list(arms)}")
@@ -83,16 +85,17 @@ def parse_flag(what: str, given: Any) -> int:
 
 
 def parse_counts(what: str, given: Any, *shapes: Shape) -> np.ndarray:
-    """Return whole numbers of 32 bits, an array of one of these shapes. None: any length."""
+    """Return an array of 32-bit integers with one of these shapes. None in a shape: any length."""
     if type(given) is np.ndarray and given.dtype == np.int32 and given.shape == shapes[0]:
-        return given  # returned early, because a robot's clock ticks
+        return given  # the usual case is fast, because a real robot waits for the result
     return _integers(what, given, shapes, INT32)
 
 
 def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray:
-    """Return whole numbers 0 to `highest` (1: also truth values): one, or an array of a shape.
+    """Return the input of each board: one whole number 0 to `highest`, or an array of these shapes.
 
-    shapes: [arms], or [cycles] and [cycles, arms]. Of these, [cycles] is returned as [cycles, 1].
+    If `highest` is 1, truth values are allowed. shapes: [arms], or [cycles] and [cycles, arms]. An
+    array [cycles] is returned as [cycles, 1].
     """
     if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
         return np.asarray(given, np.int32)
@@ -103,23 +106,24 @@ def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
 def _integers(
     what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]
 ) -> np.ndarray:
+    # Returns an array of integers within limits. Raises UserError for the first other number.
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
         place = tuple(int(k) for k in np.argwhere((array < low) | (array > high))[0])
-        size = "a 32-bit integer" if limits == INT32 else f"a whole number {low}..{high}"
-        raise UserError(f"{what}{_index(place)} is {array[place]}, expected {size}")
+        expected = "a 32-bit integer" if limits == INT32 else f"a whole number {low}..{high}"
+        raise UserError(f"{what}{_index(place)} is {array[place]}, expected {expected}")
     return array
 
 
 def _index(place: Sequence[int]) -> str:
-    """`[0][6] (grasp2)`"""
+    """Return the place of a number in an array in words, as `[0][6] (grasp2)`."""
     joint = f" ({JOINTS[place[-1]]})" if len(place) > 1 else ""
     return "".join(f"[{k}]" for k in place) + joint
 
 
 def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
-    """Return an array of one of the shapes, whose type is of these kinds."""
+    """Return an array with one of the shapes, and with a type of these `kinds` (dtype.kind)."""
     try:
         array = np.asarray(given)
     except ValueError:  # rows of different lengths
@@ -141,21 +145,21 @@ def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: 
 
 
 def parse_joints(given: Any, arms: int) -> list[list[float]]:
-    """Return [arms, 7] joints: angles of at most a turn, rad, travels of at most a metre."""
+    """Return joints [arms, 7]: angles of at most one revolution, rad; travel of at most 1 m."""
     array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
         is_linear = JOINTS[place[1]] in LINEAR
         low, high, unit, mistaken = _POSITIONS[is_linear]
         if not low <= value <= high:
             raise UserError(
-                f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit};"
-                f" give {unit}, not {mistaken}"
+                f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit}."
+                f" Write {unit}, not {mistaken}"
             )
     return array.astype(np.float64).tolist()
 
 
 def parse_packet(setup: RavenSetup, given: Packet) -> Packet:
-    """Return a packet's numbers; quaternions may hold any number, also NaN, as in a datagram."""
+    """Return a packet with checked numbers; quaternions may have any number, even NaN."""
     sequence = parse_whole_number("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
     plain = dataclasses.replace(
         given,
@@ -167,15 +171,15 @@ def parse_packet(setup: RavenSetup, given: Packet) -> Packet:
 
 
 def record_like(what: str, given: Any, example: Any, finite: bool = False) -> Any:
-    """Return a record of the structure of `example`, each number checked and in its own type."""
+    """Return `given` with checked numbers, in the structure and the types of `example`."""
     if dataclasses.is_dataclass(example):
         kind: Any = type(example)
         if type(given) is not kind:
             raise UserError(f"{what} is {format_value(given)}, expected a {kind.__name__}")
         return kind(
             *(
-                record_like(f"{what}.{name}", getattr(given, name), like, finite)
-                for name, like in vars(example).items()
+                record_like(f"{what}.{name}", getattr(given, name), example_value, finite)
+                for name, example_value in vars(example).items()
             )
         )
     if isinstance(example, tuple):

@@ -1,6 +1,7 @@
-"""Inputs of the control software in one cycle, as a row of bytes that compiled code reads in place.
+"""Stores the inputs of one cycle of the control software as a row of bytes that compiled code
+reads.
 
-A datagram is stored in it as it came over the wire, and is not unpacked.
+The bytes of a datagram are copied from the network into the row without a conversion.
 """
 
 from typing import Any
@@ -50,29 +51,30 @@ def row_type(setup: RavenSetup) -> np.dtype:
 def row_kind(setup: RavenSetup) -> RecordKind:
     """Return the record of a row, and the offsets of its numbers."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
-    place = _places(row)
-    packet = place["packet"]
+    offset_of = _places(row)
+    packet = offset_of["packet"]
     offsets = Inputs(
         Packet(
-            received=place["received"],
-            size=place["size"],
+            received=offset_of["received"],
+            size=offset_of["size"],
             sequence=packet["sequence"],
             delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
             quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
             grasp=tuple(packet["grasp"][slots]),
             surgeon_mode=packet["surgeon_mode"],
         ),
-        usb.UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
-        tuple(place["read_ok"]),
+        usb.UsbIn(tuple(map(Vec, offset_of["enc_val"])), tuple(offset_of["pins"])),
+        tuple(offset_of["read_ok"]),
     )
     read = usb.init(setup)
     record = RecordKind.of(Inputs(empty_packet(setup), read, read.pins)).record
     types = tuple(map(str, tree.tree_leaves(record)))
-    places = tuple(map(int, tree.tree_leaves(offsets)))
-    return RecordKind(record, BufferLayout(types, places, row.itemsize))
+    offsets_in_row = tuple(map(int, tree.tree_leaves(offsets)))
+    return RecordKind(record, BufferLayout(types, offsets_in_row, row.itemsize))
 
 
 def _places(dtype: np.dtype, start: int = 0) -> Any:
+    # Returns the byte offset of each number of a NumPy type, as nested dicts of arrays.
     if dtype.fields:
         return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
     return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
@@ -81,7 +83,7 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
 
 
 class InputRows:
-    """Rows of several cycles, to be filled; each must be filled completely before it is used."""
+    """Input rows of several cycles, which the caller fills before a cycle runs."""
 
     def __init__(self, setup: RavenSetup, cycles: int = 1) -> None:
         self.setup, dtype = setup, row_type(setup)
@@ -97,9 +99,9 @@ class InputRows:
         self._still["Qw"] = 1.0
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
-        """Write what arrives in a cycle: a datagram of any length, a checked packet, or nothing.
+        """Write the packet of a cycle: a datagram of any length, a checked packet, or none.
 
-        The missing end of a short datagram is 0; the software drops such a datagram.
+        The missing bytes of a short datagram become 0, and the software drops such a datagram.
         """
         if packet is None:
             self._packets[cycle] = self._still

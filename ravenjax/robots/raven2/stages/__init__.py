@@ -1,1 +1,3 @@
-"""The control software and the PLC: one stage per file, with the robot's name for the stage."""
+"""Computes the stages of the control software and the PLC, one file per stage, with the robot's
+names.
+"""

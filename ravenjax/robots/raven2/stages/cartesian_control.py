@@ -1,8 +1,9 @@
 """Cartesian control: measured and desired tip pose, inverse kinematics with limits -> jpos_d.
 
-raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order. If an arm has no
-acceptable solution, it and the arms after it keep their last jpos_d, and nothing stops. A target
-beyond a joint limit is clamped, and the desired pose becomes that of the clamped joints.
+raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in the order of the original's mechanisms.
+If the inverse kinematics of an arm has no acceptable solution, this arm and the arms after it keep
+their last desired joints jpos_d, and the robot continues. A target beyond a joint limit is clamped,
+and the desired pose becomes that of the clamped joints.
 """
 
 from functools import reduce
@@ -27,7 +28,7 @@ class Arm:
 
     pos: stored_pose.StoredPose  # pose measured in the last cycle
     pos_d: stored_pose.StoredPose
-    jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
+    jpos_d: Vec  # 7, rad and m; keeps its last value while inverse kinematics has no solution
     ik_reject: check.CheckHistory  # margin: pi minus the cost of the best solution
     # margin: distance to the nearer limit as a fraction of the joint's range
     joint_limit: check.CheckHistory
@@ -46,7 +47,7 @@ class CartesianParams:
 
 
 def params(setup: RavenSetup) -> CartesianParams:
-    """Return the software's own limits: those of the first mechanism's tool apply to every arm."""
+    """Return the original's limits. The limits of the first arm's tool apply to every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
     lower, upper = zip(*ranges, strict=True)
@@ -55,18 +56,18 @@ def params(setup: RavenSetup) -> CartesianParams:
 
 def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     """Return the state of a robot at rest at `jpos`, with this pose as the desired one."""
-    number = np.dtype(setup.precision.narrow).type
+    to_stored = np.dtype(setup.precision.narrow).type
 
     def at_rest(i: int, arm: ArmName) -> Arm:
-        rest = Vec(number(float(j)) for j in jpos[i])
-        pose = measure_pose(setup, arm, rest)
-        return Arm(pose, pose, rest, check.init(setup), check.init(setup))
+        joints = Vec(to_stored(float(j)) for j in jpos[i])
+        pose = measure_pose(setup, arm, joints)
+        return Arm(pose, pose, joints, check.init(setup), check.init(setup))
 
     return per_arm(setup, at_rest)
 
 
 def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> stored_pose.StoredPose:
-    """Return the pose of the tip at measured joints, as stored; rounded jaws give its yaw."""
+    """Return the pose of the tip at measured joints, as stored. Its yaw is that of rounded jaws."""
     pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
@@ -81,7 +82,7 @@ def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
 
 
 def follow_measured(state: State, condition: Scalar) -> State:
-    """Return the state in which the desired poses are those last measured, if `condition` holds."""
+    """Return the state with the measured poses as desired poses, if `condition` is true."""
     return tuple(replace(arm, pos_d=where(condition, arm.pos, arm.pos_d)) for arm in state)
 
 
@@ -93,9 +94,12 @@ def solve_inverse(
     active: Scalar,
     jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
-    """Solve all arms if `active`. Return the state, and whether any target was clamped."""
+    """Return the state with the joints of the desired poses, and whether a target was clamped.
+
+    active: whether inverse kinematics runs, bool. jpos: measured joints, rad and m.
+    """
     forward, inverse, *_ = select_evaluation(setup)
-    proceed = active
+    solving = active
     clamped = []
     arms = []
     for i, arm in enumerate(setup.arms):
@@ -104,50 +108,51 @@ def solve_inverse(
         target = stored_pose.load_pose(setup, old.pos_d)
         ik = inverse(arm, target, opening, _reference(setup, jpos[i]))
         accepted = ik.status != REJECTED
-        rejected = proceed & ~accepted
-        solved = proceed & accepted
-        within, beyond, spare = _clamp(setup, params, ik.jpos, ik.yaw)
-        limited = solved & beyond
+        rejected = solving & ~accepted
+        solved = solving & accepted
+        inside, outside, margin = _clamp(setup, params, ik.jpos, ik.yaw)
+        limited = solved & outside
 
-        def held(
-            old: Arm = old, within: Vec = within, arm: ArmName = arm
+        def clamped_pose(
+            old: Arm = old, inside: Vec = inside, arm: ArmName = arm
         ) -> stored_pose.StoredPose:
+            # Returns the pose of the clamped joints, as stored.
             return stored_pose.store_pose(
-                setup, forward(arm, within, within[5]), old.pos_d.grasp_mrad
+                setup, forward(arm, inside, inside[5]), old.pos_d.grasp_mrad
             )
 
-        targets = narrow_numbers(setup, Vec((*within[:5], *ik.jpos[5:])))
-        reject_margin = jnp.where(proceed, cast_to_real(setup, COST_LIMIT - ik.cost), np.inf)
-        limit_margin = jnp.where(solved, cast_to_real(setup, spare), np.inf)
+        targets = narrow_numbers(setup, Vec((*inside[:5], *ik.jpos[5:])))
+        reject_margin = jnp.where(solving, cast_to_real(setup, COST_LIMIT - ik.cost), np.inf)
+        limit_margin = jnp.where(solved, cast_to_real(setup, margin), np.inf)
         arms.append(
             Arm(
                 old.pos,
-                if_rarely(limited, held, old.pos_d),
+                if_rarely(limited, clamped_pose, old.pos_d),
                 where(solved, targets, old.jpos_d),
                 check.update_check(old.ik_reject, tick, rejected, reject_margin),
                 check.update_check(old.joint_limit, tick, limited, limit_margin),
             )
         )
         clamped.append(limited)
-        proceed = solved
+        solving = solved
     return tuple(arms), reduce(or_, clamped)
 
 
 def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
-    """Return joints 1-5 and the yaw within their limits, whether any was at one, and its margin.
+    """Return joints 1-5 and the yaw clamped to limits, whether any is at a limit, and a margin.
 
     The margin is the smallest distance to a limit, as a share of the joint's range.
     """
-    values, at_limit, spares = [], [], []
+    values, at_limit, margins = [], [], []
     _, lowest_yaw = joint_limits(setup)
     for value, low, high in zip(jpos[:5], params.lower, params.upper, strict=True):
         below, above = value <= low, value >= high
         values.append(jnp.where(below, low, jnp.where(above, high, value)))
         at_limit += [below, above]
-        spares.append(jnp.minimum(value - low, high - value) * (1.0 / (high - low)))
+        margins.append(jnp.minimum(value - low, high - value) * (1.0 / (high - low)))
     if lowest_yaw is not None:
         at_limit.append(yaw <= lowest_yaw)
         yaw = jnp.where(yaw <= lowest_yaw, lowest_yaw, yaw)
-    return Vec((*values, yaw)), reduce(or_, at_limit), reduce(jnp.minimum, spares)
+    return Vec((*values, yaw)), reduce(or_, at_limit), reduce(jnp.minimum, margins)

@@ -1,4 +1,4 @@
-"""Converts torque to DAC counts: float32, truncated toward zero, saturated to 16 bits.
+"""Converts torques to DAC counts: float32, truncated toward zero, saturated to 16 bits.
 
 raven2: t_to_DAC_val.cpp, utils.cpp.
 """

@@ -1,7 +1,7 @@
 """Estimates motor positions and velocities from encoder counts, and joints from motors.
 
-raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The 2015
-fork first filters them by a third-order Butterworth low-pass of 120 Hz.
+raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts. The fork
+of raven2 from 2015 first filters them by a third-order Butterworth low-pass of 120 Hz.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ class EstimatorState:
 
 
 def params() -> EstimatorParams:
-    """Return the parameters of encoders that read 0 at motor angle 0."""
+    """Return the parameters of encoders whose count is 0 at motor angle 0."""
     return EstimatorParams(Vec.full(7, np.int32(0)))
 
 
@@ -63,41 +63,43 @@ def step(
         RAD_PER_COUNT * widen_numbers(setup, counts - narrow_numbers(setup, params.enc_offset)),
     )
     started = state.started != 0
-    filled = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
+    histories = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
-        (previous,) = filled
+        (previous,) = histories
         state = EstimatorState(state.started | 1, (angle,), ())
         return state, angle, (angle - previous) / stored.PERIOD
     position = angle * LOW_PASS_INPUT[0]
-    for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
+    for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), histories, strict=True):
         position = position + history * gain
-    velocity = (position - filled[3]) / stored.PERIOD
+    velocity = (position - histories[3]) / stored.PERIOD
     # The three newest inputs come before the outputs
-    inputs, outputs = (angle, *filled[:2]), (position, *filled[3:5])
+    inputs, outputs = (angle, *histories[:2]), (position, *histories[3:5])
     return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
 
 def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
-    """Return joint positions (rad, m).
+    """Return joint positions (rad, m) from motor positions (rad).
 
-    Products with a reciprocal ratio, and sums, are computed in the wide type. Products of a
-    coupling constant and a rounded joint are narrow. Each joint is rounded once.
+    As in the original, products with a reciprocal ratio, and sums, are computed in the wide type.
+    Products of a coupling constant and a joint have the narrow type. Each joint is rounded once.
     """
-    per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
+    inverse_ratio, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     motor = widen_numbers(setup, mpos)
-    share = motor[2] / stored.GB_RATIO
+    insertion_motion = motor[2] / stored.GB_RATIO
 
     def rounded(value: Scalar) -> Scalar:
         return narrow_numbers(setup, value)
 
     def tool_joint(i: int) -> Scalar:
-        return per[i] * (motor[i] - share if signs[i - 3] > 0 else motor[i] + share)
+        return inverse_ratio[i] * (
+            motor[i] - insertion_motion if signs[i - 3] > 0 else motor[i] + insertion_motion
+        )
 
-    shoulder = rounded(per[0] * motor[0])
-    elbow = rounded(per[1] * motor[1] - widen_numbers(setup, stored.C01 * shoulder))
+    shoulder = rounded(inverse_ratio[0] * motor[0])
+    elbow = rounded(inverse_ratio[1] * motor[1] - widen_numbers(setup, stored.C01 * shoulder))
     insertion = rounded(
-        per[2] * motor[2]
+        inverse_ratio[2] * motor[2]
         - widen_numbers(setup, stored.C02 * shoulder)
         - widen_numbers(setup, stored.C12 * elbow)
     )
@@ -111,6 +113,6 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
-    """Return joint velocities (rad/s, m/s): without coupling, 0 for tools, as in the original."""
+    """Return joint velocities (rad/s, m/s); as in the original without coupling, 0 for tools."""
     zero = narrow_numbers(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

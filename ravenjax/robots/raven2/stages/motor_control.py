@@ -1,7 +1,7 @@
 """Motor control: inverse cable coupling, motor-position PID, gravity compensation -> tau_d.
 
 raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; params/r2params.yaml.
-In the 2015 fork the gravity torque never reaches tau_d.
+The fork of raven2 from 2015 computes the gravity torque and does not add it to tau_d.
 """
 
 import numpy as np
@@ -27,10 +27,10 @@ class MotorControlParams:
 
 @record
 class MotorControlState:
-    mpos_d: Vec  # 7 rad, held below run level 2
-    integral: Vec  # 7 motor rad s; survives pedal changes and E-stops
-    tau_d: Vec  # 7 N m at the capstan, held below run level 2
-    tau_g: Vec  # 3 N m at the capstan, held below run level 2
+    mpos_d: Vec  # 7 rad, unchanged below run level 2
+    integral: Vec  # 7 motor rad s; not reset by pedal changes and E-stops
+    tau_d: Vec  # 7 N m at the capstan, unchanged below run level 2
+    tau_g: Vec  # 3 N m at the capstan, unchanged below run level 2
 
 
 def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
@@ -42,21 +42,21 @@ def params(setup: RavenSetup, arm: ArmName) -> MotorControlParams:
 
 def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlState:
     """Return the state of an arm at rest at `jpos`, with zero integrals."""
-    number = np.dtype(setup.precision.narrow).type
-    rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
-    # the tool motors then follow the insertion motor
-    positioning = motor_targets(setup, arm, tool, rest, Vec.full(7, zero))
-    motors = motor_targets(setup, arm, tool, rest, positioning)
+    to_stored = np.dtype(setup.precision.narrow).type
+    rest, zero = Vec(to_stored(float(j)) for j in jpos), to_stored(0.0)
+    # The targets of tool motors depend on the insertion motor, which the first call computes.
+    without_coupling = motor_targets(setup, arm, tool, rest, Vec.full(7, zero))
+    motors = motor_targets(setup, arm, tool, rest, without_coupling)
     return MotorControlState(
-        motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero)
+        motors.map(to_stored), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero)
     )
 
 
 def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
     """Return desired motor positions (rad).
 
-    The joints' contributions are computed in the narrow type, that of the *measured* insertion
-    motor in the wide type.
+    As in the original, contributions of joints are computed in the narrow type. The contribution of
+    the *measured* insertion motor to the tool motors is computed in the wide type.
     """
     ratio, kappa = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
@@ -64,11 +64,13 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
     if kappa:
         bend = kappa * wrist
         grasp1, grasp2 = grasp1 + bend, grasp2 - bend
-    share = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
+    insertion_motion = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
     def tool_motor(i: int, joint: Scalar) -> Scalar:
-        turned = widen_numbers(setup, ratio[i] * joint)
-        return narrow_numbers(setup, turned + share if signs[i - 3] > 0 else turned - share)
+        motor = widen_numbers(setup, ratio[i] * joint)
+        return narrow_numbers(
+            setup, motor + insertion_motion if signs[i - 3] > 0 else motor - insertion_motion
+        )
 
     return Vec(
         (
@@ -98,7 +100,7 @@ def motor_torques(
     """Return the state with the capstan torques of one arm.
 
     The PID acts in pedal-down, also during a soft E-stop, which only sets the DAC to zero. Gravity
-    torque is added if `active` (run level 2 and above). Below that everything keeps its last value.
+    torque is added if `active` (run level 2 and above). Otherwise all values remain unchanged.
     """
     error = mpos_d - mpos
     integral = where(pedal_down, state.integral + error * stored.PERIOD, state.integral)
@@ -106,16 +108,16 @@ def motor_torques(
     tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
     tau_g = state.tau_g
     if setup.software == "raven2":
-        lift = gravity_torques(setup, arm, jpos)
-        tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
-        tau_g = where(active, lift, tau_g)
+        gravity = gravity_torques(setup, arm, jpos)
+        tau = Vec((*(Vec(tau[:3]) + gravity), *tau[3:]))
+        tau_g = where(active, gravity, tau_g)
     return MotorControlState(
         where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g
     )
 
 
 def gravity_torques(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:
-    """Return the torque that holds joints 1-3 against gravity, N m at the capstan."""
+    """Return the torques that compensate gravity at joints 1-3, N m at the capstan."""
     return narrow_numbers(
         setup, select_evaluation(setup).gravity_torque(arm, widen_numbers(setup, jpos))
     )

@@ -1,8 +1,9 @@
-"""Decides which datagrams the robot accepts, by size and number (raven2: network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
+network_layer.cpp).
 
-The sequence number is unsigned on the wire. Here it is an int32 whose bits are compared as
-unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and
-accepted; a shorter one is dropped.
+The sequence number is unsigned in the datagram. In this module it is an int32 whose bits are
+compared as unsigned. The datagram contains a checksum that is not verified. A datagram longer than
+the structure is cut and accepted; a shorter one is dropped.
 """
 
 import numpy as np
@@ -14,7 +15,8 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 RESET_GAP = 1000
-"""A number further than this below the last one restarts the stream; raven2: network_layer.cpp."""
+"""A sequence number that is lower by more than this restarts the stream; raven2: network_layer.cpp.
+"""
 
 
 @record
@@ -34,19 +36,19 @@ def init(setup: RavenSetup) -> NetworkState:
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
-    """Return a < b as unsigned numbers: with the top bit flipped, int32 has their order."""
+    """Return a < b for unsigned numbers in int32. Flipping the top bit gives int32 their order."""
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
 
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Apply the rules to this packet. Return the state, and whether it is accepted."""
+    """Return the state after a packet, and whether the packet is accepted."""
     received = packet.received != 0
-    spare = packet.size - SIZE_BYTES[setup.console]
-    short = received & (spare < 0)
+    extra_bytes = packet.size - SIZE_BYTES[setup.console]
+    too_short = received & (extra_bytes < 0)
     number, last = packet.sequence, state.last
-    complete = received & (spare >= 0)
+    complete = received & (extra_bytes >= 0)
     zero = complete & (number == 0)
     numbered = complete & (number != 0)
     accepted = numbered & (number == last + 1)
@@ -54,17 +56,17 @@ def step(
     duplicate = numbered & (number == last)
     # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
     behind = numbered & _below(number, last) & ~accepted
-    far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
-    reset = behind & far
+    far_behind = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
+    reset = behind & far_behind
     new_last = jnp.where(accepted | skip | reset, number, last)
-    margin = jnp.where(received, cast_to_real(setup, spare), np.inf)
+    margin = jnp.where(received, cast_to_real(setup, extra_bytes), np.inf)
     state = NetworkState(
         new_last,
-        check.update_check(state.size, tick, short, margin),
+        check.update_check(state.size, tick, too_short, margin),
         check.update_check(state.zero, tick, zero),
         check.update_check(state.skip, tick, skip),
         check.update_check(state.duplicate, tick, duplicate),
         check.update_check(state.reset, tick, reset),
-        check.update_check(state.out_of_sequence, tick, behind & ~far),
+        check.update_check(state.out_of_sequence, tick, behind & ~far_behind),
     )
     return state, accepted

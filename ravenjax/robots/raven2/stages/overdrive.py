@@ -1,10 +1,11 @@
 """Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
 
-It goes through mechanisms and joints in order; grasp2 (index 7 of the original's eight) is never
-checked. Over the instant limit, the joint's command becomes 0 and the soft E-stop is raised; the
-other joints are still written in that cycle. Over the joint's own limit, the policy decides: do
-nothing, clip, or count. The counter is shared by all joints and arms, and only a trip or an instant
-trip resets it. The 2015 fork clips at every run level and has no policies.
+The check goes through mechanisms and joints in order. grasp2, index 7 of the original's eight
+joints, is never checked. If a command exceeds the instant limit, it becomes 0 and the soft E-stop
+is raised. The commands of the other joints are still written in that cycle. If a command exceeds
+the limit of its joint, the policy decides: do nothing, clip, or count. One counter counts for all
+joints and arms, and only a trip resets the counter. The fork of raven2 from 2015 clips at every run
+level and has no policies.
 """
 
 from functools import reduce
@@ -29,7 +30,7 @@ MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
 """Instant limit in DAC counts; raven2: defines.h."""
 
 HARD_SAMPLES = 10
-"""The next sample over the limit above this count trips; raven2: overdrive_detect.cpp."""
+"""A sample over the limit trips if the counter is above this; raven2: overdrive_detect.cpp."""
 
 CHECKED_JOINTS = 6
 
@@ -44,7 +45,7 @@ class OverdriveParams:
 
 @record
 class OverdriveState:
-    counter: Scalar  # int32 over-limit samples, shared by all joints and arms
+    counter: Scalar  # int32, samples over the limit, one counter for all joints and arms
     instant: check.CheckHistory  # margin: counts below the instant limit
     clip: (
         check.CheckHistory
@@ -80,49 +81,55 @@ def step(
     soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)
     hard = None if fork else regulated & (params.policy == HARD_REGULATION)
     counter = state.counter
-    instants, clips, trips, sizes, spares, checked = [], [], [], [], [], []
+    instants, clips, trips, magnitudes, margins, checked = [], [], [], [], [], []
     for commands in current_cmd:
         joints = []
         for command, limit in zip(
             commands[:CHECKED_JOINTS], params.dac_max[:CHECKED_JOINTS], strict=True
         ):
-            size = jnp.abs(command)
-            instant = size > params.max_inst_dac
-            over = (size > limit) & ~instant
+            magnitude = jnp.abs(command)
+            instant = magnitude > params.max_inst_dac
+            over = (magnitude > limit) & ~instant
             clip = over & soft
             zeroed = instant
             if hard is not None:
-                counter, trip = _counted(counter, instant, over & regulated, hard)
+                counter, trip = _count_sample(counter, instant, over & regulated, hard)
                 zeroed = zeroed | trip
                 trips.append(trip)
-            within = jnp.where(clip, jnp.where(command > 0, limit, -limit), command)
-            joints.append(jnp.where(zeroed, 0, within))
+            clipped = jnp.where(clip, jnp.where(command > 0, limit, -limit), command)
+            joints.append(jnp.where(zeroed, 0, clipped))
             instants.append(instant)
             clips.append(clip)
-            sizes.append(size)
-            spares.append(limit - size)
+            magnitudes.append(magnitude)
+            margins.append(limit - magnitude)
         checked.append(Vec((*joints, *commands[CHECKED_JOINTS:])))
-    instant_trip, spare = reduce(or_, instants), cast_to_real(setup, reduce(jnp.minimum, spares))
-    instant_spare = cast_to_real(setup, params.max_inst_dac - reduce(jnp.maximum, sizes))
+    instant_trip, margin = reduce(or_, instants), cast_to_real(setup, reduce(jnp.minimum, margins))
+    instant_margin = cast_to_real(setup, params.max_inst_dac - reduce(jnp.maximum, magnitudes))
     state = OverdriveState(
         counter,
-        check.update_check(state.instant, tick, instant_trip, instant_spare),
+        check.update_check(state.instant, tick, instant_trip, instant_margin),
         check.update_check(
-            state.clip, tick, reduce(or_, clips), jnp.where(regulated, spare, np.inf)
+            state.clip, tick, reduce(or_, clips), jnp.where(regulated, margin, np.inf)
         ),
         state.hard,
     )
     if hard is None:
         return state, tuple(checked), instant_trip
     hard_trip = reduce(or_, trips)
-    left = jnp.where(hard, cast_to_real(setup, HARD_SAMPLES + 1 - counter), np.inf)
-    state = replace(state, hard=check.update_check(state.hard, tick, hard_trip, left))
+    samples_left = jnp.where(hard, cast_to_real(setup, HARD_SAMPLES + 1 - counter), np.inf)
+    state = replace(state, hard=check.update_check(state.hard, tick, hard_trip, samples_left))
     return state, tuple(checked), instant_trip | hard_trip
 
 
-def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the shared counter after one joint, and whether it trips on this joint."""
-    counting = over & hard
-    trip = counting & (counter > HARD_SAMPLES)
-    restarted = instant | trip | (over & ~hard)
-    return jnp.where(restarted, 0, counter) + as_int(counting), trip
+def _count_sample(
+    counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar
+) -> tuple[Scalar, Scalar]:
+    """Return the shared counter after the sample of one joint, and whether the sample trips.
+
+    instant, over: sample above the instant limit, and above the joint's limit. hard: whether the
+    policy is hard_regulation.
+    """
+    counts = over & hard
+    trip = counts & (counter > HARD_SAMPLES)
+    resets = instant | trip | (over & ~hard)
+    return jnp.where(resets, 0, counter) + as_int(counts), trip

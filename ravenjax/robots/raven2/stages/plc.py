@@ -1,21 +1,22 @@
-"""The programmable logic controller between computer and motor power. An assumption.
+"""Simulates the programmable logic controller (PLC) between computer and motor power.
 
-No source publishes the PLC's program, which contains start and E-stop buttons, brake relays and
-watchdog time-out. The control software implies the following (raven2: defines.h, state_machine.cpp,
-update_atmel_io.cpp), or it is assumed here.
+The PLC's program is not published. It contains start and E-stop buttons, brake relays and the
+watchdog's time-out. The following rules are implied by the control software (raven2: defines.h,
+state_machine.cpp, update_atmel_io.cpp), or are *assumed*.
 
-- The PLC puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
-  number).
-- It goes from E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop
-  button is out. With `auto_start` the button is pressed automatically, but never after a trip.
-- It goes from INIT to PEDAL_UP (2) when the software reports READY. It goes from PEDAL_UP to
-  PEDAL_DOWN (3) while the foot pedal pin is set and the software is ready, and back to PEDAL_UP
-  otherwise.
-- It goes from any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its
-  50 ms periods, or by the E-stop button. A trip latches: a person must press start.
-- It reads the output pins of each USB board. It trips if the watchdog of any board is missing;
-  pedal and READY count if all boards report them.
-- It commands the brakes on in E-STOP and PEDAL_UP. The robot's brakes include the relay's delay.
+- The PLC writes a run level to its pins PS0 and PS1, bits 6 and 7 of the input byte. The bits are
+  read as a number.
+- The start button changes E-STOP (0) to INIT (1), while the watchdog's signal is present and the
+  E-stop button is not pressed. With `auto_start` the button is pressed automatically, but never
+  after a trip.
+- INIT changes to PEDAL_UP (2) when the software reports READY. PEDAL_UP changes to PEDAL_DOWN (3)
+  while the foot pedal pin is set and the software is ready, and back to PEDAL_UP otherwise.
+- Any level changes to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms
+  periods, or by the E-stop button. After such a trip, a person must press start.
+- The PLC reads the output pins of each USB board. It trips if the watchdog of any board is missing.
+  The foot pedal and READY count if all boards report them.
+- The PLC commands the brakes on in E-STOP and PEDAL_UP. The brakes are modelled with the delay of
+  the relay.
 """
 
 import operator
@@ -61,7 +62,7 @@ class PlcState:
 
 @record
 class PlcSignal:
-    output_pins: tuple[Scalar, ...]  # output byte that each board presents to the PLC, int32
+    output_pins: tuple[Scalar, ...]  # output byte of each board to the PLC, int32
     estop_button: Scalar  # bool, pressed
     start_button: Scalar  # bool, pressed
 
@@ -75,7 +76,7 @@ class PlcOutput:
 def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
     """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
 
-    boards: number of boards whose pins may differ; 1 if all are written alike.
+    boards: number of boards whose pins may differ; 1 if all boards get the same pins.
     """
     zero = jnp.int32(0)
     return PlcState(
@@ -95,7 +96,7 @@ def input_pins(runlevel: Scalar) -> Scalar:
 
 
 def brakes_commanded(runlevel: Scalar) -> Scalar:
-    """Return 1 if the brakes hold the arm at this run level, int32."""
+    """Return 1 if the brakes are commanded on at this run level, int32."""
     return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
 
 
@@ -109,8 +110,8 @@ def step(
     watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
 
     quiet_ticks = tuple(
-        jnp.where(now != before, 0, quiet + 1)
-        for now, before, quiet in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
+        jnp.where(pin != pin_before, 0, ticks + 1)
+        for pin, pin_before, ticks in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
     )
     margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
     button = signal.estop_button

@@ -1,8 +1,8 @@
 """State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
 
-raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process
-starts as if homing had completed, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
-the PLC may go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
+raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the software
+starts as if homing were complete, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
+the PLC may change to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
 again, as the real robot does in cartesian mode.
 """
 
@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 
 MISMATCHES = 4
-"""Cycles with another level on the pins before it is adopted; raven2: state_machine.cpp."""
+"""Cycles with another level on the pins before the level changes; raven2: state_machine.cpp."""
 
 SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""
@@ -41,7 +41,7 @@ class StateMachineState:
 
 
 def params(setup: RavenSetup) -> StateMachineParams:
-    """Return the parameters: raven2 obeys the PLC, the fork's simulator builds do not."""
+    """Return the parameters. raven2 obeys the PLC; simulator builds of the fork do not."""
     return StateMachineParams(np.int32(setup.software == "raven2"))
 
 
@@ -49,9 +49,16 @@ def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     """Return the state of a homed robot at `runlevel`."""
     ready = runlevel > E_STOP
     sublevel = 3 if ready else 0
-    zero, unseen = np.int32(0), check.init(setup)
+    zero, no_trips = np.int32(0), check.init(setup)
     return StateMachineState(
-        np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen
+        np.int32(runlevel),
+        np.int32(sublevel),
+        np.int32(ready),
+        zero,
+        zero,
+        zero,
+        no_trips,
+        no_trips,
     )
 
 
@@ -64,7 +71,7 @@ def desired_runlevel(
 
 
 def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
-    """Adopt the desired run level on the fourth mismatching cycle since the last adoption."""
+    """Return the state, with the desired run level in its fourth cycle since the last change."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
     changed = mismatch & (count >= MISMATCHES)
@@ -84,30 +91,33 @@ def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> Stat
 def advance_sublevel(
     setup: RavenSetup, state: StateMachineState
 ) -> tuple[StateMachineState, Scalar]:
-    """Advance the sublevels.
-
-    Returns the state, and whether (bool) the desired pose follows the measured one.
-    """
-    level, sub = state.runlevel, state.sublevel
+    """Return the state with the next sublevel, and whether desired poses follow measured poses."""
+    level, sublevel = state.runlevel, state.sublevel
     in_init = level == INIT
-    start = in_init & (sub == 0)
-    prepare = in_init & (sub == 1)
-    settle = in_init & (sub == 2)
+    start = in_init & (sublevel == 0)
+    prepare = in_init & (sublevel == 1)
+    settle = in_init & (sublevel == 2)
     if setup.software == "fork2015":  # falls through from sublevel 0 into 1
         start, prepare = start & False, prepare | start
     settling = state.settling + as_int(settle)
     settled = settling >= SETTLING_CYCLES
-    after = jnp.where(start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sub)))
-    ready = jnp.where(in_init & (sub == 3), 1, jnp.where(level == E_STOP, 0, state.initialized))
-    follow = settle | (prepare & (state.initialized == 0))
+    next_sublevel = jnp.where(
+        start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sublevel))
+    )
+    ready = jnp.where(
+        in_init & (sublevel == 3), 1, jnp.where(level == E_STOP, 0, state.initialized)
+    )
+    follows_measured = settle | (prepare & (state.initialized == 0))
     settling = jnp.where(settled, 0, settling)
-    return replace(state, sublevel=after, initialized=ready, settling=settling), follow
+    return replace(
+        state, sublevel=next_sublevel, initialized=ready, settling=settling
+    ), follows_measured
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
-    """Set the soft E-stop flag.
+    """Return the state with the soft E-stop flag set if `tripped`.
 
-    It acts on the watchdog at once, and on the DACs from the next cycle until run level 0.
+    The flag stops the watchdog at once, and sets DACs to 0 from the next cycle until run level 0.
     """
     return replace(
         state,

@@ -1,8 +1,10 @@
-"""Teleoperation: the sum of packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
+"""Teleoperation: adds up the packets' increments to the desired pose (raven2: local_io.cpp,
+mapping.cpp).
 
-Increments add up at every run level. In pedal-down the device takes over the sum whenever the
-update flag is set. Whenever something else sets the desired pose (pedal up, joint limit,
-initialisation), the accumulator's origin is reset to that pose. The console's pose then slips.
+Increments are added to an accumulated pose at every run level. In pedal-down, the desired pose
+becomes the accumulated pose whenever the update flag is set. If the desired pose is set by the
+robot (pedal up, joint limit, initialisation), the accumulated pose restarts from there. From then
+on, the console's pose differs from the robot's by a constant offset.
 """
 
 import numpy as np
@@ -19,7 +21,7 @@ from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.stages import check
 
 GRASP_RESET_MRAD = 785
-"""More than 45 deg (785.4 mrad) off, the opening is reset; raven2: local_io.cpp."""
+"""If the jaw differs by more than 45 deg (785.4 mrad), it is reset; raven2: local_io.cpp."""
 
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
@@ -36,7 +38,7 @@ class TeleoperationParams:
 
 @record
 class Accumulator:
-    """Commands of the console to one arm, accumulated."""
+    """Pose of one arm that the console has commanded: the sum of all increments."""
 
     pose: StoredPose
     quaternion: Vec  # (x, y, z, w), orientation in the wide type, never re-normalised
@@ -53,7 +55,7 @@ class TeleoperationState:
 
 
 def params(setup: RavenSetup) -> TeleoperationParams:
-    """Return the parameters: raven2: gain 1, -10..90 deg; 2015 fork: gain 2, -30..90 deg."""
+    """Return the original's values. Jaw: raven2 gain 1, -10..90 deg; fork gain 2, -30..90 deg."""
     return TeleoperationParams(*map(np.int32, (*stored.jaw_commands(setup.software), 5000)))
 
 
@@ -80,10 +82,13 @@ def accumulate_increments(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Add the increments of an accepted packet, or take over its absolute poses."""
+    """Return the state after an accepted packet, whose increments are added.
 
-    def take(i: int, arm: ArmName) -> Accumulator:
-        # Adds an arm's increments to its desired pose. An absolute console gives the pose itself.
+    A packet of an absolute console sets the poses instead.
+    """
+
+    def add_packet(i: int, arm: ArmName) -> Accumulator:
+        # Returns the accumulated pose of one arm after the packet.
         old, quaternion = state.arms[i], widen_numbers(setup, packet.quat[i])
         if setup.console == "absolute":
             rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
@@ -109,7 +114,7 @@ def accumulate_increments(
         rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
         return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
 
-    after = per_arm(setup, take)
+    after = per_arm(setup, add_packet)
     return replace(
         state,
         arms=where(accepted, after, state.arms),
@@ -127,24 +132,24 @@ def hand_over(
     pedal_down: Scalar,
     desired: PerArm[StoredPose],
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
-    """Apply the master timeout, and return the device's desired poses. Call once per cycle.
+    """Return the state after the time-out of the console, and the desired poses of the arms.
 
-    In pedal-down the desired poses are the accumulated ones if those were updated, or if the
-    timeout has just tripped. Otherwise they stay as they are.
+    In pedal-down, desired poses become the accumulated poses if these were updated, or if the
+    time-out has just tripped. Otherwise they remain. Called once per cycle.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
     engaged = state.surgeon_mode != 0
-    silent = ~fresh & engaged & (age > params.timeout_ticks)
-    take = (fresh | silent) & pedal_down
+    timed_out = ~fresh & engaged & (age > params.timeout_ticks)
+    update_desired = (fresh | timed_out) & pedal_down
     margin = jnp.where(engaged, cast_to_real(setup, params.timeout_ticks - age), np.inf)
-    desired = per_arm(setup, lambda i, _: where(take, state.arms[i].pose, desired[i]))
+    desired = per_arm(setup, lambda i, _: where(update_desired, state.arms[i].pose, desired[i]))
     state = replace(
         state,
         updated=state.updated & 0,
-        age_ticks=jnp.where(silent, 0, age),
-        surgeon_mode=jnp.where(silent, 0, state.surgeon_mode),
-        timeout=check.update_check(state.timeout, tick, silent, margin),
+        age_ticks=jnp.where(timed_out, 0, age),
+        surgeon_mode=jnp.where(timed_out, 0, state.surgeon_mode),
+        timeout=check.update_check(state.timeout, tick, timed_out, margin),
     )
     return state, desired
 
@@ -152,15 +157,19 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: PerArm[StoredPose]
 ) -> TeleoperationState:
-    """Restart each arm's accumulator from its desired pose if `reset`; this counts as an update."""
+    """Return the state with accumulated poses reset to the desired poses if `reset`.
+
+    A reset counts as an update.
+    """
 
     def restarted(i: int, _: ArmName) -> Accumulator:
+        # Returns one arm's accumulated pose, restarted from the desired pose.
         old, new = state.arms[i], desired[i]
-        far = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
-        opening = jnp.where(far, new.grasp_mrad, old.pose.grasp_mrad)
-        fresh = Accumulator(
+        reset_jaw = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
+        opening = jnp.where(reset_jaw, new.grasp_mrad, old.pose.grasp_mrad)
+        restart = Accumulator(
             StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new)
         )
-        return where(reset, fresh, old)
+        return where(reset, restart, old)
 
     return replace(state, arms=per_arm(setup, restarted), updated=state.updated | as_int(reset))

@@ -1,7 +1,8 @@
-"""USB transfers between software and boards (raven2: get_USB_packet.cpp, put_USB_packet.cpp).
+"""Simulates USB transfers between control software and boards (raven2: get_USB_packet.cpp,
+put_USB_packet.cpp).
 
-The loop ignores failed transfers. After a failed read it uses the last delivered values again;
-after a failed write the board keeps the last written values. DAC commands and output pins travel in
+The software ignores failed transfers. After a failed read it uses the last delivered values again.
+After a failed write the board keeps the last written values. DAC commands and output pins are in
 one message.
 """
 
@@ -25,14 +26,14 @@ class UsbIn:
 
 @record
 class UsbOut:
-    """Values that the boards hold, one board per arm."""
+    """Values on the boards, one board per arm."""
 
     current_cmd: PerArm[Vec]  # 7 int32 DAC counts
     pins: PerArm[Scalar]  # int32 output byte to the PLC
 
 
 def init(setup: RavenSetup) -> UsbIn:
-    """Return the values of boards that have delivered nothing."""
+    """Return the values before the first read."""
     zero = np.int32(0)
     return UsbIn(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero))
 
@@ -40,9 +41,9 @@ def init(setup: RavenSetup) -> UsbIn:
 def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
     """Return the values on the receiving side after this cycle.
 
-    They are those of the message where the board's transfer succeeded (int32 1), else unchanged.
+    A board whose transfer succeeded (ok: int32 1) has the message's values, others keep theirs.
     """
-    done = tuple(flag != 0 for flag in ok)
+    succeeded = tuple(flag != 0 for flag in ok)
     new, old = vars(message), vars(held)
-    columns = (tuple(map(where, done, new[name], old[name])) for name in new)
+    columns = (tuple(map(where, succeeded, new[name], old[name])) for name in new)
     return type(held)(*columns)

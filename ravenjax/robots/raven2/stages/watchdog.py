@@ -1,4 +1,6 @@
-"""Output pins to the PLC, with the watchdog's square wave (raven2: update_atmel_io.cpp)."""
+"""Computes the output pins to the PLC, with the watchdog's square wave (raven2:
+update_atmel_io.cpp).
+"""
 
 from ravenjax.numbers import Scalar, as_int, jnp
 from ravenjax.robots.raven2.run_levels import PIN_FP, PIN_READY, PIN_WATCHDOG
@@ -14,13 +16,13 @@ def step(
     surgeon_mode: Scalar,
     initialized: Scalar,
 ) -> tuple[Scalar, Scalar]:
-    """Compute one cycle.
+    """Return the counter after one cycle, and the output byte to the PLC (int32).
 
-    counter: int32, cycles of the wave so far. Returns the counter and the output byte (int32).
+    counter: int32, cycles since the wave's period began.
     """
-    silent = soft_estopped != 0
-    restart = ~silent & (counter >= PERIOD_CYCLES)
-    high = ~silent & (counter <= HIGH_CYCLES)
+    off = soft_estopped != 0
+    restart = ~off & (counter >= PERIOD_CYCLES)
+    high = ~off & (counter <= HIGH_CYCLES)
     pedal = (runlevel > 1) & (surgeon_mode != 0)
     pins = (runlevel & 3) | (as_int(pedal) << PIN_FP) | (initialized << PIN_READY)
     pins = pins | (as_int(high) << PIN_WATCHDOG)

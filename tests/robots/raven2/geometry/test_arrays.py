@@ -60,10 +60,10 @@ def test_transmission_and_gravity(tool):
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (np.zeros(7) + 1j, "it holds complex128, expected real numbers"),
-        (["1"] * 7, "it holds <U1"),
+        (np.zeros(7) + 1j, "got complex128, expected real numbers"),
+        (["1"] * 7, "got <U1"),
         ([[0.0] * 7, [0.0] * 6], "is not an array of numbers"),
-        (np.ma.masked_array(np.zeros(7), [True] + [False] * 6), "it holds masked numbers"),
+        (np.ma.masked_array(np.zeros(7), [True] + [False] * 6), "got masked numbers"),
         (np.zeros(8), r"jpos has shape \(8,\), expected"),
         ([np.inf] + [0.0] * 6, r"jpos\[0\] \(shoulder\) is inf"),
     ],
@@ -78,7 +78,7 @@ def test_what_is_no_real_number_is_refused(value, words):
     ("rotation", "words"),
     [
         (np.zeros((3, 3)), "not orthonormal"),
-        (np.diag([1.0, 1.0, -1.0]), "mirrors"),
+        (np.diag([1.0, 1.0, -1.0]), "is a reflection"),
         (np.stack([np.eye(3), np.ones((3, 3))]), r"rotation\[1\] has columns"),
     ],
 )

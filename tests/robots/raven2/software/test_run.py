@@ -53,7 +53,7 @@ CYCLES = {"encoders": np.zeros((3, 2, 7), int)}
 WRONG = [
     ({"encoders": np.zeros((3, 7), int)}, ("encoders has shape (3, 7)", "[.., 2, 7]")),
     ({"encoders": np.full((3, 2, 7), 2**31)}, ("encoders[0][0][0] (shoulder) is 2147483648",)),
-    ({"packets": [None]}, ("packets has 1 entries", "one entry a cycle (3)")),
+    ({"packets": [None]}, ("packets has 1 entries", "one entry per cycle (3)")),
     ({"pins": [0, 0, -1]}, ("pins[2] is -1",)),
 ]
 

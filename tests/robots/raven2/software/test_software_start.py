@@ -154,9 +154,9 @@ def test_a_wrong_start_is_named():
     refused(("jpos has shape (7,)", "[2, 7]", "rad and m", "shoulder, elbow"), jpos=HOME[0])
     refused(("jpos[0][0] (shoulder) is 30.0", "-6.3..6.3 rad", "not degrees"), jpos=degrees)
     refused(
-        ("jpos and state are given", "expected one of jpos, encoders, state"),
+        ("jpos and state are given", "expected only one of jpos, encoders, state"),
         jpos=HOME,
         state=wrong,
     )
-    refused(("runlevel is 3", "a state has its own run level"), runlevel=3, state=wrong)
+    refused(("runlevel is 3", "state contains a run level"), runlevel=3, state=wrong)
     refused(("state.", "arms has 1 entries, expected 2"), state=one_arm)
