@@ -38,6 +38,35 @@ class Computed:
         outcomes = take_rows(self.outcomes, mask)
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
 
+    @staticmethod
+    def join(
+        parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
+    ) -> Computed:
+        """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
+
+        `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied,
+        so that memory of the large time series is released early.
+        """
+        some = [part.result() for part in parts]
+        parts.clear()
+        if earlier is not None:
+            some.append(earlier.result().select_lanes(numbers))
+        if len(some) == 1:
+            return some[0]
+        first = some[0]
+        reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
+        outcomes = {
+            name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()
+        }
+        del first
+        while some:
+            computed = some.pop()
+            places = np.searchsorted(numbers, computed.numbers)
+            reference[:, :, places] = computed.reference
+            for name, values in computed.outcomes.items():
+                outcomes[name][places] = values
+        return Computed(numbers, reference, outcomes)
+
 
 class Branches(NamedTuple):
     """Checkpoints of one golden run, and its outcomes at the ends of its runs."""
@@ -54,35 +83,6 @@ class GoldenRuns(NamedTuple):
     numbers: np.ndarray  # numbers of golden runs, ascending
     computed: Future[Computed]
     branches: dict[int, Future[Branches]]
-
-
-def join_computed(
-    parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
-) -> Computed:
-    """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
-
-    `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied, so
-    that memory of the large time series is released early.
-    """
-    some = [part.result() for part in parts]
-    parts.clear()
-    if earlier is not None:
-        some.append(earlier.result().select_lanes(numbers))
-    if len(some) == 1:
-        return some[0]
-    first = some[0]
-    reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
-    outcomes = {
-        name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()
-    }
-    del first
-    while some:
-        computed = some.pop()
-        places = np.searchsorted(numbers, computed.numbers)
-        reference[:, :, places] = computed.reference
-        for name, values in computed.outcomes.items():
-            outcomes[name][places] = values
-    return Computed(numbers, reference, outcomes)
 
 
 class FastForwardPlan:

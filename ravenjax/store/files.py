@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+KEPT = (
+    ". Complete files are kept. Free space or make the folder writable, then start the same command"
+    " again."
+)
+
+
 @contextlib.contextmanager
 def disk_errors(begin: str, end: str = "") -> Iterator[None]:
     """Convert an OSError to a StoreError with the message: `begin` (reason) `end`."""
@@ -35,11 +41,7 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
     which the next call overwrites. Raise StoreError if the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    kept = (
-        ". Existing files are unchanged. Free space or make the folder writable, then start the"
-        " same command again."
-    )
-    with disk_errors(f"{path}: cannot be written", kept):
+    with disk_errors(f"{path}: cannot be written", KEPT):
         try:
             # The temporary file could be a link to a file outside of the folder.
             temporary.unlink(missing_ok=True)

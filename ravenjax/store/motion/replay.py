@@ -18,12 +18,7 @@ from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, reach_poses, unreached_reason
-from ravenjax.store.motion.recording import (
-    HandRecording,
-    load_recording,
-    refused_jumps,
-    require_readable,
-)
+from ravenjax.store.motion.recording import HandRecording, load_recording, require_readable
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, format_spans
 from ravenjax.store.motion.timeline import Timeline
 
@@ -270,7 +265,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
-        for s in refused_jumps(recording.spikes, recording.options)
+        for s in spikes.refused_jumps(recording.spikes, recording.options.spikes)
         if s.begin_s < last and s.end_s > first
     ]
     if jumps:
