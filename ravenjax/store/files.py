@@ -202,12 +202,12 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
     headed = not all(_NUMBER.fullmatch(cell.strip()) for cell in first if cell.strip())
     if not headed and names is None:
         raise UserError(
-            f"{path}: the first line holds numbers: the table has no header line. It has"
+            f"{path}: the first line contains numbers, so the table has no header line. It has"
             f" {len(first)} columns; write a line such as {header}"
         )
     if names is not None and (headed or len(names) != len(first)):
         got = "a header line" if headed else f"{len(first)} columns"
-        raise UserError(f"{path}: has {got}; expected numbers in the {len(names)} columns given")
+        raise UserError(f"{path}: has {got}; expected only numbers, in {len(names)} columns")
     comma = re.search(r'"-?\d+,\d+"' if separator == "," else r"\d,\d", sample)
     table = pd.read_csv(
         io.StringIO("".join(lines)),

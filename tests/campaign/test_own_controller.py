@@ -100,10 +100,10 @@ def test_its_parameters_are_swept_and_matter(tmp_path):
 
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
-    "array": (STEP + "state, jnp.ones(7)", r"gives .* for current_cmd, expected 7 numbers"),
+    "array": (STEP + "state, jnp.ones(7)", r"returns .* for current_cmd, expected .* of 7 numbers"),
     "kind": (
         STEP + "state, view.tau_d",
-        r"gives a float for current_cmd\[0\], expected int: take to_int32",
+        r"returns a float for current_cmd\[0\], expected int: write to_int32",
     ),
 }
 
