@@ -13,10 +13,10 @@ from ravenjax.campaign import loading, population, writing
 from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
-from ravenjax.campaign.file.section import models_in, toml_value
+from ravenjax.campaign.file.section import toml_value
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError, format_value
+from ravenjax.errors import UserError, format_value, models_in
 from ravenjax.store import files
 from ravenjax.store.folder import Results
 

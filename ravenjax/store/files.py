@@ -234,6 +234,17 @@ def hash_file(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def megabytes(variable: str, usual: int, advice: str = ", such as 4000") -> int:
+    """Return the number of MB in an environment variable; `usual` if it is not set.
+
+    Raise UserError, whose message ends with `advice`.
+    """
+    text = os.environ.get(variable, "").strip() or f"{usual}"
+    if not text.isdecimal() or not int(text):
+        raise UserError(f"{variable}={text}: expected a whole number of MB, 1 or more{advice}")
+    return int(text)
+
+
 def require_writable(folder: Path) -> None:
     """Create `folder` if needed, and raise StoreError if no file can be written into it."""
     probe = folder / ".write-test"

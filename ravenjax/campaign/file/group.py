@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import (
     END,
     FORMS,
@@ -30,20 +31,7 @@ ALL = "*"
 """Value of `channel` for every channel of the site."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
-DESIGNS: dict[Design, str] = {
-    "grid": (
-        "every combination of the lists; the last key varies fastest. Distributions are drawn once"
-        " per run"
-    ),
-    "zip": "one run for each position in the lists, which have the same length or one value",
-    "list": "one run for each [[group.run]], with the group's values for all other keys",
-    "random": "`runs` independent random draws from every list and distribution",
-    "lhs": "`runs` draws as a Latin hypercube: the values of each key are evenly spread",
-    "sobol": (
-        "`runs` draws as a scrambled Sobol sequence: all keys together are evenly spread; `runs`"
-        " should be a power of two"
-    ),
-}
+DESIGNS: dict[Design, str] = resources.read_tables(__file__, "axis.toml")["designs"]
 """Designs: how lists and distributions become runs."""
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")

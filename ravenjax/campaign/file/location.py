@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, format_value, suggest_name
 
@@ -87,37 +85,6 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     # tomllib also raises ValueError for a number with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise UserError(f"{name}: not valid TOML: {error}") from None
-
-
-def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """Return the message for a pydantic error in a table of this model.
-
-    hint: text about the table to which an unknown key belongs.
-    """
-    kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
-    if kind == "extra_forbidden":
-        keys = list(model.model_fields)
-        return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
-    if kind == "missing":
-        field = model.model_fields.get(key)
-        return "missing" + (
-            f": {field.description}" if field is not None and field.description else ""
-        )
-    if kind in ("too_short", "too_long"):
-        context = error["ctx"]
-        bound = (
-            f"at least {context['min_length']}"
-            if kind == "too_short"
-            else f"at most {context['max_length']}"
-        )
-        return f"got {format_value(error['input'])}, expected a list of {bound}"
-    text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
-    if kind == "value_error":
-        return text
-    return (
-        f"got {format_value(error['input'])}, expected"
-        f" {text.removeprefix('Input should be ').replace('String', 'text')}"
-    )
 
 
 def format_key(key: Key) -> str:

@@ -204,13 +204,9 @@ def advance(
         monitor=monitor.step(setup, params.monitor, state.monitor, watched, reference),
         live=state.live + as_int(running),
     )
+    seams = packet, reported, second, command, driven, exerted
     signals = {
-        "packet": (packet,),
-        "encoder": (reported,),
-        "sensor": (second,),
-        "command": (command,),
-        "torque": (driven,),
-        "actuator": (exerted,),
+        **{name: (signal,) for name, signal in zip(setup.robot.seams, seams, strict=True)},
         "runlevel": as_int(running),
         "link_jpos": jpos,
         "link_jvel": jvel,
