@@ -7,7 +7,6 @@ the checkpoints. If each run has a different golden run, checkpoints would save 
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import Future
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,8 +23,7 @@ Numbers that the lanes of a group share must also be computed again, so the rati
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Computed:
+class Computed(NamedTuple):
     """Computed golden runs, in ascending order of their numbers."""
 
     numbers: np.ndarray  # int [golden runs], as in Plan.golden

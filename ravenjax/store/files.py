@@ -34,11 +34,12 @@ def disk_errors(begin: str, end: str = "") -> Iterator[None]:
         raise StoreError(f"{begin} ({error.strerror or error}){end}") from error
 
 
-def write_aside(path: Path, write: Callable[[Path], object]) -> None:
+def write_aside(path: Path, write: Callable[[Path], object], waits: bool = True) -> None:
     """Write a file atomically: `write` fills a temporary file, which is then renamed to `path`.
 
     After a crash there is the old file or the new file, and at most one hidden temporary file,
-    which the next call overwrites. Raise StoreError if the file cannot be written.
+    which the next call overwrites. waits: wait for the disk; otherwise a power failure may lose the
+    content, but no reader sees an incomplete file. Raise StoreError if the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     with disk_errors(f"{path}: cannot be written", KEPT):
@@ -46,13 +47,16 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
             # The temporary file could be a link to a file outside of the folder.
             temporary.unlink(missing_ok=True)
             write(temporary)
-            with open(temporary, "rb+") as file:
-                os.fsync(file.fileno())
+            if waits:
+                with open(temporary, "rb+") as file:
+                    os.fsync(file.fileno())
             os.replace(temporary, path)
         except OSError:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
+    if not waits:
+        return
     # The new name is on the disk only after the folder is flushed.
     with contextlib.suppress(OSError), contextlib.ExitStack() as closing:
         descriptor = os.open(path.parent, os.O_RDONLY)
@@ -60,21 +64,9 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
         os.fsync(descriptor)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, waits: bool = True) -> None:
     """Write a text file in UTF-8 atomically, as `write_aside` does."""
-    write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Replace the content of a file atomically, without waiting for the disk.
-
-    A power failure may lose the content, but no reader sees an incomplete file. Raise OSError if
-    the file cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.unlink(missing_ok=True)
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"), waits)
 
 
 def parse_json(text: str) -> Any:

@@ -21,7 +21,7 @@ import socket
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ravenjax import consent, interruption
 from ravenjax.campaign import compile_cache, memory_windows
@@ -53,8 +53,7 @@ _workers: dict[str, Worker] = {}
 """In a Ray worker process: the compiled Worker of the current campaign, by key."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Head:
+class Head(NamedTuple):
     """The settings that all chunks of a campaign share."""
 
     plan: Plan  # without rows

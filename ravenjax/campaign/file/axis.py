@@ -153,8 +153,7 @@ def fixed_axis(value: Any) -> Axis:
     return Axis("fixed", (value,))
 
 
-@dataclasses.dataclass(frozen=True)
-class OneValue:
+class OneValue(NamedTuple):
     """Defines the possible values of a key, and which tables may replace a value."""
 
     expected: str  # the possible values as text, for messages
@@ -291,8 +290,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 NUMBER = OneValue("a number", _number, {"type": "number"})
 _ONSET = time_axis(0)
-_MOMENTS = dataclasses.replace(
-    _ONSET,
+_MOMENTS = _ONSET._replace(
     parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
     schema={"anyOf": [_ONSET.schema, _TABLES["place"]]},
 )
@@ -334,6 +332,6 @@ def _moment(raw: Mapping[str, Any]) -> Moment:
 if TYPE_CHECKING:
     Number = Value = Onset = Axis
 else:
-    Number = dataclasses.replace(NUMBER, forms=(*DISTRIBUTIONS, LIST)).annotation()
+    Number = NUMBER._replace(forms=(*DISTRIBUTIONS, LIST)).annotation()
     Value = NUMBER.annotation()
     Onset = _MOMENTS.annotation(_onset)

@@ -1,9 +1,8 @@
 """Computes single runs again, with all signals of the tick as time series."""
 
-import dataclasses
 import numbers
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -25,8 +24,7 @@ the number of runs in a block.
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Replay:
+class Replay(NamedTuple):
     """One run, computed again."""
 
     # The run's row of the result table, computed again.

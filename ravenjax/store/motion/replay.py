@@ -203,9 +203,7 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
     def first_outside(scale: float) -> int | None:
         # Returns the first row outside the joint limits if the tip moves by another scale.
         start = poses.position[:1]
-        magnified = dataclasses.replace(
-            poses, position=start + scale / base * (poses.position - start)
-        )
+        magnified = poses._replace(position=start + scale / base * (poses.position - start))
         return reach_poses(magnified, replay.bounds).first_bad(0, end - begin)
 
     for scale in (float(np.max(scales)), float(np.min(scales))):
