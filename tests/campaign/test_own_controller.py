@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -48,13 +49,7 @@ def step(params, state, view):
         to_int32(params.share * t * a * c) for t, a, c in zip(view.tau_d, view.amps_per_torque, view.counts_per_amp)
     )
 """  # noqa: E501
-FAULT = {
-    "site": "tau_d",
-    "channel": "elbow",
-    "effect": "offset",
-    "value": [0.05, 0.4],
-    "start_ms": 500,
-}
+FAULT = fault("tau_d", "elbow", "offset", [0.05, 0.4], 500)
 
 
 def tables(folder: Path, arms: tuple[str, ...] = ("gold", "green"), **stages: str) -> dict:
