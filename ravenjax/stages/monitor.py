@@ -138,10 +138,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     return MonitorState(
         arms=per_arm(setup, arm_state),
         tip_distance=cast_to_real(setup, jnp.inf),
-        diverged=never,
-        unintended=never,
-        loss=never,
-        false_report=never,
+        **dict.fromkeys((*HAZARDS, "diverged"), never),
         halted=jnp.int32(0),
         finite=finite.init(),
         ticks=jnp.int32(0),

@@ -72,20 +72,20 @@ def fill_slot(
         whole = axes["value"].at(places["value"], whole=True)
         value = np.where(rounded[word["channel"], effect], whole, value)
     value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
-    columns = {"site": np.int8(words["site"].index(fault.site)), **word, "value": value}
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
-    for name in TIMES:
-        columns[name] = _times(
-            name, axes[name].at(places[name], whole=True), axes[name], periodic
-        ).astype(np.int32)
+    times = {
+        name: _times(name, axes[name].at(places[name], whole=True), axes[name], periodic)
+        for name in TIMES
+    }
+    columns = {"site": codes("site", [fault.site])[0], **word, "value": value, **times}
     return {name: columns[name] for name in effects.FIELDS}
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
     """Return valid times, at least 0 or 1. Only the word END in a file means UNTIL_END."""
+    times = np.maximum(drawn, 1 if name in ("period_ms", "duration_ms") else 0)
     if name == "period_ms":
-        return np.where(periodic, np.maximum(drawn, 1), 0)
-    if name != "duration_ms":
-        return np.maximum(drawn, 0)
-    endless = (drawn == UNTIL_END) & (END in axis.listed)
-    return np.where(endless, UNTIL_END, np.maximum(drawn, 1))
+        times = np.where(periodic, times, 0)
+    elif name == "duration_ms":
+        times = np.where((drawn == UNTIL_END) & (END in axis.listed), UNTIL_END, times)
+    return times.astype(np.int32)
