@@ -200,14 +200,10 @@ def _message(model: type[CampaignConfig], error: Any) -> str:
                 f" [[{'.'.join(path)}]], in double brackets"
             )
         return f"got {format_value(error['input'])}, expected a list"
-    table = model_at(model, error["loc"][:-1])
-    hint = ""
-    if error["type"] == "extra_forbidden" and not suggest_name(
-        error["loc"][-1], table.model_fields
-    ):
-        homes = [
-            path for path, t in tables_of(model) if path and error["loc"][-1] in t.model_fields
-        ]
+    table, hint = model_at(model, error["loc"][:-1]), ""
+    name = error["loc"][-1] if error["loc"] else ""
+    if error["type"] == "extra_forbidden" and not suggest_name(name, table.model_fields):
+        homes = [path for path, t in tables_of(model) if path and name in t.model_fields]
         hint = f". It is a key of {' and '.join(map(table_header, homes))}" if homes else ""
     return format_error(error, table, hint)
 

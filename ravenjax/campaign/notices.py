@@ -245,8 +245,7 @@ def _beyond_range(plan: Plan) -> OfRuns:
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         reached = {
-            "offset": x + value,
-            "latch_offset": x + value,
+            **dict.fromkeys(("offset", "latch_offset"), x + value),
             "scale": x * value,
             "drift": x + value * length,
             "periodic": np.where(x - limits.low < limits.high - x, x - abs(value), x + abs(value)),
@@ -285,8 +284,7 @@ def _idle(plan: Plan) -> np.ndarray:
         "stuck": usual == usual,
         # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
         "periodic": small(value) | (plan.faults["period"] <= 2),
-        "random": (value == 0) & (usual == 0),
-        "toggle": (value == 0) & (usual == 0),
+        **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
     return _by_effect(plan, idle, False)

@@ -124,10 +124,8 @@ def key_lines(text: str) -> dict[str, int]:
 
 def nearest_line(found: dict[str, int], key: Key) -> int | None:
     """Return the line of `key`, or of the innermost table or key that contains it."""
-    for length in range(len(key), 0, -1):
-        if format_key(key[:length]) in found:
-            return found[format_key(key[:length])]
-    return None
+    names = (format_key(key[:length]) for length in range(len(key), 0, -1))
+    return next((found[name] for name in names if name in found), None)
 
 
 def _parts(dotted: str) -> Key:

@@ -31,11 +31,8 @@ from ravenjax import threads
 from ravenjax.bundled import resources
 from ravenjax.campaign.memory_windows import SHARED
 
-_MODEL = resources.read_tables(__file__, "estimate.toml")
-BASIS = _MODEL["basis"]
-_NS, _SPEED, _START_S, _MEMORY = (
-    SimpleNamespace(**_MODEL[name]) for name in ("ns", "speed", "start_s", "memory")
-)
+_MODEL = SimpleNamespace(**resources.read_tables(__file__, "estimate.toml"))
+BASIS: str = _MODEL.basis
 
 
 class CostFactors(NamedTuple):
@@ -74,41 +71,45 @@ def measure_speed() -> float:
     def count_passes(_: int) -> int:
         # Counts how often this thread repeats an array computation in the time of the measurement.
         numbers, count = np.arange(2**14, dtype=np.float32), 0
-        end = time.perf_counter() + _SPEED.measured_s
+        end = time.perf_counter() + _MODEL.measured_s
         while time.perf_counter() < end:
             np.sqrt(numbers * numbers + numbers)
             count += 1
         return count
 
     counts = threads.map_in_threads(count_passes, range(len(os.sched_getaffinity(0))))
-    return sum(counts) / _SPEED.measured_s / _SPEED.passes_per_s
+    return sum(counts) / _MODEL.measured_s / _MODEL.passes_per_s
 
 
 def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
     """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if engine == "cuda":
-        compute_s = ticks * tick_ns(work) / _NS.arm / _SPEED.cuda_ticks_per_s
+        compute_s = ticks * tick_ns(work) / _MODEL.ns_arm / _MODEL.cuda_ticks_per_s
     else:
-        compute_s = ticks * tick_ns(work) * 1e-9 * _SPEED.slower.get(engine, 1.0) / speed
+        compute_s = ticks * tick_ns(work) * 1e-9 * _MODEL.slower.get(engine, 1.0) / speed
     copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
-    series = copies * work.golden_runs * work.ticks * _MEMORY.series_bytes * work.arms / 2**20
-    most = _MEMORY.most_series_mib * (2 if engine == "cuda" else 1)
-    plan = work.runs * (_MEMORY.run_bytes + _MEMORY.slot_bytes * work.slots) / 2**20
+    series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
+    most = _MODEL.most_series_mib * (2 if engine == "cuda" else 1)
+    plan = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
     return CostEstimate(
-        start_s=(_START_S.base + _START_S.site * work.sites) / min(1.0, speed),
-        run_s=compute_s + work.runs * _NS.run * 1e-9 / speed + _START_S.branch / min(1.0, speed),
-        memory_mib=_MEMORY.base_mib + _MEMORY.site_mib * work.sites + plan + min(series, most),
+        start_s=(_MODEL.start_s + _MODEL.site_s * work.sites) / min(1.0, speed),
+        run_s=compute_s
+        + work.runs * _MODEL.ns_run * 1e-9 / speed
+        + _MODEL.branch_s / min(1.0, speed),
+        memory_mib=_MODEL.base_mib + _MODEL.site_mib * work.sites + plan + min(series, most),
     )
 
 
 def tick_ns(work: CostFactors) -> float:
     """Return the core time for one tick of one run, ns."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
-    ns = _NS.arm + _NS.further_arm * (work.arms - 1)
-    ns += (_NS.site * max(0, work.sites - 1) + _NS.substep * (work.substeps - 1)) * work.arms
-    ns += _NS.cue * max(0, work.cues - 1) + _NS.threshold * work.thresholds
-    return ns if shared else ns * _SPEED.unshared
+    ns = _MODEL.ns_arm + _MODEL.ns_further_arm * (work.arms - 1)
+    ns += (
+        _MODEL.ns_site * max(0, work.sites - 1) + _MODEL.ns_substep * (work.substeps - 1)
+    ) * work.arms
+    ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
+    return ns if shared else ns * _MODEL.unshared
 
 
 def format_estimate(seconds: float) -> str:

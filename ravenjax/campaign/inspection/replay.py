@@ -80,7 +80,7 @@ class Replayer(PlannedCampaign):
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
         self._robot = config.robot.part("campaign")
-        self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
+        self._bases = getattr(self._robot, "bases", lambda _: {})(program.setup)
 
     def replay(self, run: Any) -> Replay:
         """Compute one run again; see `index` for `run`. Raises UserError."""

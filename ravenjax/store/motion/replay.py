@@ -199,15 +199,12 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
     """Raise UserError if the least or greatest of `scales` moves an arm out of its joint limits."""
     begin, end, base = replay.begin, replay.end, replay.scale
     poses = replay.recording.poses.part(begin, end)
-
-    def first_outside(scale: float) -> int | None:
-        # Returns the first row outside the joint limits if the tip moves by another scale.
-        start = poses.position[:1]
-        magnified = poses._replace(position=start + scale / base * (poses.position - start))
-        return reach_poses(magnified, replay.bounds).first_bad(0, end - begin)
-
+    start = poses.position[:1]
     for scale in (float(np.max(scales)), float(np.min(scales))):
-        if scale == base or (row := first_outside(scale)) is None:
+        if scale == base:
+            continue
+        magnified = poses._replace(position=start + scale / base * (poses.position - start))
+        if (row := reach_poses(magnified, replay.bounds).first_bad(0, end - begin)) is None:
             continue
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
