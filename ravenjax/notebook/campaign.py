@@ -210,15 +210,16 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}
 
-    def entered(place: tuple[str, ...], value: Any) -> Any:
+    def change_texts(place: tuple[str, ...], value: Any) -> Any:
         # Returns the tables with `changed` applied to every text at one of the paths in `places`.
+        # An item of a list has the path of the list.
         if isinstance(value, dict):
-            return {key: entered((*place, key), one) for key, one in value.items()}
+            return {key: change_texts((*place, key), one) for key, one in value.items()}
         if isinstance(value, list):
-            return [entered(place, one) for one in value]
+            return [change_texts(place, one) for one in value]
         return changed(value) if place in places and isinstance(value, str) and value else value
 
-    return {key: entered((key,), value) for key, value in tables.items()}
+    return {key: change_texts((key,), value) for key, value in tables.items()}
 
 
 def run_config(

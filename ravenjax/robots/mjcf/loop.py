@@ -315,6 +315,9 @@ def act(
 ) -> tuple[Params, State]:
     """Return parameters and state with the action: the arm stops, or the controller keeps its last
     good set points.
+
+    takes: for each action, whether it is taken in this tick. now and begins: not used; other
+    robots have actions that depend on time.
     """
     stopped = state.stopped | takes["stop"]
     return replace(params, held=(takes["hold"], good)), replace(state, stopped=stopped)

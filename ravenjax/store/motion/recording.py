@@ -173,7 +173,7 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
 
 
 def require_readable(path: Path) -> None:
-    """Raise UserError for a file of an unknown kind."""
+    """Raise UserError if a file is missing, of an unknown kind, or empty."""
     if not path.is_file():
         raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
