@@ -102,10 +102,11 @@ class Config(CampaignConfig):
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         arm: Any = self.robot
-        if (step := arm.arm.timestep * 1e3) != 1.0:
+        if arm.arm.options:
             yield (
                 ("campaign", "robot"),
-                f"the model's time step of {step:g} ms is not used: an arm moves in steps of 1 ms",
+                f"the model has {arm.arm.options}; this has no effect, because an arm moves in steps"
+                " of 1 ms with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
