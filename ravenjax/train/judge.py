@@ -152,6 +152,19 @@ COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 class Episode:
     """One hazard from arming to disarming."""
 
+    struck_ms: int | None = None
+    knowable_ms: int | None = None
+    knowable_by = ""
+    cue_ms: int | None = None
+    # Time of the first sign, cue or alarm, whichever is earliest.
+    origin_ms: int | None = None
+    halted = False
+    halted_ms, golden_halted_ms = 0, 0
+    peak_error_mm = 0.0
+    deepest_mm = -math.inf
+    _is_lost = False
+    interrupted = False
+
     def __init__(
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ) -> None:
@@ -159,32 +172,20 @@ class Episode:
         self.record = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
-        self.struck_ms: int | None = None
-        self.knowable_ms: int | None = None
-        self.knowable_by = ""
-        self.cue_ms: int | None = None
         # ms and name of the first check of each kind of response
         self.checks: dict[str, tuple[int, str]] = {}
-        # Time of the first sign, cue or alarm, whichever is earliest.
-        self.origin_ms: int | None = None
-        self.halted = False
-        self.halted_ms, self.golden_halted_ms = 0, 0
         # The arm on which the fault acts. If the fault acts on no arm: the one that moved farthest.
         self.arm = hazard.arm
-        self.peak_error_mm = 0.0
         # -1: not measured
         self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
         # When one of `DISTANCES` first exceeded the limit.
         self.first_ms: dict[str, int] = {}
-        self.deepest_mm = -math.inf
         # Each has two values: unintended motion and depth. `_done_mm` is what the fault caused,
         # `_spared_mm` is the part of it before a person could have acted.
         self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
-        self._is_lost = False
         # ms of the first response of each kind.
         self.responses: dict[str, int] = {}
-        self.interrupted = False
 
     @property
     def struck(self) -> bool:
@@ -463,16 +464,17 @@ class SlowdownDetector:
     held at a target. Speeds are those of the tip, mm/s.
     """
 
+    _before: list[float] | None = None
+    usual = present = 0.0
+    # mm/s; the hands are slow below this limit.
+    _limit = 0.0
+    # The tick since which the hands are slow.
+    _since = _QUICK
+    slowed = -1
+    """Tick at which a lasting slow-down began; -1 without one."""
+
     def __init__(self, scale: float) -> None:
         self._scale = scale
-        self._before: list[float] | None = None
-        self.usual = self.present = 0.0
-        # mm/s; the hands are slow below this limit.
-        self._limit = 0.0
-        # The tick since which the hands are slow.
-        self._since = _QUICK
-        self.slowed = -1
-        """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
         """Read the hands' positions in this tick: um before scaling, three numbers per hand."""
@@ -512,6 +514,22 @@ class Judge:
     - `convert`: the operator sends a note that contains "convert"; the page's button does so.
     """
 
+    _episode: Episode | None = None
+    _arms: tuple[_Arm, ...] = ()
+    _pedal = False
+    # Whether the robot moved when the hazard became active, and the pedal was held since.
+    _was_down = False
+    _pressed = False  # whether the operator pressed the E-stop
+    # Whether the operator has handed the console over or left, and nobody has driven since.
+    _walked = False
+    _live = False
+    # The last ticks of session and robot.
+    _ticks = (0, 0)
+    # Whether the cue has acted in the golden run since the activation.
+    _golden_cue = False
+    # ms without motion although the pedal was held: of the robot and of its golden run.
+    _halted = _halted_at_strike = (0, 0)
+
     def __init__(
         self,
         scenario: Scenario,
@@ -524,27 +542,12 @@ class Judge:
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
         self._record = record
-        self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
         # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
         self._counted_at: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
-        self._arms: tuple[_Arm, ...] = ()
-        self._pedal = False
-        # Whether the robot moved when the hazard became active, and the pedal was held since.
-        self._was_down = False
-        self._pressed = False  # whether the operator pressed the E-stop
-        # Whether the operator has handed the console over or left, and nobody has driven since.
-        self._walked = False
-        self._live = False
-        # The last ticks of session and robot.
-        self._ticks = (0, 0)
-        # Whether the cue has acted in the golden run since the activation.
-        self._golden_cue = False
-        # ms without motion although the pedal was held: of the robot and of its golden run.
-        self._halted = self._halted_at_strike = (0, 0)
 
     # --- calls of the session ---
 

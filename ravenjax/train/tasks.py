@@ -65,15 +65,16 @@ class Wish(NamedTuple):
 class Task:
     """A task; call `step` once a tick. This base class has no goals and is never done."""
 
+    done = False
+    target = -1
+    """Number of the present goal; -1: none."""
+    progress = 0.0
+    """0 to 1."""
+    _published = -1
+
     def __init__(self, settings: Any, field: Field) -> None:
         """settings: the scenario's [task]."""
         self.settings, self._field, self._arms = settings, field, field.arms
-        self.done = False
-        self.target = -1
-        """Number of the present goal; -1: none."""
-        self.progress = 0.0
-        """0 to 1."""
-        self._published = -1
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
@@ -148,15 +149,16 @@ def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
 class PathTask(Task):
     """The tip follows a line. Two arms take turns, lap by lap."""
 
+    target = 0
+    # Number of passed points. Modulo POINTS, it is the index of the next point.
+    _at = 0
+    _on = False  # whether the tip has reached the line
+    _ticks, _within = 0, 0
+
     def __init__(self, settings: Path, field: Field) -> None:
         super().__init__(settings, field)
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
-        self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
-        # Number of passed points. Modulo POINTS, it is the index of the next point.
-        self._at = 0
-        self._on = False  # whether the tip has reached the line
-        self._ticks, self._within = 0, 0
         spacing = math.dist(self.points[0], self.points[1])
         self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
 
@@ -219,6 +221,9 @@ class PegTask(Task):
     operator must fetch it.
     """
 
+    held: ArmName | None = None
+    placed, dropped = 0, 0
+
     def __init__(self, settings: PegTransfer, field: Field) -> None:
         super().__init__(settings, field)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
@@ -234,8 +239,6 @@ class PegTask(Task):
             others = [peg for peg in range(settings.pegs) if peg != self.ways[-1]]
             self.ways.append(int(rng.choice(others)))
         self.object: Point = self.pegs[self.ways[0]]
-        self.held: ArmName | None = None
-        self.placed, self.dropped = 0, 0
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._closed = dict.fromkeys(self._arms, False)
@@ -318,6 +321,9 @@ class PegTask(Task):
 class ReachTask(Task):
     """The tip reaches targets in a box above the tissue. Two arms take turns."""
 
+    target = 0
+    _inside_ms = 0
+
     def __init__(self, settings: Reach, field: Field) -> None:
         super().__init__(settings, field)
         rng = np.random.default_rng([field.seed, settings.seed, 1])
@@ -327,8 +333,6 @@ class ReachTask(Task):
             arm = field.arms[k % len(field.arms)]
             before[arm] = _draw(settings, field.middle, rng, before[arm])
             self.targets.append((arm, before[arm]))
-        self.target = 0
-        self._inside_ms = 0
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
@@ -372,17 +376,18 @@ class LevelsTask(Task):
     (Ritter, Scott, Surg. Innov. 14, 2007). Numbers of targets continue through all levels.
     """
 
+    _level = 0
+    _in_a_row = 0
+    # Tick at which the round's first target was reached.
+    _begun: int | None = None
+    target = 0
+
     def __init__(self, settings: Levels, field: Field) -> None:
         super().__init__(settings, field)
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
-        self._level = 0
-        self._in_a_row = 0
         # Durations of the rounds of each level.
         self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
-        # Tick at which the round's first target was reached.
-        self._begun: int | None = None
         self._reach = self._round(0)
-        self.target = 0
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         if self._published < 0:

@@ -316,14 +316,15 @@ def serve_page(options: PageOptions, listening: socket.socket, ready: Connection
 class Page:
     """The page of one session."""
 
+    _next_event = 0
+    _frames_seen = 0
+    _answer_until = 0.0
+
     def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)
         ]
-        self._next_event = 0
-        self._frames_seen = 0
-        self._answer_until = 0.0
         self._changed = threading.Event()
         windows = Windows()
         self._hub = Hub(

@@ -101,18 +101,19 @@ class TaskShapes:
     {"points", "colour"} or None}; all optional.
     """
 
+    _goal: int | None = None
+    _object: Any = None
+    _holder = ""
+    _on_path: Any = None
+
     def __init__(self, server: viser.ViserServer, geometry: Json) -> None:
         self._server = server
-        self._goal: int | None = None
         self._spots: dict[int, tuple[Any, Rgb]] = {}
         self._places: dict[int, np.ndarray] = {}
-        self._object: Any = None
-        self._holder = ""
         targets = geometry.get("targets") or ()
         self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
         self._ring = server.scene.add_line_segments("/task/ring", ring, **LOOKS["ring"])
-        self._on_path: Any = None
         if path := geometry.get("path"):
             points = np.asarray(path["points"], float)
             line, colour = segments_of_path(points), _rgb(path["colour"])

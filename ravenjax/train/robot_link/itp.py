@@ -76,6 +76,13 @@ class Gate:
     a shared network, listen on loopback or set the console's address (`only_host`).
     """
 
+    _misfit_count, _advised = 0, False
+    _warned = False  # whether dropped packets were reported
+    _peer: tuple | None = None
+    # Number of the last packet; 0: none yet.
+    _last = 0
+    _heard_ms = -math.inf  # when the last packet was accepted or skipped to
+
     def __init__(
         self,
         arms: Sequence[ArmName],
@@ -94,12 +101,6 @@ class Gate:
         self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
-        self._misfit_count, self._advised = 0, False
-        self._warned = False  # whether dropped packets were reported
-        self._peer: tuple | None = None
-        # Number of the last packet; 0: none yet.
-        self._last = 0
-        self._heard_ms = -math.inf  # when the last packet was accepted or skipped to
 
     @property
     def received(self) -> int:
@@ -266,6 +267,10 @@ _AXES = np.array([ITP_AXES[arm] for arm in ARMS], int)
 class ItpServer:
     """A UDP port for consoles. One console at a time may drive."""
 
+    last_sequence = 0  # number of the console's packet accepted last
+    _pedal = False
+    _sent = 0
+
     def __init__(
         self,
         gate: Gate,
@@ -284,10 +289,7 @@ class ItpServer:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             self._socket.bind((host, port))
-        self.last_sequence = 0  # number of the console's packet accepted last
-        self._pedal = False
         self._taken_ms = float("-inf")
-        self._sent = 0
         self._present = sum(1 << ARMS.index(arm) for arm in gate.arms)
 
     @property
@@ -377,10 +379,11 @@ def _whole(value: float) -> int:
 class ItpConsole:
     """An ITP console of the realtime loop: receives increments and sends forces."""
 
+    _polls, _why = 0, ""
+
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
         self._counts = Counter(server.gate.counts)
-        self._polls, self._why = 0, ""
 
     def poll(self) -> list[Command]:
         """Return the increments, and "unheard" if the gate starts or stops refusing all packets."""

@@ -220,10 +220,11 @@ class RobotLink:
 
     clock = staticmethod(time.monotonic_ns)
 
+    report: JointReport | None = None  # the newest report
+    lost = False  # whether the connection to the robot has ended
+
     def __init__(self, host: str, itp_port: int) -> None:
         """Raises UserError if the host has no address."""
-        self.report: JointReport | None = None  # the newest report
-        self.lost = False  # whether the connection to the robot has ended
         self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with refuse_errors(

@@ -55,18 +55,19 @@ ORDERS: dict[str, Command] = WORDS["orders"]
 class PacketSession:
     """A session without task and judge: consoles drive a simulated robot until "end"."""
 
+    ticks, over = 0, False
+    taken = ""
+    """The console whose packet the robot accepted in this tick; "" if none."""
+    _number = 0  # number of the robot's newest packet
+    # The checks' trips at the last reading, and its tick.
+    _trips, _looked = 0.0, 0
+
     def __init__(self, chosen: Scenario, robot: PacketRobot, say: Say = lambda _: None) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
         self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), PedalReasons(say)
-        self.ticks, self.over = 0, False
-        self.taken = ""
-        """The console whose packet the robot accepted in this tick; "" if none."""
         self.checks: dict[str, tuple[int, int]] = {}
         """(Count, tick of the first) of the trips of each check, as in `JointReport.checks`."""
-        self._number = 0  # number of the robot's newest packet
-        # The checks' trips at the last reading, and its tick.
-        self._trips, self._looked = 0.0, 0
 
     def move(self, commands: list[Command]) -> None:
         """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""

@@ -62,10 +62,18 @@ CLEARED_MS = 500
 class Director:
     """Decides when the hazards of one session are armed and disarmed."""
 
+    at_work = -1
+    """Number of the hazard that is armed or active; -1: none."""
+    _pending = -1  # the instructor's next hazard
+    _ordered = False  # whether the hazard `at_work` has been armed
+    _since = 0  # tick at which it was armed
+    _free_from = 0
+    _down = 0  # ms of pedal-down so far
+    _up = 0  # ms since the pedal came up
+    _stop = False  # the instructor disarms the hazard
+
     def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
-        self.at_work = -1
-        """Number of the hazard that is armed or active; -1: none."""
         rng = np.random.default_rng([seed, 3])
         self.plan = sorted(
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
@@ -73,13 +81,6 @@ class Director:
             if hazard.when_ms is not None
         )
         """(ms, number) of the planned hazards that are still to come, in order."""
-        self._pending = -1  # the instructor's next hazard
-        self._ordered = False  # whether the hazard `at_work` has been armed
-        self._since = 0  # tick at which it was armed
-        self._free_from = 0
-        self._down = 0  # ms of pedal-down so far
-        self._up = 0  # ms since the pedal came up
-        self._stop = False  # the instructor disarms the hazard
 
     def command(self, message: Command) -> None:
         """Store the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
@@ -149,6 +150,19 @@ See `Session._stand_by`. The motion table is as long as the session plus `simula
 class Session:
     """One training session. Call `tick` until `over`."""
 
+    phase, view = READY, REAL
+    ticks = 0  # ms of the session, without pauses
+    started: int | None = None  # tick at which the session's time began
+    ended = ""  # why the session is over
+    _resume_to = READY
+    # Motion of the resting robot while the operator drives the virtual robot.
+    _rest: np.ndarray | None = None
+    # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
+    _tried = (0, 0)
+    _pedal, _alive = 0.0, False
+    _seen_trips, _looked = 0.0, -OUTCOMES_EVERY
+    _moved = False  # whether the robots moved in this tick
+
     def __init__(
         self,
         chosen: Scenario,
@@ -177,24 +191,14 @@ class Session:
         self.task = tasks.make_task(chosen, self._tips(), seed)
         self.director = Director(self.hazards, seed)
         self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
-        self.phase, self.view = READY, REAL
-        self.ticks = 0  # ms of the session, without pauses
-        self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter(self._record)
         self.pedals = PedalReasons()
         self._presses = DoublePress()
         self._estop_hold = EstopHold(self.layout)
-        self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
         """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
-        self._resume_to = READY
-        # Motion of the resting robot while the operator drives the virtual robot.
-        self._rest: np.ndarray | None = None
-        # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
-        self._tried = (0, 0)
         self._trial_checks, self._trial_trips = Trips(), 0.0
-        self._pedal, self._alive = 0.0, False
         self._told: Json = {}
         places = self.layout.places
         # Positions in a frame: hand, hand_quat and grasp of each arm, ordered as a motion table;
@@ -208,9 +212,7 @@ class Session:
         )
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
         self._trips = places["trips"].start
-        self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
-        self._moved = False  # whether the robots moved in this tick
         self._new: list[Command] = []  # commands of this tick
 
     @property

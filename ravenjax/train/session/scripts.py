@@ -55,18 +55,19 @@ class Follower:
     the robot is stopped, and restarts it.
     """
 
+    _pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
+    _act_at = -1  # tick of the next action; -1: none
+    _until = -1  # the action lasts until this tick
+    _restart_at = -1
+    _felt = False
+    _waited = 0  # ms for which the robot has not moved with the pedal down
+
     def __init__(
         self, task: Task, arms: Sequence[ArmName], speeds: Speeds, reaction: str = "release"
     ) -> None:
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, tuple(arms), reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s  # share of full speed per m
-        self._pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
-        self._act_at = -1  # tick of the next action; -1: none
-        self._until = -1  # the action lasts until this tick
-        self._restart_at = -1
-        self._felt = False
-        self._waited = 0  # ms for which the robot has not moved with the pedal down
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
         """Return the commands before this tick. frame: of the previous tick."""

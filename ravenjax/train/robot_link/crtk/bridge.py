@@ -58,15 +58,16 @@ def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> 
 class CrtkConsole:
     """A console of the realtime loop. It creates both rings."""
 
+    _polls = 0
+    taken = 0  # number of the last command returned
+    process_says: Connection | None = None  # delivers the reason when the process ends
+
     def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
         """say: prints why the process has ended."""
         self._row = np.zeros(1, _row_type(layout))
         self.rows = Ring.create(_KEPT_ROWS, self._row.nbytes)
         self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
         self._ros, self._say = ros, say
-        self._polls = 0
-        self.taken = 0  # number of the last command returned
-        self.process_says: Connection | None = None  # delivers the reason when the process ends
 
     def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""

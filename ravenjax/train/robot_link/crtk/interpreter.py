@@ -86,6 +86,13 @@ class Setpoint(NamedTuple):
 class SetpointFollower:
     """Computes the increments that move one arm to its target."""
 
+    # The last goal in joint space, to which relative goals are added.
+    goal: np.ndarray | None = None
+    move: Trajectory | None = None
+    # The setpoint after all increments so far; None: the arm is not driven.
+    sum: Setpoint | None = None
+    target: Setpoint | None = None
+
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
@@ -93,13 +100,7 @@ class SetpointFollower:
         self.motors = motor_matrix(arm, tool)  # motors per joint
         self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
         self.jpos_d = np.zeros(7)  # joint setpoint of the control software
-        # The last goal in joint space, to which relative goals are added.
-        self.goal: np.ndarray | None = None
-        self.move: Trajectory | None = None
         self._axes = np.array(ITP_AXES[arm], float)
-        # The setpoint after all increments so far; None: the arm is not driven.
-        self.sum: Setpoint | None = None
-        self.target: Setpoint | None = None
 
     def engage(self, at: Setpoint) -> None:
         """Start at the control software's setpoint, because the pedal went down."""
@@ -338,6 +339,14 @@ class RobotRow(NamedTuple):
 class Interpreter:
     """Converts messages and commands of one robot."""
 
+    # The state published last; None: publish it again, because a state command arrived.
+    _published: tuple[str, bool, bool] | None = None
+    _stepped_ms: float | None = None
+    # Whether CRTK drove at the last row, and whether the last commands contain a motion.
+    _drove = _moves = False
+    _sent = 0  # number of the last command that contains a motion
+    _taken: int | None = None  # row before which the robot read this command
+
     def __init__(
         self,
         arms: Sequence[ArmName],
@@ -356,14 +365,7 @@ class Interpreter:
             ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
-        # The state published last; None: publish it again, because a state command arrived.
-        self._published: tuple[str, bool, bool] | None = None
         self._orders: list[Command] = []
-        self._stepped_ms: float | None = None
-        # Whether CRTK drove at the last row, and whether the last commands contain a motion.
-        self._drove = self._moves = False
-        self._sent = 0  # number of the last command that contains a motion
-        self._taken: int | None = None  # row before which the robot read this command
 
     # --- messages from ROS ---
 
