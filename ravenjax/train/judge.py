@@ -611,14 +611,14 @@ class Judge:
 
     def command(self, message: Command, tick: int) -> None:
         """Record a response that the operator gives by a command other than motion."""
-        do = message.get("do")
-        if do == "estop":
-            self._pressed = True
-            self._respond(tick, "stop")
-        elif do == "restart" and not self._live:
-            self._respond(tick, "restart")
-        elif do == "note" and "convert" in str(message.get("text", "")).lower():
-            self._respond(tick, "convert")
+        match message.get("do"):
+            case "estop":
+                self._pressed = True
+                self._respond(tick, "stop")
+            case "restart" if not self._live:
+                self._respond(tick, "restart")
+            case "note" if "convert" in str(message.get("text", "")).lower():
+                self._respond(tick, "convert")
 
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None

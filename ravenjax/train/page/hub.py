@@ -387,16 +387,18 @@ class Hub:
 
     def _change_role(self, client: Client, command: Command) -> None:
         # Gives a window the role that it requests, or passes other requests to the page.
-        do = command["do"]
-        if do == "instruct" and client.instructs:
-            client.role = "instructor"
-            self._greet(client)
-        elif do == "take" and self._seat_is_free():
-            client.role = "operator"
-            self._greet(client)
-            self._announce_seat()
-        elif do not in ("instruct", "take"):
-            self._on_page(client, command)
+        match command["do"]:
+            case "instruct":
+                if client.instructs:
+                    client.role = "instructor"
+                    self._greet(client)
+            case "take":
+                if self._seat_is_free():
+                    client.role = "operator"
+                    self._greet(client)
+                    self._announce_seat()
+            case _:
+                self._on_page(client, command)
 
     def _forward(self, command: Command) -> None:
         put_json(self._commands, command)

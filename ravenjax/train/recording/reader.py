@@ -189,12 +189,13 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
     """Return a row for each armed hazard. Without its end in the recording it has no outcome."""
     rows: list[Json] = []
     for event in recording.events:
-        if event["kind"] == "hazard_armed":
-            rows.append({**event["row"]})
-        elif event["kind"] == "hazard_struck" and rows:
-            rows[-1]["struck_ms"] = event["tick"]
-        elif event["kind"] == "hazard_row" and rows:
-            rows[-1] |= event["row"]
+        match event["kind"]:
+            case "hazard_armed":
+                rows.append({**event["row"]})
+            case "hazard_struck" if rows:
+                rows[-1]["struck_ms"] = event["tick"]
+            case "hazard_row" if rows:
+                rows[-1] |= event["row"]
     empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)
     return [HazardRow(**(empty | row)) for row in rows]
 

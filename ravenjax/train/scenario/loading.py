@@ -76,16 +76,16 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(error: Any) -> str:
-    kind, got = error["type"], error["input"]
-    if kind == "union_tag_not_found":
-        return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
-    if kind == "union_tag_invalid":
-        task = got.get("kind")
-        expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
-        return f"got {format_value(task)}, {expected}"
-    near = ""
-    if kind == "literal_error":
-        near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
+    got, near = error["input"], ""
+    match error["type"]:
+        case "union_tag_not_found":
+            return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
+        case "union_tag_invalid":
+            task = got.get("kind")
+            expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
+            return f"got {format_value(task)}, {expected}"
+        case "literal_error":
+            near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
     return location.format_error(error, _model(error["loc"][:-1])) + near
 
 

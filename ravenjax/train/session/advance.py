@@ -307,79 +307,79 @@ class Session:
 
     def _command(self, command: Command) -> None:
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
-        kind = command.get("type")
-        if kind in ("input", "increments"):
-            self.arbiter.receive(
-                command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
-            )
-            console = console_of(command)
-            is_owner = console in NETWORK and console == self.arbiter.owner
-            if is_owner and self._presses.update(command["pedal"], self.ticks):
-                self._operator({"do": _OF_TWO_PRESSES[self.view]})
-        elif kind == "unheard":
-            console, why = console_of(command), str(command.get("why", ""))[:200]
-            if command.get("once"):
-                self._tell("refused", **self.pedals.report(console, why))
-            else:
-                self.arbiter.set_refusal(console, why)
-        elif kind == "seat":
-            if self.arbiter.change_seat(command, self.ticks):
-                self._release_pedal("handover", own=command.get("by") != "instructor")
-        elif kind == "operator":
-            self._operator(command)
-        elif kind == "instructor":
-            self._instructor(command)
+        console = console_of(command)
+        match command.get("type"):
+            case "input" | "increments":
+                self.arbiter.receive(
+                    command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
+                )
+                is_owner = console in NETWORK and console == self.arbiter.owner
+                if is_owner and self._presses.update(command["pedal"], self.ticks):
+                    self._operator({"do": _OF_TWO_PRESSES[self.view]})
+            case "unheard":
+                why = str(command.get("why", ""))[:200]
+                if command.get("once"):
+                    self._tell("refused", **self.pedals.report(console, why))
+                else:
+                    self.arbiter.set_refusal(console, why)
+            case "seat":
+                if self.arbiter.change_seat(command, self.ticks):
+                    self._release_pedal("handover", own=command.get("by") != "instructor")
+            case "operator":
+                self._operator(command)
+            case "instructor":
+                self._instructor(command)
 
     def _operator(self, command: Command) -> None:
         # Carries out a command of type "operator", which is also a response for the judge.
-        do, by = command["do"], command.get("by", "operator")
+        by = command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
-        if do == "estop":
-            if by != "operator":
-                self.judge.interrupted(self.ticks, f"estop by {by}")
-            self.robot.press(self.estop_row)
-        elif do == "restart" and (
-            self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN
-        ):
-            self._restart("restart")
-        elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
-            self._rehearse()
-        elif do == "reengage" and self.view == VIRTUAL:
-            # The driven robot repeats the motion that was tried.
-            first, last = self._tried = self._tried[0], self.virtual.now
-            self.view = REPLAY if last > first else REAL
-        elif do == "discard" and self.view != REAL:
-            # The hand continues at the pose of the driven robot, which has not moved.
-            self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
-            self.view = REAL
-        elif do == "note":
-            self._tell("note", text=str(command.get("text", ""))[:500])
+        match command["do"]:
+            case "estop":
+                if by != "operator":
+                    self.judge.interrupted(self.ticks, f"estop by {by}")
+                self.robot.press(self.estop_row)
+            case "restart":
+                if self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
+                    self._restart("restart")
+            case "rehearse" if self.view == REAL and self.phase == RUNNING:
+                self._rehearse()
+            case "reengage" if self.view == VIRTUAL:
+                # The driven robot repeats the motion that was tried.
+                first, last = self._tried = self._tried[0], self.virtual.now
+                self.view = REPLAY if last > first else REAL
+            case "discard" if self.view != REAL:
+                # The hand continues at the pose of the driven robot, which has not moved.
+                self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
+                self.view = REAL
+            case "note":
+                self._tell("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command) -> None:
-        # Carries out a command of type "instructor". Pause and reset interrupt a hazard.
-        do = command["do"]
-        if do in ("arm", "disarm"):
-            if do == "disarm":
+        # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
+        match command["do"]:
+            case "arm":
+                self.director.command(command)
+            case "disarm":
                 self.judge.interrupted(self.ticks, "instructor")
-            self.director.command(command)
-        elif do == "start" and self.phase != OVER:
-            self._start("instructor")
-        elif do == "pause" and self.phase not in (PAUSED, OVER):
-            self.judge.interrupted(self.ticks, "instructor")
-            self._resume_to, self.phase = self.phase, PAUSED
-        elif do == "resume" and self.phase == PAUSED:
-            # The operator may have moved a hand or the foot during the pause.
-            self._release_pedal("resume")
-            self.phase = self._resume_to
-        elif do == "reset" and self.phase != OVER:
-            self.judge.interrupted(self.ticks, "instructor")
-            self._restart("reset")
-        elif do == "end":
-            self._end("interrupted" if command.get("by") == "terminal" else "instructor")
-        elif do == "cue":
-            self.cue_on = bool(command.get("on"))
-            self.judge.cue_on = self.cue_on
+                self.director.command(command)
+            case "start" if not self.over:
+                self._start("instructor")
+            case "pause" if self.phase not in (PAUSED, OVER):
+                self.judge.interrupted(self.ticks, "instructor")
+                self._resume_to, self.phase = self.phase, PAUSED
+            case "resume" if self.phase == PAUSED:
+                # The operator may have moved a hand or the foot during the pause.
+                self._release_pedal("resume")
+                self.phase = self._resume_to
+            case "reset" if not self.over:
+                self.judge.interrupted(self.ticks, "instructor")
+                self._restart("reset")
+            case "end":
+                self._end("interrupted" if command.get("by") == "terminal" else "instructor")
+            case "cue":
+                self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
     def _release_pedal(self, why: str, own: bool = False) -> None:
         """Treat the pedal as up until the operator has lifted it.
