@@ -129,9 +129,12 @@ class Task:
     def _score(self) -> float:
         return self.progress
 
-    def _finish(self, tick: int) -> None:
-        self.done, self.target, self.progress = True, -1, 1.0
-        self._record(tick, "task_done")
+    def _advance(self, tick: int, share: float) -> None:
+        """Set the progress. A share of 1 ends the task."""
+        self.progress = min(share, 1.0)
+        if share >= 1.0:
+            self.done, self.target = True, -1
+            self._record(tick, "task_done")
 
     def _record(self, tick: int, kind: str, **what: Any) -> None:
         self._events.append({"tick": tick, "kind": kind, **what})
@@ -184,9 +187,7 @@ class PathTask(Task):
         if self._at // POINTS > lap and len(self._arms) > 1:
             self._on = False
         self.target = self._at % POINTS
-        self.progress = self._at / (POINTS * self.settings.laps)
-        if self._at >= POINTS * self.settings.laps:
-            self._finish(tick)
+        self._advance(tick, self._at / (POINTS * self.settings.laps))
 
     def restart(self) -> None:
         self._on = False
@@ -275,13 +276,11 @@ class PegTask(Task):
         if math.dist(self.object, peg) <= self._tolerance_m:
             self.object = peg
             self.placed += 1
-            self.progress = self.placed / self.settings.transfers
         else:
             self.object = (x, y, min(z, tissue_height(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
         self._record_object(tick)
-        if self.placed == self.settings.transfers:
-            self._finish(tick)
+        self._advance(tick, self.placed / self.settings.transfers)
 
     def _record_object(self, tick: int) -> None:
         self._record(tick, "object", held=self.held or "", at=round_point(self.object))
@@ -331,8 +330,20 @@ class ReachTask(Task):
         before = dict(field.begin)
         for k in range(settings.targets):
             arm = field.arms[k % len(field.arms)]
-            before[arm] = _draw(settings, field.middle, rng, before[arm])
+            before[arm] = self._draw(rng, before[arm])
             self.targets.append((arm, before[arm]))
+
+    def _draw(self, rng: np.random.Generator, before: Point) -> Point:
+        """Return a random point not too near to `before`; in a small box the farthest of 20."""
+        extent = self.settings.extent_mm / 1e3
+        points = []
+        for _ in range(20):
+            x, y = (float(middle + rng.uniform(-extent, extent)) for middle in self._field.middle)
+            above = float(rng.uniform(*self.settings.height_mm)) / 1e3
+            points.append((x, y, tissue_height(x, y) + above))
+            if math.dist(points[-1], before) > LEAST_WAY_M:
+                return points[-1]
+        return max(points, key=lambda point: math.dist(point, before))
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
@@ -345,9 +356,7 @@ class ReachTask(Task):
             return
         self._inside_ms = 0
         self.target += 1
-        self.progress = self.target / len(self.targets)
-        if self.target == len(self.targets):
-            self._finish(tick)
+        self._advance(tick, self.target / len(self.targets))
 
     def restart(self) -> None:
         self._inside_ms = 0
@@ -408,20 +417,18 @@ class LevelsTask(Task):
 
     def _judge(self, tick: int) -> None:
         # Ends a round, and the level after enough rounds in a row within the time.
-        level, levels = self._level, len(self.settings.level)
+        level, needs = self._level, self.settings.in_a_row
         took = tick - (self._begun or 0)
         within = took <= 1000.0 * self.settings.level[level].within_s
         self._rounds_ms[level].append(took)
         self._in_a_row = self._in_a_row + 1 if within else 0
         self._begun = None
-        if self._in_a_row == self.settings.in_a_row:
+        if self._in_a_row == needs:
             self._level, self._in_a_row = level + 1, 0
-        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / levels
-        if self._level == levels:
-            self._finish(tick)
-            return
-        self._reach = self._round(self._level)
-        self._record_level(tick, took, within)
+        self._advance(tick, (self._level + self._in_a_row / needs) / len(self.settings.level))
+        if not self.done:
+            self._reach = self._round(self._level)
+            self._record_level(tick, took, within)
 
     def _record_level(self, tick: int, took_ms: int | None = None, within: bool = False) -> None:
         level = self.settings.level[self._level]
@@ -458,21 +465,6 @@ class LevelsTask(Task):
             "levels_proficient": self._level,
             "rounds_s_of_level": [[ms / 1000.0 for ms in rounds] for rounds in self._rounds_ms],
         }
-
-
-def _draw(
-    settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
-) -> Point:
-    """Return a random point that is not too near to `before`; in a small box the farthest of 20."""
-    extent = settings.extent_mm / 1e3
-    points = []
-    for _ in range(20):
-        x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
-        point = (x, y, tissue_height(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
-        if math.dist(point, before) > LEAST_WAY_M:
-            return point
-        points.append(point)
-    return max(points, key=lambda point: math.dist(point, before))
 
 
 def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:

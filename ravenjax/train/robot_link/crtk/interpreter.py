@@ -201,7 +201,7 @@ class OperatingState:
     def state(self) -> str:
         if self._lost:
             return "FAULT"
-        if self._stopped or self.runlevel == E_STOP:
+        if self._stopped:
             return "DISABLED" if self._disabled else "FAULT"
         if self.runlevel == INIT or self.other_drives:
             return "ENABLED"
@@ -283,18 +283,18 @@ class OperatingState:
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
         """Process the robot's state. connected: to a command publisher. lost: without reports."""
-        was_stopped = self._stopped or self.runlevel == E_STOP
+        was_stopped = self._stopped
         if lost and not self._lost:
             # Only the pedal goes up: a robot that was enabled stays enabled.
             self._release("lost")
-        self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
-        is_stopped = stopped or runlevel == E_STOP
-        if is_stopped and not was_stopped:
+        self.runlevel, self._lost = runlevel, lost
+        self._stopped = stopped or runlevel == E_STOP
+        if self._stopped and not was_stopped:
             self._release("stopped")
             self._disabled = False
-        if is_stopped and self._disabling:
+        if self._stopped and self._disabling:
             self._disabled, self._disabling = True, False
-        if self._restarting and not (is_stopped or lost) and runlevel == PEDAL_UP:
+        if self._restarting and not (stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
         if self.pedal or runlevel != PEDAL_DOWN:
