@@ -38,7 +38,6 @@ from ravenjax.train.protocol import Command, Frame, Json
 from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario import Armable, Harm, Scenario
 from ravenjax.vocabulary import checks
-from ravenjax.vocabulary.checks import Check
 
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
@@ -208,7 +207,7 @@ class Episode:
         self.cue_ms = tick
         self._originate(tick)
 
-    def record_trip(self, tick: int, check: Check) -> bool:
+    def record_trip(self, tick: int, check: checks.Check) -> bool:
         """Record a check that the golden run did not trip. Return whether its response is new."""
         if check.response in self.checks:
             return False
@@ -236,7 +235,7 @@ class Episode:
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
             self.record(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def record_response(self, tick: int, what: str, at: int | None = None) -> None:
+    def record_response(self, tick: int, what: str, at: int | None) -> None:
         """Record a response, if it is the first of its kind after the origin.
 
         at: when the response began, if that was before this tick.
@@ -411,7 +410,7 @@ SEEN = ("known", "unintended", "unintended_off", "loss")
 class Trip(NamedTuple):
     """One or more trips of a check since the last reading of the counters."""
 
-    check: Check
+    check: checks.Check
     # ms of the session: exact for a check's first trip, otherwise the time of the reading.
     ms: int
     # Whether the check has tripped more often than in the golden run.
@@ -668,7 +667,7 @@ class Judge:
     def _struck_episode(self) -> Episode | None:
         return self._episode if self._episode is not None and self._episode.struck else None
 
-    def read_checks(self, outcomes: Json, golden: Json | None = None) -> None:
+    def read_checks(self, outcomes: Json, golden: Json | None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no

@@ -10,6 +10,7 @@ This code runs in the server's event loop. A slow window skips frames and gets t
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -78,12 +79,14 @@ _MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
 )
 
 
+@dataclasses.dataclass(frozen=True)
 class Inbox:
     """Checks the messages of the browsers of one session."""
 
-    def __init__(self, arms: tuple[str, ...], hazards: int, blinded: bool) -> None:
-        """hazards: number of hazards in the session's list."""
-        self._arms, self._hazards, self._blinded = arms, hazards, blinded
+    arms: tuple[str, ...]
+    hazards: int
+    """Number of hazards in the session's list."""
+    blinded: bool
 
     def read(self, message: str | bytes, role: str) -> Json:
         """Return a message of `protocol`, or one of type "page". Raises RefusedMessage."""
@@ -112,14 +115,14 @@ class Inbox:
     def _require_sense(self, name: str, content: Json) -> None:
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
-            if arm not in self._arms:
-                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
+            if arm not in self.arms:
+                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self.arms)}")
         if len(json.dumps(content.get("text", ""))) > NOTE:
             raise RefusedMessage(f"a note of more than {NOTE} bytes")
-        if name == "instructor cue" and self._blinded:
+        if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
-        if content.get("hazard", -1) >= self._hazards:
-            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
+        if content.get("hazard", -1) >= self.hazards:
+            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self.hazards}")
         if "scenario" in content:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading

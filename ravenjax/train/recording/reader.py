@@ -12,7 +12,6 @@ import io
 import statistics
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from ravenjax.train.protocol import FrameLayout, Json
 from ravenjax.train.robot import ARMS
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class SessionFolder:
     """A session's folder and its session.json."""
 

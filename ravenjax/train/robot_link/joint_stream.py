@@ -147,9 +147,7 @@ ListenerOrder = tuple[LineConnection, Json]
 class JointServer:
     """A TCP port for listeners. Call `poll` and `publish` once a tick; they never wait."""
 
-    def __init__(
-        self, greeting: Json, host: str, port: int = JOINT_PORT, token: str | None = None
-    ) -> None:
+    def __init__(self, greeting: Json, host: str, port: int, token: str | None = None) -> None:
         """greeting: first line to each listener. Raises UserError if the port cannot be opened."""
         self._greeting, self._token = encode_line(greeting), token
         with refuse_errors(

@@ -24,7 +24,6 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
-from ravenjax.hazards.library import Hazard
 from ravenjax.train.robot import ROBOT, Arms
 from ravenjax.train.scenario.config import INSTRUCTOR, MOST_FAULTS, Entry, Levels, Scenario
 from ravenjax.vocabulary.effects import FIELDS
@@ -83,7 +82,7 @@ class Armable:
         return {key: value for key, value in vars(self).items() if key not in hidden}
 
 
-def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
+def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, ...]:
     """Return the right responses of a scenario's entry, by default those of the library."""
     if entry.right_response is not None:
         return entry.right_response

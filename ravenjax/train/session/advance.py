@@ -39,7 +39,6 @@ from ravenjax.train.protocol import (
     encode,
 )
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
-from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session import hands
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
@@ -72,7 +71,7 @@ class Director:
     _up = 0  # ms since the pedal came up
     _stop = False  # the instructor disarms the hazard
 
-    def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
+    def __init__(self, hazards: Sequence[scenario.Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
         rng = np.random.default_rng([seed, 3])
         self.plan = sorted(
@@ -165,7 +164,7 @@ class Session:
 
     def __init__(
         self,
-        chosen: Scenario,
+        chosen: scenario.Scenario,
         seed: int,
         *,
         cue: bool | None = None,

@@ -86,7 +86,7 @@ class DdsTransport:
         del self._participant
 
 
-def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
+def _quality(*, latched: bool, reliable: bool = True) -> Any:
     kinds = Policy.Reliability
     return Qos(
         kinds.Reliable(duration(milliseconds=1)) if reliable else kinds.BestEffort,

@@ -33,7 +33,6 @@ from ravenjax.train.robot import (
     tip_twist,
 )
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
 from ravenjax.train.robot_link.itp import STILL
 from ravenjax.train.session.console_arbiter import REASONS, RELEASED
 
@@ -351,7 +350,7 @@ class Interpreter:
         self,
         arms: Sequence[ArmName],
         tools: Sequence[str],
-        types: MessageTypes,
+        types: messages.MessageTypes,
         grasp_gain: int = 1,
         contact: bool = False,
         refused: Say = lambda _: None,
@@ -362,7 +361,7 @@ class Interpreter:
         """Reasons why messages were ignored. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
-            ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
+            messages.ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
         self._orders: list[Command] = []
