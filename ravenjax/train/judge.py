@@ -261,12 +261,6 @@ class Episode:
             return is_late or any(what != "slow" for what in self.responses)
         return is_late or self.answer()[1]
 
-    def interrupt(self, tick: int, by: str) -> None:
-        """Record that something other than the operator ended the active, undecided hazard."""
-        if self.struck and not self.interrupted and not self.is_decided(tick):
-            self.interrupted = True
-            self.record(tick, "interrupted", by=by)
-
     def is_right(self, what: str) -> bool:
         """Whether this response, which the operator gave, is right and in time."""
         return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
@@ -752,8 +746,10 @@ class Judge:
 
     def interrupted(self, tick: int, by: str) -> None:
         """Record that something other than the operator ended the active, undecided hazard."""
-        if self._episode is not None:
-            self._episode.interrupt(tick, by)
+        episode = self._struck_episode()
+        if episode and not episode.interrupted and not episode.is_decided(tick):
+            episode.interrupted = True
+            episode.record(tick, "interrupted", by=by)
 
 
 class _Arm:

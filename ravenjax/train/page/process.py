@@ -214,14 +214,12 @@ class PageServer:
         if (request.headers.get("Upgrade") or "").lower() == "websocket":
             return None
         path, parameters = urlsplit(request.path).path, query_parameters(request.path)
-        debrief = self._folder / DEBRIEF if self._folder else None
-        has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
-            has_table = self._folder is not None and (self._folder / TABLE).is_file()
-            ready = json.dumps({"ready": has_debrief, "table": has_table}).encode()
-            return _response(HTTPStatus.OK, "application/json", ready)
-        if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
-            return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())
+            files = {"ready": DEBRIEF, "table": TABLE}
+            has = {name: _has_file(self._folder, file) for name, file in files.items()}
+            return _response("application/json", json.dumps(has).encode())
+        if path == f"/{DEBRIEF}":
+            return _debrief(self._folder)
         if path.startswith("/sessions"):
             return self._earlier_session(path, parameters.get("instructor_token", ""))
         extra = {"Content-Encoding": "gzip"}
@@ -231,9 +229,9 @@ class PageServer:
             with_scene = "panel" if parameters.get("scene") == "off" else "scene"
             body = self._pages["inset" if "inset" in parameters else with_scene]
             extra["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
-            return _response(HTTPStatus.OK, _TYPES[".html"], body, extra)
+            return _response(_TYPES[".html"], body, extra)
         if path in self._files:
-            return _response(HTTPStatus.OK, *self._files[path], extra)
+            return _response(*self._files[path], extra)
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
@@ -243,32 +241,40 @@ class PageServer:
         # These take a while to import.
         from ravenjax.train.recording.reader import sessions_beside
 
-        sessions = {session.path.name: session for session in sessions_beside(self._folder.parent)}
+        sessions = sessions_beside(self._folder.parent)
         if path == "/sessions":
             from ravenjax.document import html
 
             template = html.template_environment("ravenjax.train").get_template("sessions.html.j2")
             text = template.render(
                 sessions=[*reversed(sessions.values())],
-                has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},
+                has_debrief={name: _has_file(s.path, DEBRIEF) for name, s in sessions.items()},
                 folder=str(self._folder.parent),
                 running=self._folder.name,
                 token=token,
             )
-            return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())
+            return _response(_TYPES[".html"], text.encode())
         name, _, file = unquote(path).removeprefix("/sessions/").rpartition("/")
-        if name in sessions and file == DEBRIEF and (sessions[name].path / DEBRIEF).is_file():
-            body = (sessions[name].path / DEBRIEF).read_bytes()
-            return _response(HTTPStatus.OK, _TYPES[".html"], body)
-        return _refusal(HTTPStatus.NOT_FOUND, "no such session")
+        return _debrief(sessions[name].path if name in sessions and file == DEBRIEF else None)
+
+
+def _has_file(folder: Path | None, name: str) -> bool:
+    return folder is not None and (folder / name).is_file()
+
+
+def _debrief(folder: Path | None) -> Response:
+    """Return the debrief in a session's folder; None: there is no such session."""
+    if folder is None or not _has_file(folder, DEBRIEF):
+        return _refusal(HTTPStatus.NOT_FOUND, "no such session, or no debrief yet")
+    return _response(_TYPES[".html"], (folder / DEBRIEF).read_bytes())
 
 
 def _refusal(status: HTTPStatus, text: str) -> Response:
-    return _response(status, "text/plain", f"{text}\n".encode())
+    return _response("text/plain", f"{text}\n".encode(), status=status)
 
 
 def _response(
-    status: HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None
+    kind: str, body: bytes, extra: dict[str, str] | None = None, status: HTTPStatus = HTTPStatus.OK
 ) -> Response:
     headers = {
         "Content-Type": kind,
@@ -278,8 +284,8 @@ def _response(
         "X-Frame-Options": "SAMEORIGIN",
         # The address may hold the token, so it must not appear in a referrer.
         "Referrer-Policy": "no-referrer",
-    }
-    return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
+    } | (extra or {})
+    return Response(status.value, status.phrase, Headers(headers), body)
 
 
 def _with_panel(client: str, late: str, panel: str) -> str:

@@ -41,6 +41,8 @@ from ravenjax.train.protocol import (
 from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
 Rgb = tuple[int, int, int]
+Shapes = dict[int, tuple[bytes, np.ndarray, np.ndarray]]
+"""Of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh."""
 
 LOOKS = resources.read_tables(__file__, "scene.toml")
 GOAL = (245, 61, 240)
@@ -195,11 +197,8 @@ def _rgb(colour: str) -> Rgb:
     return red, green, blue
 
 
-def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Return of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh.
-
-    The result is cached on disk, because its computation takes seconds.
-    """
+def read_shapes(model: mujoco.MjModel) -> Shapes:
+    """Return the shapes, cached on disk, because their computation takes seconds."""
     objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
@@ -228,7 +227,7 @@ class RobotFigure:
         layer: str,
         model: mujoco.MjModel,
         arms: Arms,
-        shapes: dict[int, tuple[bytes, np.ndarray, np.ndarray]],
+        shapes: Shapes,
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         self._data.qpos[:] = model.key("home").qpos

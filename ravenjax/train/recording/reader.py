@@ -61,8 +61,8 @@ class SessionFolder:
         return self.header.get("summary") or {}
 
 
-def sessions_beside(base: Path) -> list[SessionFolder]:
-    """Return the sessions in the subfolders of `base`, in the order of their start.
+def sessions_beside(base: Path) -> dict[str, SessionFolder]:
+    """Return the sessions in the subfolders of `base` by name, in the order of their start.
 
     Folders without a readable session.json are left out.
     """
@@ -72,7 +72,8 @@ def sessions_beside(base: Path) -> list[SessionFolder]:
             sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
         except StoreError:
             continue
-    return sorted(sessions, key=lambda session: session.order)
+    sessions.sort(key=lambda session: session.order)
+    return {session.path.name: session for session in sessions}
 
 
 TABLE = "hazards.csv"
