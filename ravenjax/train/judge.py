@@ -41,8 +41,8 @@ from ravenjax.vocabulary import checks
 
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
-_NAMES: dict[str, list[str]] = resources.read_tables(__file__, "judge.toml")
-"""Names of columns and of channels of a frame."""
+_NAMES: dict[str, Any] = resources.read_tables(__file__, "judge.toml")
+"""Names of columns, of channels of a frame and of events."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 SEEN_MM = AFFECTED_MM
@@ -224,7 +224,7 @@ class Episode:
         self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.record(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
+            self.record(tick, _NAMES["events"][name], arm=arm, mm=round(mm, 3))
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long a held pedal moved neither robot. Report a new loss of motion."""
@@ -233,7 +233,7 @@ class Episode:
         stopped = self.check_response == "stopped"
         self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
-            self.record(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, tick: int, what: str, at: int | None) -> None:
         """Record a response, if it is the first of its kind after the origin.
@@ -394,9 +394,6 @@ COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check, ms."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
-_NAMED = ("unintended_motion", "loss_of_motion", "false_report")
-_EVENTS = dict(zip(DISTANCES, _NAMED, strict=True))
-"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
 SEEN = ("known", "unintended", "unintended_off", "loss")
 """Distances of a frame that a person may see at the console."""
 
@@ -450,6 +447,7 @@ class Trips:
         self._counts = Counter()
 
 
+@dataclasses.dataclass
 class SlowdownDetector:
     """Detects that the operator slows down, from running means of the speed of both hands.
 
@@ -457,6 +455,7 @@ class SlowdownDetector:
     held at a target. Speeds are those of the tip, mm/s.
     """
 
+    scale: float
     _before: list[float] | None = None
     usual = present = 0.0
     # mm/s; the hands are slow below this limit.
@@ -466,16 +465,13 @@ class SlowdownDetector:
     slowed = -1
     """Tick at which a lasting slow-down began; -1 without one."""
 
-    def __init__(self, scale: float) -> None:
-        self._scale = scale
-
     def step(self, tick: int, hands: list[float]) -> None:
         """Read the hands' positions in this tick: um before scaling, three numbers per hand."""
         before, self._before = self._before, hands
         if before is None:
             return
         # um/ms is mm/s
-        speed = self._scale * math.dist(hands, before)
+        speed = self.scale * math.dist(hands, before)
         self.usual += _USUAL * (speed - self.usual)
         self.present += _PRESENT * (speed - self.present)
         if self.present >= self._limit:

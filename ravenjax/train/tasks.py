@@ -40,7 +40,7 @@ at home. The generated motion of a peg transfer closes the jaws to 0.67.
 LIFT_M = 0.008
 """Height above pegs at which a simulated operator moves the object."""
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
-PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
+PEG_COLOUR, OBJECT_COLOUR = "#8a8f98", "#c8553d"
 LEAST_WAY_M = 0.005
 """The least distance between two successive targets."""
 TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
@@ -304,11 +304,8 @@ class PegTask(Task):
 
     def _shapes(self) -> Json:
         height = {"height_m": self.settings.height_mm / 1e3}
-        pegs = [
-            _spot(k, top, PEG_RADIUS_M, PEG_COLOURS["peg"]) | height
-            for k, top in enumerate(self.pegs)
-        ]
-        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, PEG_COLOURS["object"])
+        pegs = [_spot(k, top, PEG_RADIUS_M, PEG_COLOUR) | height for k, top in enumerate(self.pegs)]
+        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
         turns = {"arms": self._arms, "of": self.settings.transfers}
         return {"pegs": pegs, "object": thing, "turns": turns}
 

@@ -134,24 +134,25 @@ class Inbox:
                 )
 
 
+@dataclasses.dataclass(frozen=True)
 class Visibility:
     """What one role sees of one session."""
 
-    def __init__(self, layout: FrameLayout, role: str, blinded: bool) -> None:
-        self._layout, self._blinded = layout, blinded
-        self._is_instructor = role == "instructor"
+    layout: FrameLayout
+    role: str
+    blinded: bool
 
     def shows_event(self, event: Event) -> bool:
         kind = event.get("kind", "")
-        if self._is_instructor:
-            return kind != "hazard_row" and not (self._blinded and kind == "cue")
-        felt = [] if self._blinded else _SEEN["felt_events"]
+        if self.role == "instructor":
+            return kind != "hazard_row" and not (self.blinded and kind == "cue")
+        felt = [] if self.blinded else _SEEN["felt_events"]
         return kind in _SEEN["operators_events"] or kind in felt
 
     def header(self, header: Json) -> Json:
         """Return the session's header without the hidden entries."""
-        hidden = [] if self._is_instructor else _SEEN["instructors_header"]
-        if self._blinded:
+        hidden = [] if self.role == "instructor" else _SEEN["instructors_header"]
+        if self.blinded:
             hidden = hidden + _SEEN["unblinded_header"]
         scenario = header.get("scenario") or {}
         words = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
@@ -163,21 +164,21 @@ class Visibility:
         Values that the role may not see are replaced. With the cue off, operators see no force;
         the instructor sees the force that the cue would have.
         """
-        frame, extras = Frame(self._layout, row.copy()), extras.copy()
+        frame, extras = Frame(self.layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
-        if self._blinded:
+        if self.blinded:
             frame["cue_on"] = 1
-        if not self._is_instructor:
+        if self.role != "instructor":
             frame["hazard"] = -1
             for name in _SEEN["instructors_channels"]:
                 frame[name] = 0
-            for i, arm in enumerate(self._layout.arms):
+            for i, arm in enumerate(self.layout.arms):
                 for name in _SEEN["instructors_arm_channels"]:
                     frame[f"{arm}/{name}"] = 0
                 if not is_felt:
                     extras[i, 1] = 0
                     frame[f"{arm}/force"] = 0
-                if self._blinded:
+                if self.blinded:
                     frame[f"{arm}/error_mm"] = extras[i, 0] = 0
                     frame[f"{arm}/model_jpos"] = frame[f"{arm}/link_jpos"]
                     frame[f"{arm}/model_tip"] = extras[i, 2:] = frame[f"{arm}/tip"]

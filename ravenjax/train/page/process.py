@@ -4,6 +4,7 @@ sends frames and events to the browser windows.
 
 import asyncio
 import contextlib
+import dataclasses
 import gzip
 import io
 import json
@@ -41,12 +42,13 @@ describe_place(ARMS)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
+@dataclasses.dataclass(frozen=True)
 class Auth:
     """Checks the requests of one server: host, origin and token."""
 
-    def __init__(self, host: str, token: str | None, port: int) -> None:
-        self._names = {*LOOPBACK, host}
-        self._token, self.port = token, port
+    host: str
+    token: str | None
+    port: int
 
     def refusal(self, request: Request) -> str | None:
         """Return why this request is refused; None if it is allowed."""
@@ -67,14 +69,16 @@ class Auth:
         name, _, port = (host or "").lower().rpartition(":")
         # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
         # this host are unknown.
-        is_own = self._token is not None or (name in self._names and port == str(self.port))
+        is_own = self.token is not None or (
+            name in (*LOOPBACK, self.host) and port == str(self.port)
+        )
         if host is None or not is_own:
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
         if upgrade is None and site == "cross-site":
             return "another site asks for it"
-        if self._token is None:
+        if self.token is None:
             return None
         words = [query_parameters(request.path).get("token", "")]
         try:
@@ -82,7 +86,7 @@ class Auth:
             words += [cookie.value] if cookie else []
         except CookieError:
             pass
-        if not any(same_secret(word, self._token) for word in words):
+        if not any(same_secret(word, self.token) for word in words):
             return (
                 "the token is missing or wrong: open the address that was printed, with ?token=..."
             )
@@ -90,9 +94,9 @@ class Auth:
 
     def cookie(self, request: Request) -> str | None:
         """Return the cookie to set if the address has a token, so that later requests carry it."""
-        if self._token is None or not query_parameters(request.path).get("token"):
+        if self.token is None or not query_parameters(request.path).get("token"):
             return None
-        return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"
+        return f"{self._cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
     @property
     def _cookie_name(self) -> str:

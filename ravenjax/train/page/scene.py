@@ -87,7 +87,7 @@ class DepthLine:
     def show(self, tip: np.ndarray) -> None:
         """Follow the tip, world, m."""
         self._letter.position = tip + LOOKS["above_tip"]
-        foot = np.array([tip[0], tip[1], tissue_height(float(tip[0]), float(tip[1]))])
+        foot = np.array([*tip[:2], tissue_height(*tip[:2])])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
         )
@@ -333,7 +333,7 @@ class Scene:
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
-        return min(ends, key=lambda end: end[2] - tissue_height(float(end[0]), float(end[1])))
+        return min(ends, key=lambda end: end[2] - tissue_height(*end[:2]))
 
     def follow(self, event: Event) -> None:
         """Process an event of the session. Only events of kind "object" change the scene."""
@@ -389,9 +389,9 @@ class Windows:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            for name, known in list(self._clients.items()):
-                if known.client_id == client.client_id:
-                    del self._clients[name]
+            left = client.client_id
+            clients = self._clients.items()
+            self._clients = {name: other for name, other in clients if other.client_id != left}
 
     def obey(self, client: Client, message: Command) -> None:
         """Set a window's camera, as its message {"do": "camera", "name"} requests."""

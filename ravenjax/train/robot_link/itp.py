@@ -269,6 +269,7 @@ class ItpServer:
 
     last_sequence = 0  # number of the console's packet accepted last
     _pedal = False
+    _taken_ms = -math.inf
     _sent = 0
 
     def __init__(
@@ -289,7 +290,6 @@ class ItpServer:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             self._socket.bind((host, port))
-        self._taken_ms = float("-inf")
         self._present = sum(1 << ARMS.index(arm) for arm in gate.arms)
 
     @property

@@ -220,10 +220,10 @@ class RobotLink:
 
     report: JointReport | None = None  # the newest report
     lost = False  # whether the connection to the robot has ended
+    _arrived_ms = float("-inf")
 
     def __init__(self, host: str, itp_port: int) -> None:
         """Raises UserError if the host has no address."""
-        self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with refuse_errors(
             f"no robot can be reached at {host}:{itp_port}",

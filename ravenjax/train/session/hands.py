@@ -81,7 +81,7 @@ class Hands:
                 hand.step()
             else:
                 hand.stop()
-            hand.fill(values, self._scale)
+            values += hand.columns(self._scale)
         values.append(1.0 if alive and self._pedal else 0.0)
         self.columns[:] = values
         return self
@@ -168,10 +168,10 @@ class _Hand:
         if quat != LEVEL:
             self._quat = turn_by(self._quat, quat)
 
-    def fill(self, values: list[float], scale: float) -> None:
+    def columns(self, scale: float) -> list[float]:
         per_um = 1.0 / scale
-        values += [_beyond(position) * per_um for position in self._x]
-        values += (*self._quat, _beyond(self._grasped))
+        position = (_beyond(x) * per_um for x in self._x)
+        return [*position, *self._quat, _beyond(self._grasped)]
 
     def move_to(self, values: list[float], scale: float) -> None:
         """Set the position from the arm's columns in a row of motion."""

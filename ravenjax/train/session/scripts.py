@@ -3,7 +3,7 @@ of a file. Both are deterministic, so a session can be repeated exactly.
 """
 
 import collections
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -139,19 +139,19 @@ class Scripted:
 
     def __init__(self, script: str, session: Session) -> None:
         """script: one of `REACTIONS`, or a file of commands, which are repeated at their ticks."""
-        self._session, self._follower = session, None
+        self._session = session
+        self._messages: Callable[[int, Frame], list[Command]] = lambda *_: []
         self._recorded: collections.deque[tuple[int, Command]] = collections.deque()
         if script in REACTIONS:
             speeds = session.scenario.speeds
-            self._follower = Follower(session.task, session.arms, speeds, script)
+            self._messages = Follower(session.task, session.arms, speeds, script).messages
         else:
             self._recorded.extend(sorted(read_commands(script), key=lambda pair: pair[0]))
 
     def poll(self) -> list[Command]:
         """Return the commands before this tick."""
-        session, commands = self._session, []
-        if self._follower is not None:
-            commands = self._follower.messages(session.ticks, session.frame)
+        session = self._session
+        commands = self._messages(session.ticks, session.frame)
         while self._recorded and self._recorded[0][0] <= session.ticks:
             commands.append(dict(self._recorded.popleft()[1]))
         if session.ticks == UNATTENDED_MS and session.started is None:

@@ -6,6 +6,7 @@ also contain a number.
 """
 
 import math
+from collections import ChainMap
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -24,7 +25,7 @@ ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """Arm names of raven2's own CRTK interface."""
 _TOPICS = resources.read_tables(__file__, "topics.toml")
 _DEFINITIONS = _TOPICS.pop("definitions")
-_KINDS = {name: kind for topics in _TOPICS.values() for name, kind in topics.items()}
+_KINDS = ChainMap(*_TOPICS.values())
 SERVO = tuple(_TOPICS["servo"])
 
 
