@@ -700,8 +700,22 @@ class Judge:
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
         # Measures the effect of the hazard in this tick, and detects responses of the operator.
+        peaks = episode.peak_mm
         for arm in self._arms:
-            self._measure(tick, row, arm, episode)
+            if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
+                episode.record_knowable(tick, "tip")
+            for name, place in arm.distances:
+                mm = row[place]
+                # An unknown distance is NaN, for which this comparison is false.
+                if mm > peaks[name]:
+                    episode.record_peak(tick, name, mm, arm.name)
+            if self._live:
+                unintended, depth = row[arm.unintended], row[arm.depth]
+                # `max` ignores a NaN as its second argument.
+                episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
+                episode.deepest_mm = max(episode.deepest_mm, depth)
+                # The fault added at most as much depth as it added motion.
+                episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
         self._was_down = self._was_down and pedal != 0.0
         if self._was_down and not self._live and not episode.halted and not self._pressed:
             episode.halted = True
@@ -716,25 +730,6 @@ class Judge:
             self._respond(tick, "release")
         if pedal and self._live and self._slowdown.slowed >= 0:
             self._respond(tick, "slow", self._slowdown.slowed)
-
-    def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
-        # Updates the largest distances, error and depth of one arm during the hazard.
-        if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
-            episode.record_knowable(tick, "tip")
-        peaks = episode.peak_mm
-        for name, place in arm.distances:
-            mm = row[place]
-            # An unknown distance is NaN, for which this comparison is false.
-            if mm > peaks[name]:
-                episode.record_peak(tick, name, mm, arm.name)
-        if not self._live:
-            return
-        unintended, depth = row[arm.unintended], row[arm.depth]
-        # `max` ignores a NaN as its second argument.
-        episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
-        episode.deepest_mm = max(episode.deepest_mm, depth)
-        # The fault added at most as much depth as it added motion.
-        episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
         if episode := self._struck_episode():

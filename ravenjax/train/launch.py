@@ -189,8 +189,10 @@ def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptio
         setting = scenario.load_scenario(wish["scenario"])
     who, seed = wish.get("participant", options.participant), wish.get("seed", setting.seed)
     folder = fresh_folder(setting.name, who, seed, options.folder.parent)
-    more = {"scenario": setting, "participant": who, "seed": seed, "folder": folder}
-    return dataclasses.replace(options, **more, port=last.port or options.port)
+    port = last.port or options.port
+    return dataclasses.replace(
+        options, scenario=setting, participant=who, seed=seed, folder=folder, port=port
+    )
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:

@@ -54,7 +54,7 @@ RING_M = (0.004, 0.03)
 """Least and greatest radius of the ring around the goal."""
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
-_FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+_FLAT: Json = {"cast_shadow": False, "receive_shadow": False}
 _NOWHERE = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
 """A ghost disappears below the first distance from the robot and appears above the second."""

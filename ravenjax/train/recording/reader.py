@@ -143,7 +143,7 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
         return not channels or name.rstrip("/0123456789").rpartition("/")[2] in channels
 
     log = session_log.read_session_log(path, keeps)
-    layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
+    layout = FrameLayout.of(tuple(arm for arm in ARMS if f"{arm}/jpos/0" in log.names))
     if layout.names() != log.names:
         raise StoreError(
             f"{path} was recorded by another version of ravenjax, with other channels; read it with"

@@ -175,10 +175,9 @@ class DistantRobot:
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
     def _lose(self) -> None:
-        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
+        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active", "live"):
             self._frame[name] = 0
         self._reported.runlevel[0] = E_STOP
-        self._frame["live"] = False
         for arm in self.arms:
             self._frame[f"{arm}/force"] = 0.0
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import (
     ARMS,
@@ -30,6 +30,7 @@ from ravenjax.train.robot import (
     UNDECIDED,
     V_STRUCT,
     ArmName,
+    Arms,
     ConsoleProfile,
     Misfit,
     Packet,
@@ -48,11 +49,11 @@ _LAST = 2**32 - 1  # largest packet number
 TAKEN = "accepted"
 CAUSES = tuple(WORDS["causes"])
 """Possible results of the checks of a datagram. Each datagram has exactly one result."""
-Increments = dict[str, Any]
+Increments = Json
 """A command "increments": the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y,
 z, w) and `grasp_mrad` (positive closes).
 """
-STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
 GOES_ON = (TAKEN, "restart", "skip")
@@ -85,7 +86,7 @@ class Gate:
 
     def __init__(
         self,
-        arms: Sequence[ArmName],
+        arms: Arms,
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
         say: Say = lambda _: None,
@@ -97,7 +98,7 @@ class Gate:
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
-        self.arms = tuple(arms)
+        self.arms = arms
         self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
@@ -413,8 +414,8 @@ class ItpConsole:
         if drives and frame.number("console_alive"):
             setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
             gain, cap = setting.contact.units_per_n, setting.cue.cap
-            arms = self._session.arms
-            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in arms}
+            for arm in self._session.arms:
+                forces[arm] = force_at_hand(frame, arm, gain, cap, cue_on)
         self._server.send_force(
             forces,
             int(frame.number("runlevel")),

@@ -12,7 +12,7 @@ import ipaddress
 import json
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
@@ -20,7 +20,7 @@ from pydantic_core import to_json
 from ravenjax.errors import UserError
 from ravenjax.train.page import same_secret
 from ravenjax.train.protocol import STALE_MS, Frame, Json
-from ravenjax.train.robot import UDP_PORT, ArmName
+from ravenjax.train.robot import UDP_PORT, Arms
 from ravenjax.train.robot_link import WORDS, refuse_errors
 
 JOINT_PORT = 36002
@@ -268,7 +268,7 @@ class RemoteRobot(RobotLink):
         host: str,
         itp_port: int = UDP_PORT,
         joint_port: int = JOINT_PORT,
-        arms: Sequence[ArmName] = (),
+        arms: Arms = (),
         token: str | None = None,
     ) -> None:
         """arms: the arms that the session needs. token: for orders to a robot on another machine.

@@ -15,7 +15,7 @@ from ravenjax.campaign.file.section import model_at
 from ravenjax.campaign.inspection.json_schema import of_model
 from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.train.robot import ROBOT
-from ravenjax.train.scenario.campaign import find_scenario_errors
+from ravenjax.train.scenario.campaign import Tables, find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
 
 FOLDER = "campaigns/training"
@@ -35,7 +35,7 @@ def bundled_scenarios() -> list[Path]:
 
 
 def from_dict(
-    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+    raw: Tables, source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
     """Return the scenario that TOML tables declare. Raises UserError with file, line and key."""
     raw, replaced = overriding.all_applied(raw, overrides)
@@ -53,7 +53,7 @@ def from_dict(
     return scenario
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> Tables:
     """Return the JSON Schema of a scenario file."""
     whole = of_model(ROBOT, Scenario)
     fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]

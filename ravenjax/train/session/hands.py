@@ -12,12 +12,11 @@ every position here is half a micrometre farther from zero than the intended who
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn_vector
-from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
+from ravenjax.train.robot import ARM_COLUMNS, ArmName, Arms, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
 STILL = (0.0,) * 7
@@ -47,9 +46,9 @@ class Hands:
     _heard = -1
     alive = False  # whether the last input is not stale
 
-    def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
+    def __init__(self, arms: Arms, scale: float, speeds: Speeds) -> None:
         """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
-        self.arms = tuple(arms)
+        self.arms = arms
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         # The hands in this tick, ordered as a row of `Motion.table`; the pedal is last.

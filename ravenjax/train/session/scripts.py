@@ -3,7 +3,7 @@ of a file. Both are deterministic, so a session can be repeated exactly.
 """
 
 import collections
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +22,7 @@ from ravenjax.train.protocol import (
     to_world,
     turn_vector,
 )
-from ravenjax.train.robot import PEDAL_DOWN, ArmName
+from ravenjax.train.robot import PEDAL_DOWN, ArmName, Arms
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
@@ -62,11 +62,9 @@ class Follower:
     _felt = False
     _waited = 0  # ms for which the robot has not moved with the pedal down
 
-    def __init__(
-        self, task: Task, arms: Sequence[ArmName], speeds: Speeds, reaction: str = "release"
-    ) -> None:
+    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release") -> None:
         """reaction: one of `REACTIONS`."""
-        self._task, self._arms, self._reaction = task, tuple(arms), reaction
+        self._task, self._arms, self._reaction = task, arms, reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s  # share of full speed per m
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:

@@ -64,9 +64,9 @@ class DdsTransport:
         with contextlib.suppress(DDSException):
             self._writers[name].write(data.of(self.types.encode(message)))
 
-    def poll(self) -> list[tuple[str, Any]]:
+    def poll(self) -> messages.Arrivals:
         """Return topic and message of each arrival, oldest first within a topic."""
-        arrivals: list[tuple[str, Any]] = []
+        arrivals: messages.Arrivals = []
         for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)

@@ -27,6 +27,7 @@ from ravenjax.train.robot import (
     PEDAL_DOWN,
     PEDAL_UP,
     ArmName,
+    Arms,
     motor_matrix,
     soft_limits,
     tip_pose,
@@ -348,7 +349,7 @@ class Interpreter:
 
     def __init__(
         self,
-        arms: Sequence[ArmName],
+        arms: Arms,
         tools: Sequence[str],
         types: messages.MessageTypes,
         grasp_gain: int = 1,
@@ -505,7 +506,7 @@ class Interpreter:
         types, frame = self._types, row.frame
         told: list[Message] = []
         # Fields of ravenstate. Fields without a value in the simulation are zero.
-        raven: dict[str, Any] = {}
+        raven: Json = {}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)
