@@ -543,8 +543,9 @@ class Judge:
     def armed(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick."""
         self.disarmed(tick)
-        hazard, harm = self.hazards[number], self.scenario.harm
-        self._episode = Episode(hazard, harm, tick, self.cue_on, self._record)
+        self._episode = Episode(
+            self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
+        )
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
         self._episode.record(tick, "hazard_armed", row=known)
@@ -650,12 +651,12 @@ class Judge:
 
     def rows(self, **identity: Any) -> list[Json]:
         """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
-        episodes = self._over + ([] if self._episode is None else [self._episode])
-        rows = [identity | episode.row() for episode in episodes]
+        episodes = (*self._over, self._episode)
+        rows = [identity | episode.row() for episode in episodes if episode]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
 
     def _struck_episode(self) -> Episode | None:
-        return self._episode if self._episode is not None and self._episode.struck else None
+        return self._episode if self._episode and self._episode.struck else None
 
     def read_checks(self, outcomes: Json, golden: Json | None) -> None:
         """Record the trips of the robot's checks since the last reading.

@@ -185,15 +185,17 @@ class Visibility:
         return np.concatenate([extras.ravel(), frame.row]).astype(np.float32).tobytes()
 
 
+@dataclasses.dataclass(eq=False)
 class Client:
     """The socket of one window."""
 
-    def __init__(
-        self, connection: ServerConnection, role: str, window: str, instructs: bool
-    ) -> None:
-        """instructs: whether the window has the instructor's token."""
-        self.connection, self.role, self.window = connection, role, window
-        self.instructs = instructs
+    connection: ServerConnection
+    role: str
+    window: str
+    instructs: bool
+    """Whether the window has the instructor's token."""
+
+    def __post_init__(self) -> None:
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()

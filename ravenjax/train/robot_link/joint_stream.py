@@ -36,12 +36,16 @@ PATIENCE_S = 10.0
 """The longest time that a busy robot may take to accept a session."""
 
 
+TrippedChecks = dict[str, tuple[int, int]]
+"""Number of trips of each check that has tripped, and tick of its first trip."""
+
+
 class JointReport(BaseModel):
     """A robot's report on one tick."""
 
     tick: int
     last_seq: int
-    checks: dict[str, tuple[int, int]] = {}
+    checks: TrippedChecks = {}
     channels: dict[str, list[float]]
 
     @field_validator("channels")
@@ -74,9 +78,7 @@ class JointReport(BaseModel):
                     frame[f"{arm}/{truth[quantity]}"] = numbers
 
 
-def encode_report(
-    frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
-) -> bytes:
+def encode_report(frame: Frame, tick: int, last_seq: int, checks: TrippedChecks) -> bytes:
     """Return a report as a line. The arguments are those of `JointReport`."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_OF_ROBOT, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
@@ -263,6 +265,8 @@ class RobotLink:
 class RemoteRobot(RobotLink):
     """A robot in another process that sends a joint stream."""
 
+    _resets = 0  # number of orders "reset" without an answer so far
+
     def __init__(
         self,
         host: str,
@@ -277,7 +281,6 @@ class RemoteRobot(RobotLink):
         """
         super().__init__(host, itp_port)
         self._token = token
-        self._resets = 0  # number of orders "reset" without an answer so far
         # The robot's greeting: its arms, scenario, seed and hazards.
         self.greeting: Json = {}
         with refuse_errors(

@@ -34,7 +34,7 @@ from ravenjax.train.robot_link.itp import (
     merge_commands,
     packet_of,
 )
-from ravenjax.train.robot_link.joint_stream import JointServer, encode_report
+from ravenjax.train.robot_link.joint_stream import JointServer, TrippedChecks, encode_report
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
     NOBODY,
@@ -67,8 +67,7 @@ class PacketSession:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
         self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), PedalReasons(say)
-        self.checks: dict[str, tuple[int, int]] = {}
-        """(Count, tick of the first) of the trips of each check, as in `JointReport.checks`."""
+        self.checks: TrippedChecks = {}
 
     def move(self, commands: list[Command]) -> None:
         """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""

@@ -77,8 +77,9 @@ class PedalReasons:
 class DoublePress:
     """Detects two short presses of a pedal, which begin and end a trial at a network console."""
 
+    _down = False
+
     def __init__(self) -> None:
-        self._down = False
         self._changes: deque[int] = deque(maxlen=4)
 
     def update(self, down: bool, tick: int) -> bool:
