@@ -34,7 +34,12 @@ from ravenjax.train.robot_link.itp import (
     merge_commands,
     packet_of,
 )
-from ravenjax.train.robot_link.joint_stream import JointServer, TrippedChecks, encode_report
+from ravenjax.train.robot_link.joint_stream import (
+    JOINT_PORT,
+    JointServer,
+    TrippedChecks,
+    encode_report,
+)
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
     NOBODY,
@@ -186,7 +191,11 @@ class ConsoleOptions:
 
 
 def run_robot(
-    chosen: scenario.Scenario, options: ConsoleOptions, seed: int | None, joint_port: int, say: Say
+    chosen: scenario.Scenario,
+    options: ConsoleOptions,
+    seed: int | None = None,
+    joint_port: int = JOINT_PORT,
+    say: Say = print,
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM.
 
