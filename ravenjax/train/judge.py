@@ -38,12 +38,11 @@ from ravenjax.train.protocol import Command, Frame, Json
 from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario import Armable, Harm, Scenario
 from ravenjax.vocabulary import checks
-from ravenjax.vocabulary.checks import Check
 
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
-_NAMES: dict[str, list[str]] = resources.read_tables(__file__, "judge.toml")
-"""Names of columns and of channels of a frame."""
+_NAMES: dict[str, Any] = resources.read_tables(__file__, "judge.toml")
+"""Names of columns, of channels of a frame and of events."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 SEEN_MM = AFFECTED_MM
@@ -152,6 +151,19 @@ COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 class Episode:
     """One hazard from arming to disarming."""
 
+    struck_ms: int | None = None
+    knowable_ms: int | None = None
+    knowable_by = ""
+    cue_ms: int | None = None
+    # Time of the first sign, cue or alarm, whichever is earliest.
+    origin_ms: int | None = None
+    halted = False
+    halted_ms, golden_halted_ms = 0, 0
+    peak_error_mm = 0.0
+    deepest_mm = -math.inf
+    _is_lost = False
+    interrupted = False
+
     def __init__(
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ) -> None:
@@ -159,32 +171,20 @@ class Episode:
         self.record = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
-        self.struck_ms: int | None = None
-        self.knowable_ms: int | None = None
-        self.knowable_by = ""
-        self.cue_ms: int | None = None
         # ms and name of the first check of each kind of response
         self.checks: dict[str, tuple[int, str]] = {}
-        # Time of the first sign, cue or alarm, whichever is earliest.
-        self.origin_ms: int | None = None
-        self.halted = False
-        self.halted_ms, self.golden_halted_ms = 0, 0
         # The arm on which the fault acts. If the fault acts on no arm: the one that moved farthest.
         self.arm = hazard.arm
-        self.peak_error_mm = 0.0
         # -1: not measured
         self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
         # When one of `DISTANCES` first exceeded the limit.
         self.first_ms: dict[str, int] = {}
-        self.deepest_mm = -math.inf
         # Each has two values: unintended motion and depth. `_done_mm` is what the fault caused,
         # `_spared_mm` is the part of it before a person could have acted.
         self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
-        self._is_lost = False
         # ms of the first response of each kind.
         self.responses: dict[str, int] = {}
-        self.interrupted = False
 
     @property
     def struck(self) -> bool:
@@ -207,7 +207,7 @@ class Episode:
         self.cue_ms = tick
         self._originate(tick)
 
-    def record_trip(self, tick: int, check: Check) -> bool:
+    def record_trip(self, tick: int, check: checks.Check) -> bool:
         """Record a check that the golden run did not trip. Return whether its response is new."""
         if check.response in self.checks:
             return False
@@ -224,7 +224,7 @@ class Episode:
         self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.record(tick, _EVENTS[name], arm=arm, mm=round(mm, 3))
+            self.record(tick, _NAMES["events"][name], arm=arm, mm=round(mm, 3))
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long a held pedal moved neither robot. Report a new loss of motion."""
@@ -233,9 +233,9 @@ class Episode:
         stopped = self.check_response == "stopped"
         self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         if self._is_lost and not was_lost and "loss" not in self.first_ms:
-            self.record(tick, _EVENTS["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def record_response(self, tick: int, what: str, at: int | None = None) -> None:
+    def record_response(self, tick: int, what: str, at: int | None) -> None:
         """Record a response, if it is the first of its kind after the origin.
 
         at: when the response began, if that was before this tick.
@@ -260,12 +260,6 @@ class Episode:
         if CONTINUE in self.hazard.right_response:
             return is_late or any(what != "slow" for what in self.responses)
         return is_late or self.answer()[1]
-
-    def interrupt(self, tick: int, by: str) -> None:
-        """Record that something other than the operator ended the active, undecided hazard."""
-        if self.struck and not self.interrupted and not self.is_decided(tick):
-            self.interrupted = True
-            self.record(tick, "interrupted", by=by)
 
     def is_right(self, what: str) -> bool:
         """Whether this response, which the operator gave, is right and in time."""
@@ -400,9 +394,6 @@ COUNT_EVERY_MS = 1000
 """The shortest time between two events "alarm_count" of one check, ms."""
 _OF_MOTION = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
-_NAMED = ("unintended_motion", "loss_of_motion", "false_report")
-_EVENTS = dict(zip(DISTANCES, _NAMED, strict=True))
-"""Event for each distance that exceeds the limit, named as in `ravenjax.outcomes.events`."""
 SEEN = ("known", "unintended", "unintended_off", "loss")
 """Distances of a frame that a person may see at the console."""
 
@@ -410,7 +401,7 @@ SEEN = ("known", "unintended", "unintended_off", "loss")
 class Trip(NamedTuple):
     """One or more trips of a check since the last reading of the counters."""
 
-    check: Check
+    check: checks.Check
     # ms of the session: exact for a check's first trip, otherwise the time of the reading.
     ms: int
     # Whether the check has tripped more often than in the golden run.
@@ -456,6 +447,7 @@ class Trips:
         self._counts = Counter()
 
 
+@dataclasses.dataclass
 class SlowdownDetector:
     """Detects that the operator slows down, from running means of the speed of both hands.
 
@@ -463,16 +455,15 @@ class SlowdownDetector:
     held at a target. Speeds are those of the tip, mm/s.
     """
 
-    def __init__(self, scale: float) -> None:
-        self._scale = scale
-        self._before: list[float] | None = None
-        self.usual = self.present = 0.0
-        # mm/s; the hands are slow below this limit.
-        self._limit = 0.0
-        # The tick since which the hands are slow.
-        self._since = _QUICK
-        self.slowed = -1
-        """Tick at which a lasting slow-down began; -1 without one."""
+    scale: float
+    _before: list[float] | None = None
+    usual = present = 0.0
+    # mm/s; the hands are slow below this limit.
+    _limit = 0.0
+    # The tick since which the hands are slow.
+    _since = _QUICK
+    slowed = -1
+    """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
         """Read the hands' positions in this tick: um before scaling, three numbers per hand."""
@@ -480,7 +471,7 @@ class SlowdownDetector:
         if before is None:
             return
         # um/ms is mm/s
-        speed = self._scale * math.dist(hands, before)
+        speed = self.scale * math.dist(hands, before)
         self.usual += _USUAL * (speed - self.usual)
         self.present += _PRESENT * (speed - self.present)
         if self.present >= self._limit:
@@ -512,6 +503,22 @@ class Judge:
     - `convert`: the operator sends a note that contains "convert"; the page's button does so.
     """
 
+    _episode: Episode | None = None
+    _arms: tuple[_Arm, ...] = ()
+    _pedal = False
+    # Whether the robot moved when the hazard became active, and the pedal was held since.
+    _was_down = False
+    _pressed = False  # whether the operator pressed the E-stop
+    # Whether the operator has handed the console over or left, and nobody has driven since.
+    _walked = False
+    _live = False
+    # The last ticks of session and robot.
+    _ticks = (0, 0)
+    # Whether the cue has acted in the golden run since the activation.
+    _golden_cue = False
+    # ms without motion although the pedal was held: of the robot and of its golden run.
+    _halted = _halted_at_strike = (0, 0)
+
     def __init__(
         self,
         scenario: Scenario,
@@ -524,35 +531,21 @@ class Judge:
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
         self._record = record
-        self._episode: Episode | None = None
         self._over: list[Episode] = []
         self._trips = Trips()
         # Counts of trips not reported yet, and the tick of each check's last report.
         self._alarms: dict[str, int] = {}
         self._counted_at: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
-        self._arms: tuple[_Arm, ...] = ()
-        self._pedal = False
-        # Whether the robot moved when the hazard became active, and the pedal was held since.
-        self._was_down = False
-        self._pressed = False  # whether the operator pressed the E-stop
-        # Whether the operator has handed the console over or left, and nobody has driven since.
-        self._walked = False
-        self._live = False
-        # The last ticks of session and robot.
-        self._ticks = (0, 0)
-        # Whether the cue has acted in the golden run since the activation.
-        self._golden_cue = False
-        # ms without motion although the pedal was held: of the robot and of its golden run.
-        self._halted = self._halted_at_strike = (0, 0)
 
     # --- calls of the session ---
 
     def armed(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick."""
         self.disarmed(tick)
-        hazard, harm = self.hazards[number], self.scenario.harm
-        self._episode = Episode(hazard, harm, tick, self.cue_on, self._record)
+        self._episode = Episode(
+            self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
+        )
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
         self._episode.record(tick, "hazard_armed", row=known)
@@ -608,14 +601,14 @@ class Judge:
 
     def command(self, message: Command, tick: int) -> None:
         """Record a response that the operator gives by a command other than motion."""
-        do = message.get("do")
-        if do == "estop":
-            self._pressed = True
-            self._respond(tick, "stop")
-        elif do == "restart" and not self._live:
-            self._respond(tick, "restart")
-        elif do == "note" and "convert" in str(message.get("text", "")).lower():
-            self._respond(tick, "convert")
+        match message.get("do"):
+            case "estop":
+                self._pressed = True
+                self._respond(tick, "stop")
+            case "restart" if not self._live:
+                self._respond(tick, "restart")
+            case "note" if "convert" in str(message.get("text", "")).lower():
+                self._respond(tick, "convert")
 
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
@@ -658,14 +651,14 @@ class Judge:
 
     def rows(self, **identity: Any) -> list[Json]:
         """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
-        episodes = self._over + ([] if self._episode is None else [self._episode])
-        rows = [identity | episode.row() for episode in episodes]
+        episodes = (*self._over, self._episode)
+        rows = [identity | episode.row() for episode in episodes if episode]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
 
     def _struck_episode(self) -> Episode | None:
-        return self._episode if self._episode is not None and self._episode.struck else None
+        return self._episode if self._episode and self._episode.struck else None
 
-    def read_checks(self, outcomes: Json, golden: Json | None = None) -> None:
+    def read_checks(self, outcomes: Json, golden: Json | None) -> None:
         """Record the trips of the robot's checks since the last reading.
 
         outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
@@ -708,8 +701,22 @@ class Judge:
         self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
     ) -> None:
         # Measures the effect of the hazard in this tick, and detects responses of the operator.
+        peaks = episode.peak_mm
         for arm in self._arms:
-            self._measure(tick, row, arm, episode)
+            if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
+                episode.record_knowable(tick, "tip")
+            for name, place in arm.distances:
+                mm = row[place]
+                # An unknown distance is NaN, for which this comparison is false.
+                if mm > peaks[name]:
+                    episode.record_peak(tick, name, mm, arm.name)
+            if self._live:
+                unintended, depth = row[arm.unintended], row[arm.depth]
+                # `max` ignores a NaN as its second argument.
+                episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
+                episode.deepest_mm = max(episode.deepest_mm, depth)
+                # The fault added at most as much depth as it added motion.
+                episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
         self._was_down = self._was_down and pedal != 0.0
         if self._was_down and not self._live and not episode.halted and not self._pressed:
             episode.halted = True
@@ -725,33 +732,16 @@ class Judge:
         if pedal and self._live and self._slowdown.slowed >= 0:
             self._respond(tick, "slow", self._slowdown.slowed)
 
-    def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode) -> None:
-        # Updates the largest distances, error and depth of one arm during the hazard.
-        if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
-            episode.record_knowable(tick, "tip")
-        peaks = episode.peak_mm
-        for name, place in arm.distances:
-            mm = row[place]
-            # An unknown distance is NaN, for which this comparison is false.
-            if mm > peaks[name]:
-                episode.record_peak(tick, name, mm, arm.name)
-        if not self._live:
-            return
-        unintended, depth = row[arm.unintended], row[arm.depth]
-        # `max` ignores a NaN as its second argument.
-        episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
-        episode.deepest_mm = max(episode.deepest_mm, depth)
-        # The fault added at most as much depth as it added motion.
-        episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
-
     def _respond(self, tick: int, what: str, at: int | None = None) -> None:
         if episode := self._struck_episode():
             episode.record_response(tick, what, at)
 
     def interrupted(self, tick: int, by: str) -> None:
         """Record that something other than the operator ended the active, undecided hazard."""
-        if self._episode is not None:
-            self._episode.interrupt(tick, by)
+        episode = self._struck_episode()
+        if episode and not episode.interrupted and not episode.is_decided(tick):
+            episode.interrupted = True
+            episode.record(tick, "interrupted", by=by)
 
 
 class _Arm:

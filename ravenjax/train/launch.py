@@ -28,10 +28,8 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge import COLUMNS
-from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
-from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
@@ -76,7 +74,7 @@ class FinishedSession:
 
     folder: Path
     hazards: list[Json]
-    timing: LoopTiming | None
+    timing: clock.LoopTiming | None
     ended: str
     # The instructor's command "next", which requests the next session; None: no request.
     wish: Command | None = None
@@ -89,7 +87,7 @@ def run_realtime(
     with_page: bool = True,
     linger_s: float | None = None,
     say: Say = print,
-    helpers: SessionHelpers | None = None,
+    helpers: processes.SessionHelpers | None = None,
 ) -> FinishedSession:
     """Run a session in real time.
 
@@ -107,7 +105,7 @@ def run_realtime(
                 token, key = page.choose_tokens(host, options.token, options.instructor_token)
                 options = dataclasses.replace(options, token=token, instructor_token=key)
                 listening = page.open_port(host, options.port, token, key, say)
-            helpers = SessionHelpers(stack, listening)
+            helpers = processes.SessionHelpers(stack, listening)
         options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
         helpers.wait_for("robot: compiling its tick, or reading it from the cache", say)
@@ -191,8 +189,10 @@ def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptio
         setting = scenario.load_scenario(wish["scenario"])
     who, seed = wish.get("participant", options.participant), wish.get("seed", setting.seed)
     folder = fresh_folder(setting.name, who, seed, options.folder.parent)
-    more = {"scenario": setting, "participant": who, "seed": seed, "folder": folder}
-    return dataclasses.replace(options, **more, port=last.port or options.port)
+    port = last.port or options.port
+    return dataclasses.replace(
+        options, scenario=setting, participant=who, seed=seed, folder=folder, port=port
+    )
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
@@ -347,7 +347,7 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
 
 
 def _conclude(
-    options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
+    options: SessionOptions, session: Session, timing: clock.LoopTiming | None, say: Say
 ) -> FinishedSession:
     """Write hazards.csv, commands.jsonl, the summary and the debrief after the recording."""
     # The import is here because jinja and scipy are slow to import.

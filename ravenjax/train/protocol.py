@@ -36,6 +36,7 @@ from ravenjax.train.robot import (
     ITP_AXES,
     JAW_LENGTH,
     ArmName,
+    Arms,
     scene,
     unit_quaternion,
 )
@@ -79,15 +80,15 @@ _DRAWN = _SHARED["drawn"]
 class FrameLayout:
     """The position of each channel in a row of a frame."""
 
-    def __init__(self, arms: Sequence[ArmName], sizes: dict[str, int]) -> None:
+    def __init__(self, arms: Arms, sizes: dict[str, int]) -> None:
         """sizes: the number of values of each channel, in their order."""
-        self.arms, self.sizes = tuple(arms), sizes
+        self.arms, self.sizes = arms, sizes
         ends = [0, *accumulate(sizes.values())]
         self.places = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
         self.size = ends[-1]
 
     @staticmethod
-    def of(arms: Sequence[ArmName]) -> FrameLayout:
+    def of(arms: Arms) -> FrameLayout:
         """Return the layout for these arms: the tick's channels first, the session's after them."""
         sizes: dict[str, int] = {}
         for source in ("simulated", "session"):

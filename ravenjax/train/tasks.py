@@ -40,7 +40,7 @@ at home. The generated motion of a peg transfer closes the jaws to 0.67.
 LIFT_M = 0.008
 """Height above pegs at which a simulated operator moves the object."""
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
-PEG_COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
+PEG_COLOUR, OBJECT_COLOUR = "#8a8f98", "#c8553d"
 LEAST_WAY_M = 0.005
 """The least distance between two successive targets."""
 TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
@@ -65,15 +65,16 @@ class Wish(NamedTuple):
 class Task:
     """A task; call `step` once a tick. This base class has no goals and is never done."""
 
+    done = False
+    target = -1
+    """Number of the present goal; -1: none."""
+    progress = 0.0
+    """0 to 1."""
+    _published = -1
+
     def __init__(self, settings: Any, field: Field) -> None:
         """settings: the scenario's [task]."""
         self.settings, self._field, self._arms = settings, field, field.arms
-        self.done = False
-        self.target = -1
-        """Number of the present goal; -1: none."""
-        self.progress = 0.0
-        """0 to 1."""
-        self._published = -1
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
@@ -128,9 +129,12 @@ class Task:
     def _score(self) -> float:
         return self.progress
 
-    def _finish(self, tick: int) -> None:
-        self.done, self.target, self.progress = True, -1, 1.0
-        self._record(tick, "task_done")
+    def _advance(self, tick: int, share: float) -> None:
+        """Set the progress. A share of 1 ends the task."""
+        self.progress = min(share, 1.0)
+        if share >= 1.0:
+            self.done, self.target = True, -1
+            self._record(tick, "task_done")
 
     def _record(self, tick: int, kind: str, **what: Any) -> None:
         self._events.append({"tick": tick, "kind": kind, **what})
@@ -148,15 +152,16 @@ def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
 class PathTask(Task):
     """The tip follows a line. Two arms take turns, lap by lap."""
 
+    target = 0
+    # Number of passed points. Modulo POINTS, it is the index of the next point.
+    _at = 0
+    _on = False  # whether the tip has reached the line
+    _ticks, _within = 0, 0
+
     def __init__(self, settings: Path, field: Field) -> None:
         super().__init__(settings, field)
         self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
-        self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
-        # Number of passed points. Modulo POINTS, it is the index of the next point.
-        self._at = 0
-        self._on = False  # whether the tip has reached the line
-        self._ticks, self._within = 0, 0
         spacing = math.dist(self.points[0], self.points[1])
         self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
 
@@ -183,9 +188,7 @@ class PathTask(Task):
         if self._at // POINTS > lap and len(self._arms) > 1:
             self._on = False
         self.target = self._at % POINTS
-        self.progress = self._at / (POINTS * self.settings.laps)
-        if self._at >= POINTS * self.settings.laps:
-            self._finish(tick)
+        self._advance(tick, self._at / (POINTS * self.settings.laps))
 
     def restart(self) -> None:
         self._on = False
@@ -220,6 +223,9 @@ class PegTask(Task):
     operator must fetch it.
     """
 
+    held: ArmName | None = None
+    placed, dropped = 0, 0
+
     def __init__(self, settings: PegTransfer, field: Field) -> None:
         super().__init__(settings, field)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
@@ -235,8 +241,6 @@ class PegTask(Task):
             others = [peg for peg in range(settings.pegs) if peg != self.ways[-1]]
             self.ways.append(int(rng.choice(others)))
         self.object: Point = self.pegs[self.ways[0]]
-        self.held: ArmName | None = None
-        self.placed, self.dropped = 0, 0
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._closed = dict.fromkeys(self._arms, False)
@@ -273,13 +277,11 @@ class PegTask(Task):
         if math.dist(self.object, peg) <= self._tolerance_m:
             self.object = peg
             self.placed += 1
-            self.progress = self.placed / self.settings.transfers
         else:
             self.object = (x, y, min(z, tissue_height(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
         self._record_object(tick)
-        if self.placed == self.settings.transfers:
-            self._finish(tick)
+        self._advance(tick, self.placed / self.settings.transfers)
 
     def _record_object(self, tick: int) -> None:
         self._record(tick, "object", held=self.held or "", at=round_point(self.object))
@@ -303,11 +305,8 @@ class PegTask(Task):
 
     def _shapes(self) -> Json:
         height = {"height_m": self.settings.height_mm / 1e3}
-        pegs = [
-            _spot(k, top, PEG_RADIUS_M, PEG_COLOURS["peg"]) | height
-            for k, top in enumerate(self.pegs)
-        ]
-        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, PEG_COLOURS["object"])
+        pegs = [_spot(k, top, PEG_RADIUS_M, PEG_COLOUR) | height for k, top in enumerate(self.pegs)]
+        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
         turns = {"arms": self._arms, "of": self.settings.transfers}
         return {"pegs": pegs, "object": thing, "turns": turns}
 
@@ -319,6 +318,9 @@ class PegTask(Task):
 class ReachTask(Task):
     """The tip reaches targets in a box above the tissue. Two arms take turns."""
 
+    target = 0
+    _inside_ms = 0
+
     def __init__(self, settings: Reach, field: Field) -> None:
         super().__init__(settings, field)
         rng = np.random.default_rng([field.seed, settings.seed, 1])
@@ -326,10 +328,20 @@ class ReachTask(Task):
         before = dict(field.begin)
         for k in range(settings.targets):
             arm = field.arms[k % len(field.arms)]
-            before[arm] = _draw(settings, field.middle, rng, before[arm])
+            before[arm] = self._draw(rng, before[arm])
             self.targets.append((arm, before[arm]))
-        self.target = 0
-        self._inside_ms = 0
+
+    def _draw(self, rng: np.random.Generator, before: Point) -> Point:
+        """Return a random point not too near to `before`; in a small box the farthest of 20."""
+        extent = self.settings.extent_mm / 1e3
+        points = []
+        for _ in range(20):
+            x, y = (float(middle + rng.uniform(-extent, extent)) for middle in self._field.middle)
+            above = float(rng.uniform(*self.settings.height_mm)) / 1e3
+            points.append((x, y, tissue_height(x, y) + above))
+            if math.dist(points[-1], before) > LEAST_WAY_M:
+                return points[-1]
+        return max(points, key=lambda point: math.dist(point, before))
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
@@ -342,9 +354,7 @@ class ReachTask(Task):
             return
         self._inside_ms = 0
         self.target += 1
-        self.progress = self.target / len(self.targets)
-        if self.target == len(self.targets):
-            self._finish(tick)
+        self._advance(tick, self.target / len(self.targets))
 
     def restart(self) -> None:
         self._inside_ms = 0
@@ -373,17 +383,18 @@ class LevelsTask(Task):
     (Ritter, Scott, Surg. Innov. 14, 2007). Numbers of targets continue through all levels.
     """
 
+    _level = 0
+    _in_a_row = 0
+    # Tick at which the round's first target was reached.
+    _begun: int | None = None
+    target = 0
+
     def __init__(self, settings: Levels, field: Field) -> None:
         super().__init__(settings, field)
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
-        self._level = 0
-        self._in_a_row = 0
         # Durations of the rounds of each level.
         self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
-        # Tick at which the round's first target was reached.
-        self._begun: int | None = None
         self._reach = self._round(0)
-        self.target = 0
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         if self._published < 0:
@@ -404,20 +415,18 @@ class LevelsTask(Task):
 
     def _judge(self, tick: int) -> None:
         # Ends a round, and the level after enough rounds in a row within the time.
-        level, levels = self._level, len(self.settings.level)
+        level, needs = self._level, self.settings.in_a_row
         took = tick - (self._begun or 0)
         within = took <= 1000.0 * self.settings.level[level].within_s
         self._rounds_ms[level].append(took)
         self._in_a_row = self._in_a_row + 1 if within else 0
         self._begun = None
-        if self._in_a_row == self.settings.in_a_row:
+        if self._in_a_row == needs:
             self._level, self._in_a_row = level + 1, 0
-        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / levels
-        if self._level == levels:
-            self._finish(tick)
-            return
-        self._reach = self._round(self._level)
-        self._record_level(tick, took, within)
+        self._advance(tick, (self._level + self._in_a_row / needs) / len(self.settings.level))
+        if not self.done:
+            self._reach = self._round(self._level)
+            self._record_level(tick, took, within)
 
     def _record_level(self, tick: int, took_ms: int | None = None, within: bool = False) -> None:
         level = self.settings.level[self._level]
@@ -454,21 +463,6 @@ class LevelsTask(Task):
             "levels_proficient": self._level,
             "rounds_s_of_level": [[ms / 1000.0 for ms in rounds] for rounds in self._rounds_ms],
         }
-
-
-def _draw(
-    settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
-) -> Point:
-    """Return a random point that is not too near to `before`; in a small box the farthest of 20."""
-    extent = settings.extent_mm / 1e3
-    points = []
-    for _ in range(20):
-        x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
-        point = (x, y, tissue_height(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
-        if math.dist(point, before) > LEAST_WAY_M:
-            return point
-        points.append(point)
-    return max(points, key=lambda point: math.dist(point, before))
 
 
 def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:

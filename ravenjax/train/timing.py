@@ -6,7 +6,6 @@ from pathlib import Path
 from ravenjax.train import launch, scenario
 from ravenjax.train.protocol import Say
 from ravenjax.train.realtime import clock
-from ravenjax.train.realtime.clock import Clock, LoopTiming
 
 COLUMNS = (
     "loop",
@@ -22,12 +21,12 @@ SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
 
-def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopTiming]:
+def measure_timing(seconds: float, say: Say) -> dict[str, clock.LoopTiming]:
     """Time an empty loop, then a session with recorder and page, driven by a script."""
     setting = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
     with clock.use_realtime_priority(), clock.no_collection():
-        paced = Clock()
+        paced = clock.Clock()
         for _ in range(round(seconds * 1000)):
             paced.wait()
             paced.done()
@@ -43,7 +42,7 @@ def measure_timing(seconds: float, say: Say = lambda _: None) -> dict[str, LoopT
     return measured
 
 
-def timing_row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
+def timing_row(loop: str, timing: clock.LoopTiming) -> tuple[str, ...]:
     """Return the measured values of one loop as a row of a table with the columns `COLUMNS`."""
     levels = [
         " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
@@ -54,7 +53,7 @@ def timing_row(loop: str, timing: LoopTiming) -> tuple[str, ...]:
     return (loop, *levels, f"{timing.late}", f"{timing.ticks}")
 
 
-def timing_verdict(measured: dict[str, LoopTiming]) -> list[tuple[str, str]]:
+def timing_verdict(measured: dict[str, clock.LoopTiming]) -> list[tuple[str, str]]:
     """Return (state, sentence) for each requirement; state is "ok" if the loop meets it."""
     empty, session = measured[EMPTY], measured[SESSION]
     slow = session.percentile("compute", 0.999)

@@ -78,7 +78,7 @@ def read_attempts(folder: Path) -> list[Json]:
     They are read from the folders beside `folder`. The list is empty if the person is not named.
     A missing number is None.
     """
-    sessions = {session.path.name: session for session in sessions_beside(folder.parent)}
+    sessions = sessions_beside(folder.parent)
     present = sessions.get(folder.name)
     if present is None or not present.participant:
         return []

@@ -207,8 +207,7 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
     rows = rows[rows < len(course.ms)]
     return {
         "ms": (course.ms[rows] - first).astype(int).tolist(),
-        "pedal": course["pedal"][rows].astype(int).tolist(),
-        "target": course["target"][rows].astype(int).tolist(),
+        **{name: course[name][rows].astype(int).tolist() for name in ("pedal", "target")},
         "arms": {
             arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
         },

@@ -11,6 +11,7 @@ This code runs in the server's event loop. A slow window skips frames and gets t
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -79,12 +80,14 @@ _MESSAGE: TypeAdapter[Input | BrowserCommand] = TypeAdapter(
 )
 
 
+@dataclasses.dataclass(frozen=True)
 class Inbox:
     """Checks the messages of the browsers of one session."""
 
-    def __init__(self, arms: tuple[str, ...], hazards: int, blinded: bool) -> None:
-        """hazards: number of hazards in the session's list."""
-        self._arms, self._hazards, self._blinded = arms, hazards, blinded
+    arms: tuple[str, ...]
+    hazards: int
+    """Number of hazards in the session's list."""
+    blinded: bool
 
     def read(self, message: str | bytes, role: str) -> Json:
         """Return a message of `protocol`, or one of type "page". Raises RefusedMessage."""
@@ -113,14 +116,14 @@ class Inbox:
     def _require_sense(self, name: str, content: Json) -> None:
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
-            if arm not in self._arms:
-                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
+            if arm not in self.arms:
+                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self.arms)}")
         if len(json.dumps(content.get("text", ""))) > NOTE:
             raise RefusedMessage(f"a note of more than {NOTE} bytes")
-        if name == "instructor cue" and self._blinded:
+        if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
-        if content.get("hazard", -1) >= self._hazards:
-            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
+        if content.get("hazard", -1) >= self.hazards:
+            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self.hazards}")
         if "scenario" in content:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading
@@ -132,24 +135,25 @@ class Inbox:
                 )
 
 
+@dataclasses.dataclass(frozen=True)
 class Visibility:
     """What one role sees of one session."""
 
-    def __init__(self, layout: FrameLayout, role: str, blinded: bool) -> None:
-        self._layout, self._blinded = layout, blinded
-        self._is_instructor = role == "instructor"
+    layout: FrameLayout
+    role: str
+    blinded: bool
 
     def shows_event(self, event: Event) -> bool:
         kind = event.get("kind", "")
-        if self._is_instructor:
-            return kind != "hazard_row" and not (self._blinded and kind == "cue")
-        felt = [] if self._blinded else _SEEN["felt_events"]
+        if self.role == "instructor":
+            return kind != "hazard_row" and not (self.blinded and kind == "cue")
+        felt = [] if self.blinded else _SEEN["felt_events"]
         return kind in _SEEN["operators_events"] or kind in felt
 
     def header(self, header: Json) -> Json:
         """Return the session's header without the hidden entries."""
-        hidden = [] if self._is_instructor else _SEEN["instructors_header"]
-        if self._blinded:
+        hidden = [] if self.role == "instructor" else _SEEN["instructors_header"]
+        if self.blinded:
             hidden = hidden + _SEEN["unblinded_header"]
         scenario = header.get("scenario") or {}
         words = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
@@ -161,36 +165,38 @@ class Visibility:
         Values that the role may not see are replaced. With the cue off, operators see no force;
         the instructor sees the force that the cue would have.
         """
-        frame, extras = Frame(self._layout, row.copy()), extras.copy()
+        frame, extras = Frame(self.layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
-        if self._blinded:
+        if self.blinded:
             frame["cue_on"] = 1
-        if not self._is_instructor:
+        if self.role != "instructor":
             frame["hazard"] = -1
             for name in _SEEN["instructors_channels"]:
                 frame[name] = 0
-            for i, arm in enumerate(self._layout.arms):
+            for i, arm in enumerate(self.layout.arms):
                 for name in _SEEN["instructors_arm_channels"]:
                     frame[f"{arm}/{name}"] = 0
                 if not is_felt:
                     extras[i, 1] = 0
                     frame[f"{arm}/force"] = 0
-                if self._blinded:
+                if self.blinded:
                     frame[f"{arm}/error_mm"] = extras[i, 0] = 0
                     frame[f"{arm}/model_jpos"] = frame[f"{arm}/link_jpos"]
                     frame[f"{arm}/model_tip"] = extras[i, 2:] = frame[f"{arm}/tip"]
         return np.concatenate([extras.ravel(), frame.row]).astype(np.float32).tobytes()
 
 
+@dataclasses.dataclass(eq=False)
 class Client:
     """The socket of one window."""
 
-    def __init__(
-        self, connection: ServerConnection, role: str, window: str, instructs: bool
-    ) -> None:
-        """instructs: whether the window has the instructor's token."""
-        self.connection, self.role, self.window = connection, role, window
-        self.instructs = instructs
+    connection: ServerConnection
+    role: str
+    window: str
+    instructs: bool
+    """Whether the window has the instructor's token."""
+
+    def __post_init__(self) -> None:
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()
@@ -388,16 +394,18 @@ class Hub:
 
     def _change_role(self, client: Client, command: Command) -> None:
         # Gives a window the role that it requests, or passes other requests to the page.
-        do = command["do"]
-        if do == "instruct" and client.instructs:
-            client.role = "instructor"
-            self._greet(client)
-        elif do == "take" and self._seat_is_free():
-            client.role = "operator"
-            self._greet(client)
-            self._announce_seat()
-        elif do not in ("instruct", "take"):
-            self._on_page(client, command)
+        match command["do"]:
+            case "instruct":
+                if client.instructs:
+                    client.role = "instructor"
+                    self._greet(client)
+            case "take":
+                if self._seat_is_free():
+                    client.role = "operator"
+                    self._greet(client)
+                    self._announce_seat()
+            case _:
+                self._on_page(client, command)
 
     def _forward(self, command: Command) -> None:
         put_json(self._commands, command)

@@ -4,6 +4,7 @@ sends frames and events to the browser windows.
 
 import asyncio
 import contextlib
+import dataclasses
 import gzip
 import io
 import json
@@ -41,12 +42,13 @@ describe_place(ARMS)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
+@dataclasses.dataclass(frozen=True)
 class Auth:
     """Checks the requests of one server: host, origin and token."""
 
-    def __init__(self, host: str, token: str | None, port: int) -> None:
-        self._names = {*LOOPBACK, host}
-        self._token, self.port = token, port
+    host: str
+    token: str | None
+    port: int
 
     def refusal(self, request: Request) -> str | None:
         """Return why this request is refused; None if it is allowed."""
@@ -67,14 +69,16 @@ class Auth:
         name, _, port = (host or "").lower().rpartition(":")
         # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
         # this host are unknown.
-        is_own = self._token is not None or (name in self._names and port == str(self.port))
+        is_own = self.token is not None or (
+            name in (*LOOPBACK, self.host) and port == str(self.port)
+        )
         if host is None or not is_own:
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
         if upgrade is None and site == "cross-site":
             return "another site asks for it"
-        if self._token is None:
+        if self.token is None:
             return None
         words = [query_parameters(request.path).get("token", "")]
         try:
@@ -82,7 +86,7 @@ class Auth:
             words += [cookie.value] if cookie else []
         except CookieError:
             pass
-        if not any(same_secret(word, self._token) for word in words):
+        if not any(same_secret(word, self.token) for word in words):
             return (
                 "the token is missing or wrong: open the address that was printed, with ?token=..."
             )
@@ -90,9 +94,9 @@ class Auth:
 
     def cookie(self, request: Request) -> str | None:
         """Return the cookie to set if the address has a token, so that later requests carry it."""
-        if self._token is None or not query_parameters(request.path).get("token"):
+        if self.token is None or not query_parameters(request.path).get("token"):
             return None
-        return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"
+        return f"{self._cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
     @property
     def _cookie_name(self) -> str:
@@ -214,14 +218,12 @@ class PageServer:
         if (request.headers.get("Upgrade") or "").lower() == "websocket":
             return None
         path, parameters = urlsplit(request.path).path, query_parameters(request.path)
-        debrief = self._folder / DEBRIEF if self._folder else None
-        has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
-            has_table = self._folder is not None and (self._folder / TABLE).is_file()
-            ready = json.dumps({"ready": has_debrief, "table": has_table}).encode()
-            return _response(HTTPStatus.OK, "application/json", ready)
-        if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
-            return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())
+            files = {"ready": DEBRIEF, "table": TABLE}
+            has = {name: _has_file(self._folder, file) for name, file in files.items()}
+            return _response("application/json", json.dumps(has).encode())
+        if path == f"/{DEBRIEF}":
+            return _debrief(self._folder)
         if path.startswith("/sessions"):
             return self._earlier_session(path, parameters.get("instructor_token", ""))
         extra = {"Content-Encoding": "gzip"}
@@ -231,9 +233,9 @@ class PageServer:
             with_scene = "panel" if parameters.get("scene") == "off" else "scene"
             body = self._pages["inset" if "inset" in parameters else with_scene]
             extra["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
-            return _response(HTTPStatus.OK, _TYPES[".html"], body, extra)
+            return _response(_TYPES[".html"], body, extra)
         if path in self._files:
-            return _response(HTTPStatus.OK, *self._files[path], extra)
+            return _response(*self._files[path], extra)
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _earlier_session(self, path: str, token: str) -> Response:
@@ -243,32 +245,40 @@ class PageServer:
         # These take a while to import.
         from ravenjax.train.recording.reader import sessions_beside
 
-        sessions = {session.path.name: session for session in sessions_beside(self._folder.parent)}
+        sessions = sessions_beside(self._folder.parent)
         if path == "/sessions":
             from ravenjax.document import html
 
             template = html.template_environment("ravenjax.train").get_template("sessions.html.j2")
             text = template.render(
                 sessions=[*reversed(sessions.values())],
-                has_debrief={name: (s.path / DEBRIEF).is_file() for name, s in sessions.items()},
+                has_debrief={name: _has_file(s.path, DEBRIEF) for name, s in sessions.items()},
                 folder=str(self._folder.parent),
                 running=self._folder.name,
                 token=token,
             )
-            return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())
+            return _response(_TYPES[".html"], text.encode())
         name, _, file = unquote(path).removeprefix("/sessions/").rpartition("/")
-        if name in sessions and file == DEBRIEF and (sessions[name].path / DEBRIEF).is_file():
-            body = (sessions[name].path / DEBRIEF).read_bytes()
-            return _response(HTTPStatus.OK, _TYPES[".html"], body)
-        return _refusal(HTTPStatus.NOT_FOUND, "no such session")
+        return _debrief(sessions[name].path if name in sessions and file == DEBRIEF else None)
+
+
+def _has_file(folder: Path | None, name: str) -> bool:
+    return folder is not None and (folder / name).is_file()
+
+
+def _debrief(folder: Path | None) -> Response:
+    """Return the debrief in a session's folder; None: there is no such session."""
+    if folder is None or not _has_file(folder, DEBRIEF):
+        return _refusal(HTTPStatus.NOT_FOUND, "no such session, or no debrief yet")
+    return _response(_TYPES[".html"], (folder / DEBRIEF).read_bytes())
 
 
 def _refusal(status: HTTPStatus, text: str) -> Response:
-    return _response(status, "text/plain", f"{text}\n".encode())
+    return _response("text/plain", f"{text}\n".encode(), status=status)
 
 
 def _response(
-    status: HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None
+    kind: str, body: bytes, extra: dict[str, str] | None = None, status: HTTPStatus = HTTPStatus.OK
 ) -> Response:
     headers = {
         "Content-Type": kind,
@@ -278,8 +288,8 @@ def _response(
         "X-Frame-Options": "SAMEORIGIN",
         # The address may hold the token, so it must not appear in a referrer.
         "Referrer-Policy": "no-referrer",
-    }
-    return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
+    } | (extra or {})
+    return Response(status.value, status.phrase, Headers(headers), body)
 
 
 def _with_panel(client: str, late: str, panel: str) -> str:
@@ -316,14 +326,15 @@ def serve_page(options: PageOptions, listening: socket.socket, ready: Connection
 class Page:
     """The page of one session."""
 
+    _next_event = 0
+    _frames_seen = 0
+    _answer_until = 0.0
+
     def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)
         ]
-        self._next_event = 0
-        self._frames_seen = 0
-        self._answer_until = 0.0
         self._changed = threading.Event()
         windows = Windows()
         self._hub = Hub(

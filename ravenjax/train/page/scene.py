@@ -41,6 +41,8 @@ from ravenjax.train.protocol import (
 from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
 Rgb = tuple[int, int, int]
+Shapes = dict[int, tuple[bytes, np.ndarray, np.ndarray]]
+"""Of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh."""
 
 LOOKS = resources.read_tables(__file__, "scene.toml")
 GOAL = (245, 61, 240)
@@ -52,7 +54,7 @@ RING_M = (0.004, 0.03)
 """Least and greatest radius of the ring around the goal."""
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
-_FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+_FLAT: Json = {"cast_shadow": False, "receive_shadow": False}
 _NOWHERE = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
 """A ghost disappears below the first distance from the robot and appears above the second."""
@@ -85,7 +87,7 @@ class DepthLine:
     def show(self, tip: np.ndarray) -> None:
         """Follow the tip, world, m."""
         self._letter.position = tip + LOOKS["above_tip"]
-        foot = np.array([tip[0], tip[1], tissue_height(float(tip[0]), float(tip[1]))])
+        foot = np.array([*tip[:2], tissue_height(*tip[:2])])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
         )
@@ -101,18 +103,19 @@ class TaskShapes:
     {"points", "colour"} or None}; all optional.
     """
 
+    _goal: int | None = None
+    _object: Any = None
+    _holder = ""
+    _on_path: Any = None
+
     def __init__(self, server: viser.ViserServer, geometry: Json) -> None:
         self._server = server
-        self._goal: int | None = None
         self._spots: dict[int, tuple[Any, Rgb]] = {}
         self._places: dict[int, np.ndarray] = {}
-        self._object: Any = None
-        self._holder = ""
         targets = geometry.get("targets") or ()
         self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
         self._ring = server.scene.add_line_segments("/task/ring", ring, **LOOKS["ring"])
-        self._on_path: Any = None
         if path := geometry.get("path"):
             points = np.asarray(path["points"], float)
             line, colour = segments_of_path(points), _rgb(path["colour"])
@@ -194,11 +197,8 @@ def _rgb(colour: str) -> Rgb:
     return red, green, blue
 
 
-def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
-    """Return of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh.
-
-    The result is cached on disk, because its computation takes seconds.
-    """
+def read_shapes(model: mujoco.MjModel) -> Shapes:
+    """Return the shapes, cached on disk, because their computation takes seconds."""
     objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
@@ -227,7 +227,7 @@ class RobotFigure:
         layer: str,
         model: mujoco.MjModel,
         arms: Arms,
-        shapes: dict[int, tuple[bytes, np.ndarray, np.ndarray]],
+        shapes: Shapes,
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         self._data.qpos[:] = model.key("home").qpos
@@ -333,7 +333,7 @@ class Scene:
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
         ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
-        return min(ends, key=lambda end: end[2] - tissue_height(float(end[0]), float(end[1])))
+        return min(ends, key=lambda end: end[2] - tissue_height(*end[:2]))
 
     def follow(self, event: Event) -> None:
         """Process an event of the session. Only events of kind "object" change the scene."""
@@ -389,9 +389,9 @@ class Windows:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            for name, known in list(self._clients.items()):
-                if known.client_id == client.client_id:
-                    del self._clients[name]
+            left = client.client_id
+            clients = self._clients.items()
+            self._clients = {name: other for name, other in clients if other.client_id != left}
 
     def obey(self, client: Client, message: Command) -> None:
         """Set a window's camera, as its message {"do": "camera", "name"} requests."""

@@ -36,10 +36,11 @@ class LoopTiming:
     the tick is done. lateness: delay of the tick's start.
     """
 
+    late = 0  # ticks that began a period late
+    skipped = 0  # ms by which the schedule moved on
+
     def __init__(self) -> None:
         self.compute, self.whole, self.lateness = np.zeros((3, BINS), np.int64)
-        self.late = 0  # ticks that began a period late
-        self.skipped = 0  # ms by which the schedule moved on
 
     @property
     def ticks(self) -> int:
@@ -65,9 +66,10 @@ class LoopTiming:
 class Clock:
     """Paces a loop. Call `wait()`, compute the tick, `done()`, do the remaining work, `rest()`."""
 
+    compute_us = lateness_us = 0.0
+
     def __init__(self) -> None:
         self.timing = LoopTiming()
-        self.compute_us = self.lateness_us = 0.0
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 

@@ -3,6 +3,7 @@
 A training session and the session of `ravenjax robot` run in this loop.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Protocol
 
@@ -10,7 +11,6 @@ import numpy as np
 
 from ravenjax.train.protocol import PAUSED, Command, Event, Frame
 from ravenjax.train.realtime import clock
-from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
 from ravenjax.train.robot import Arms
 from ravenjax.train.scenario import Scenario
@@ -47,24 +47,25 @@ class TickedSession(Protocol):
     def conclude(self) -> list[Event]: ...
 
 
+@dataclasses.dataclass
 class PageCommands:
     """Reads the commands that the page writes to its ring, and marks them as the page's."""
 
-    def __init__(self, ring: Ring, drives: bool = True) -> None:
-        """drives: False if a script drives, so that the page's hands and pedal are ignored."""
-        self._ring, self._next = ring, 0
-        self._drives = drives
+    ring: Ring
+    drives: bool = True
+    """False if a script drives, so that the page's hands and pedal are ignored."""
+    _next = 0
 
     def poll(self) -> list[Command]:
-        if self._ring.written == self._next:
+        if self.ring.written == self._next:
             return []
-        first, rows = self._ring.read(self._next, MOST_COMMANDS)
+        first, rows = self.ring.read(self._next, MOST_COMMANDS)
         self._next = first + len(rows)
         commands = []
         for command in read_json(rows):
             if command.get("type") not in OF_CONSOLES:
                 commands.append(command)
-            elif self._drives:
+            elif self.drives:
                 commands.append({**command, "console": "page"})
         return commands
 
@@ -78,7 +79,7 @@ def run_loop(
     stopped: Callable[[], bool] = lambda: False,
     rings: tuple[Ring, Ring] | None = None,
     trouble: Callable[[], str | None] = lambda: None,
-) -> LoopTiming:
+) -> clock.LoopTiming:
     """Run `session` in real time until it is over, or `stopped` returns True.
 
     rings: receive frames and events; None: nobody reads them. trouble: called once a second; it
@@ -91,7 +92,7 @@ def run_loop(
     reported = left = ticks = 0
     troubled = None
     with clock.no_collection():
-        paced = Clock()
+        paced = clock.Clock()
         while left < AFTER_END_MS:
             paced.wait(rehearsal and rehearsal.tick)
             commands = [command for console in consoles for command in console.poll()]

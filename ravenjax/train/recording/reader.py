@@ -12,7 +12,6 @@ import io
 import statistics
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from ravenjax.train.protocol import FrameLayout, Json
 from ravenjax.train.robot import ARMS
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class SessionFolder:
     """A session's folder and its session.json."""
 
@@ -62,8 +61,8 @@ class SessionFolder:
         return self.header.get("summary") or {}
 
 
-def sessions_beside(base: Path) -> list[SessionFolder]:
-    """Return the sessions in the subfolders of `base`, in the order of their start.
+def sessions_beside(base: Path) -> dict[str, SessionFolder]:
+    """Return the sessions in the subfolders of `base` by name, in the order of their start.
 
     Folders without a readable session.json are left out.
     """
@@ -73,7 +72,8 @@ def sessions_beside(base: Path) -> list[SessionFolder]:
             sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
         except StoreError:
             continue
-    return sorted(sessions, key=lambda session: session.order)
+    sessions.sort(key=lambda session: session.order)
+    return {session.path.name: session for session in sessions}
 
 
 TABLE = "hazards.csv"
@@ -143,7 +143,7 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
         return not channels or name.rstrip("/0123456789").rpartition("/")[2] in channels
 
     log = session_log.read_session_log(path, keeps)
-    layout = FrameLayout.of([arm for arm in ARMS if f"{arm}/jpos/0" in log.names])
+    layout = FrameLayout.of(tuple(arm for arm in ARMS if f"{arm}/jpos/0" in log.names))
     if layout.names() != log.names:
         raise StoreError(
             f"{path} was recorded by another version of ravenjax, with other channels; read it with"
@@ -189,12 +189,13 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
     """Return a row for each armed hazard. Without its end in the recording it has no outcome."""
     rows: list[Json] = []
     for event in recording.events:
-        if event["kind"] == "hazard_armed":
-            rows.append({**event["row"]})
-        elif event["kind"] == "hazard_struck" and rows:
-            rows[-1]["struck_ms"] = event["tick"]
-        elif event["kind"] == "hazard_row" and rows:
-            rows[-1] |= event["row"]
+        match event["kind"]:
+            case "hazard_armed":
+                rows.append({**event["row"]})
+            case "hazard_struck" if rows:
+                rows[-1]["struck_ms"] = event["tick"]
+            case "hazard_row" if rows:
+                rows[-1] |= event["row"]
     empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)
     return [HazardRow(**(empty | row)) for row in rows]
 

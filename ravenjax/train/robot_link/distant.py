@@ -47,6 +47,9 @@ class _Reported(NamedTuple):
 class DistantRobot:
     """A robot in another process, with the methods of `simulation.SimulatedRobot`."""
 
+    now = 0
+    _sequence = 0
+
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
         self.arms = blueprint.setup.arms
@@ -54,11 +57,9 @@ class DistantRobot:
         self.motion = self._stepper.flat.reshape(len(self._stepper.tables), -1)
         self._frame = Frame(blueprint.layout)
         self.row = self._frame.row[: blueprint.layout.simulated]
-        self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
         self._rest = tree.tree_leaves(_resting(blueprint))
         self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.entering))
-        self._sequence = 0
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
         # Positions in the row of the numbers that the half tick computes. In its output, the
@@ -174,10 +175,9 @@ class DistantRobot:
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
     def _lose(self) -> None:
-        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
+        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active", "live"):
             self._frame[name] = 0
         self._reported.runlevel[0] = E_STOP
-        self._frame["live"] = False
         for arm in self.arms:
             self._frame[f"{arm}/force"] = 0.0
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.protocol import STALE_MS, Command, Frame, Say
+from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.realtime.loop import TickedSession
 from ravenjax.train.robot import (
     ARMS,
@@ -30,6 +30,7 @@ from ravenjax.train.robot import (
     UNDECIDED,
     V_STRUCT,
     ArmName,
+    Arms,
     ConsoleProfile,
     Misfit,
     Packet,
@@ -48,11 +49,11 @@ _LAST = 2**32 - 1  # largest packet number
 TAKEN = "accepted"
 CAUSES = tuple(WORDS["causes"])
 """Possible results of the checks of a datagram. Each datagram has exactly one result."""
-Increments = dict[str, Any]
+Increments = Json
 """A command "increments": the pedal, and for each arm, in the ITP frame, `delta_um`, `quat` (x, y,
 z, w) and `grasp_mrad` (positive closes).
 """
-STILL: dict[str, Any] = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
 GOES_ON = (TAKEN, "restart", "skip")
@@ -76,9 +77,16 @@ class Gate:
     a shared network, listen on loopback or set the console's address (`only_host`).
     """
 
+    _misfit_count, _advised = 0, False
+    _warned = False  # whether dropped packets were reported
+    _peer: tuple | None = None
+    # Number of the last packet; 0: none yet.
+    _last = 0
+    _heard_ms = -math.inf  # when the last packet was accepted or skipped to
+
     def __init__(
         self,
-        arms: Sequence[ArmName],
+        arms: Arms,
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
         say: Say = lambda _: None,
@@ -90,16 +98,10 @@ class Gate:
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
-        self.arms = tuple(arms)
+        self.arms = arms
         self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
         self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
-        self._misfit_count, self._advised = 0, False
-        self._warned = False  # whether dropped packets were reported
-        self._peer: tuple | None = None
-        # Number of the last packet; 0: none yet.
-        self._last = 0
-        self._heard_ms = -math.inf  # when the last packet was accepted or skipped to
 
     @property
     def received(self) -> int:
@@ -266,6 +268,11 @@ _AXES = np.array([ITP_AXES[arm] for arm in ARMS], int)
 class ItpServer:
     """A UDP port for consoles. One console at a time may drive."""
 
+    last_sequence = 0  # number of the console's packet accepted last
+    _pedal = False
+    _taken_ms = -math.inf
+    _sent = 0
+
     def __init__(
         self,
         gate: Gate,
@@ -284,10 +291,6 @@ class ItpServer:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             self._socket.bind((host, port))
-        self.last_sequence = 0  # number of the console's packet accepted last
-        self._pedal = False
-        self._taken_ms = float("-inf")
-        self._sent = 0
         self._present = sum(1 << ARMS.index(arm) for arm in gate.arms)
 
     @property
@@ -377,10 +380,11 @@ def _whole(value: float) -> int:
 class ItpConsole:
     """An ITP console of the realtime loop: receives increments and sends forces."""
 
+    _polls, _why = 0, ""
+
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
         self._counts = Counter(server.gate.counts)
-        self._polls, self._why = 0, ""
 
     def poll(self) -> list[Command]:
         """Return the increments, and "unheard" if the gate starts or stops refusing all packets."""
@@ -410,8 +414,8 @@ class ItpConsole:
         if drives and frame.number("console_alive"):
             setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
             gain, cap = setting.contact.units_per_n, setting.cue.cap
-            arms = self._session.arms
-            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in arms}
+            for arm in self._session.arms:
+                forces[arm] = force_at_hand(frame, arm, gain, cap, cue_on)
         self._server.send_force(
             forces,
             int(frame.number("runlevel")),

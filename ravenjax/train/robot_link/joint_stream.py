@@ -12,7 +12,7 @@ import ipaddress
 import json
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
@@ -20,7 +20,7 @@ from pydantic_core import to_json
 from ravenjax.errors import UserError
 from ravenjax.train.page import same_secret
 from ravenjax.train.protocol import STALE_MS, Frame, Json
-from ravenjax.train.robot import UDP_PORT, ArmName
+from ravenjax.train.robot import UDP_PORT, Arms
 from ravenjax.train.robot_link import WORDS, refuse_errors
 
 JOINT_PORT = 36002
@@ -36,12 +36,16 @@ PATIENCE_S = 10.0
 """The longest time that a busy robot may take to accept a session."""
 
 
+TrippedChecks = dict[str, tuple[int, int]]
+"""Number of trips of each check that has tripped, and tick of its first trip."""
+
+
 class JointReport(BaseModel):
     """A robot's report on one tick."""
 
     tick: int
     last_seq: int
-    checks: dict[str, tuple[int, int]] = {}
+    checks: TrippedChecks = {}
     channels: dict[str, list[float]]
 
     @field_validator("channels")
@@ -74,9 +78,7 @@ class JointReport(BaseModel):
                     frame[f"{arm}/{truth[quantity]}"] = numbers
 
 
-def encode_report(
-    frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
-) -> bytes:
+def encode_report(frame: Frame, tick: int, last_seq: int, checks: TrippedChecks) -> bytes:
     """Return a report as a line. The arguments are those of `JointReport`."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_OF_ROBOT, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
@@ -147,9 +149,7 @@ ListenerOrder = tuple[LineConnection, Json]
 class JointServer:
     """A TCP port for listeners. Call `poll` and `publish` once a tick; they never wait."""
 
-    def __init__(
-        self, greeting: Json, host: str, port: int = JOINT_PORT, token: str | None = None
-    ) -> None:
+    def __init__(self, greeting: Json, host: str, port: int, token: str | None = None) -> None:
         """greeting: first line to each listener. Raises UserError if the port cannot be opened."""
         self._greeting, self._token = encode_line(greeting), token
         with refuse_errors(
@@ -220,11 +220,12 @@ class RobotLink:
 
     clock = staticmethod(time.monotonic_ns)
 
+    report: JointReport | None = None  # the newest report
+    lost = False  # whether the connection to the robot has ended
+    _arrived_ms = float("-inf")
+
     def __init__(self, host: str, itp_port: int) -> None:
         """Raises UserError if the host has no address."""
-        self.report: JointReport | None = None  # the newest report
-        self.lost = False  # whether the connection to the robot has ended
-        self._arrived_ms = float("-inf")
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with refuse_errors(
             f"no robot can be reached at {host}:{itp_port}",
@@ -264,12 +265,14 @@ class RobotLink:
 class RemoteRobot(RobotLink):
     """A robot in another process that sends a joint stream."""
 
+    _resets = 0  # number of orders "reset" without an answer so far
+
     def __init__(
         self,
         host: str,
         itp_port: int = UDP_PORT,
         joint_port: int = JOINT_PORT,
-        arms: Sequence[ArmName] = (),
+        arms: Arms = (),
         token: str | None = None,
     ) -> None:
         """arms: the arms that the session needs. token: for orders to a robot on another machine.
@@ -278,7 +281,6 @@ class RemoteRobot(RobotLink):
         """
         super().__init__(host, itp_port)
         self._token = token
-        self._resets = 0  # number of orders "reset" without an answer so far
         # The robot's greeting: its arms, scenario, seed and hazards.
         self.greeting: Json = {}
         with refuse_errors(

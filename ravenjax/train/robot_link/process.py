@@ -34,8 +34,12 @@ from ravenjax.train.robot_link.itp import (
     merge_commands,
     packet_of,
 )
-from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, encode_report
-from ravenjax.train.scenario import Armable, Scenario
+from ravenjax.train.robot_link.joint_stream import (
+    JOINT_PORT,
+    JointServer,
+    TrippedChecks,
+    encode_report,
+)
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
     NOBODY,
@@ -55,18 +59,20 @@ ORDERS: dict[str, Command] = WORDS["orders"]
 class PacketSession:
     """A session without task and judge: consoles drive a simulated robot until "end"."""
 
-    def __init__(self, chosen: Scenario, robot: PacketRobot, say: Say = lambda _: None) -> None:
+    ticks, over = 0, False
+    taken = ""
+    """The console whose packet the robot accepted in this tick; "" if none."""
+    _number = 0  # number of the robot's newest packet
+    # The checks' trips at the last reading, and its tick.
+    _trips, _looked = 0.0, 0
+
+    def __init__(
+        self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None
+    ) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
         self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), PedalReasons(say)
-        self.ticks, self.over = 0, False
-        self.taken = ""
-        """The console whose packet the robot accepted in this tick; "" if none."""
-        self.checks: dict[str, tuple[int, int]] = {}
-        """(Count, tick of the first) of the trips of each check, as in `JointReport.checks`."""
-        self._number = 0  # number of the robot's newest packet
-        # The checks' trips at the last reading, and its tick.
-        self._trips, self._looked = 0.0, 0
+        self.checks: TrippedChecks = {}
 
     def move(self, commands: list[Command]) -> None:
         """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""
@@ -136,35 +142,39 @@ class PacketSession:
                 self.over = True
 
 
+@dataclasses.dataclass
 class JointConsole:
     """A console of the loop for the listeners of the joint stream: their orders and reports."""
 
-    def __init__(self, server: JointServer, itp: ItpServer, session: PacketSession, hazards: int):
-        """hazards: the number of hazards that can be armed."""
-        self._server, self._itp, self._session, self._hazards = server, itp, session, hazards
-        self._last_seq = NO_PACKET_SEQUENCE  # number of the last accepted packet over ITP
+    server: JointServer
+    itp: ItpServer
+    session: PacketSession
+    hazards: int
+    """Number of hazards that can be armed."""
+    last_seq: int = NO_PACKET_SEQUENCE
+    """Number of the last accepted packet over ITP."""
 
     def poll(self) -> list[Command]:
         # Returns the valid orders that arrived, and answers the others with an error.
         commands = []
-        for listener, content in self._server.poll():
+        for listener, content in self.server.poll():
             kind, number = content.get("order"), content.get("number")
             error = None
             if not isinstance(kind, str) or kind not in ORDERS:
                 error = f"order is {format_value(kind)}, expected one of {', '.join(ORDERS)}"
-            elif kind == "arm" and (type(number) is not int or not 0 <= number < self._hazards):
-                expected = f"one of the scenario's {self._hazards} hazards, from 0"
+            elif kind == "arm" and (type(number) is not int or not 0 <= number < self.hazards):
+                expected = f"one of the scenario's {self.hazards} hazards, from 0"
                 error = f"number is {format_value(number)}, expected {expected}"
             else:
                 commands.append(ORDERS[kind] | {"hazard": number})
-            self._server.answer((listener, content), error)
+            self.server.answer((listener, content), error)
         return commands
 
     def send_frame(self, frame: Frame) -> None:
-        session = self._session
+        session = self.session
         if session.taken == "itp":
-            self._last_seq = self._itp.last_sequence
-        self._server.publish(encode_report(frame, session.ticks, self._last_seq, session.checks))
+            self.last_seq = self.itp.last_sequence
+        self.server.publish(encode_report(frame, session.ticks, self.last_seq, session.checks))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -181,7 +191,7 @@ class ConsoleOptions:
 
 
 def run_robot(
-    chosen: Scenario,
+    chosen: scenario.Scenario,
     options: ConsoleOptions,
     seed: int | None = None,
     joint_port: int = JOINT_PORT,
@@ -267,6 +277,6 @@ def open_consoles(
     return consoles, server
 
 
-def hash_hazards(hazards: Sequence[Armable]) -> str:
+def hash_hazards(hazards: Sequence[scenario.Armable]) -> str:
     """Return a hash of a list of hazards. Equal hashes mean the same hazards in the same order."""
     return hashlib.sha256(" ".join(hazard.run_id for hazard in hazards).encode()).hexdigest()[:16]

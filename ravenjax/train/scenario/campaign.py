@@ -24,7 +24,6 @@ from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validate_tables
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
-from ravenjax.hazards.library import Hazard
 from ravenjax.train.robot import ROBOT, Arms
 from ravenjax.train.scenario.config import INSTRUCTOR, MOST_FAULTS, Entry, Levels, Scenario
 from ravenjax.vocabulary.effects import FIELDS
@@ -40,6 +39,8 @@ FAULT = "fault"
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""
 Key = tuple[str | int, ...]
+Tables = dict[str, Any]
+"""Tables of a campaign or scenario file."""
 _Row = dict[Any, Any]
 """A row of a fault table, by column."""
 _CLUTCHED = {"nominal.resync": 1.0}
@@ -77,13 +78,13 @@ class Armable:
     # Layer of the loop, as text; "" if the scenario declares the fault itself.
     layer: str
 
-    def header(self) -> dict[str, Any]:
+    def header(self) -> Tables:
         """Return the hazard's entry in session.json."""
         hidden = ("arm", "lasts_ms", "when_ms")
         return {key: value for key, value in vars(self).items() if key not in hidden}
 
 
-def right_responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
+def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, ...]:
     """Return the right responses of a scenario's entry, by default those of the library."""
     if entry.right_response is not None:
         return entry.right_response
@@ -103,7 +104,7 @@ def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     groups, numbers = _groups(scenario, seed)
     drawn = _config(scenario, seed, groups, _UNBOUNDED_S)
     rows = design.table_columns(drawn).to_dict("records") if groups else []
-    fixed: list[dict[str, Any]] = []
+    fixed: list[Tables] = []
     for group, number in zip(groups, numbers, strict=True):
         name, times = group["name"], scenario.hazard[number].times
         mine = [row for row in rows if row["group"] == name]
@@ -190,9 +191,9 @@ def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
             return key
 
 
-def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
+def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
     """Return a campaign's group for each case of each hazard, and the number of its entry."""
-    groups: list[dict[str, Any]] = []
+    groups: list[Tables] = []
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
@@ -219,7 +220,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
 
 
 def _config(
-    scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
+    scenario: Scenario, seed: int, groups: list[Tables], duration_s: float
 ) -> CampaignConfig:
     # Returns a campaign without motion; the session replaces it by the operator's motion.
     robot, start = scenario.robot, scenario.robot.start
@@ -256,7 +257,7 @@ def _slots(row: _Row) -> list[_Row]:
     return [slot for slot in slots if slot["site"]]
 
 
-def _faults(row: _Row) -> list[dict[str, Any]]:
+def _faults(row: _Row) -> list[Tables]:
     """Return the faults of a row with the keys of a campaign file; the earliest starts at 0."""
     slots = _slots(row)
     first = min((int(slot["start_ms"]) for slot in slots), default=0)

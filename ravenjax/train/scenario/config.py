@@ -38,6 +38,9 @@ _Duration = Annotated[float, Field(gt=0.0, le=3600.0)]
 _Amount = Annotated[float, Field(ge=0.0, le=1e6)]
 _Seed = Annotated[int, Field(ge=0, lt=2**31)]
 _Count = Annotated[int, Field(ge=1, le=1000)]
+_Repeats = Annotated[int, Field(ge=1, le=100)]
+_Limit = Annotated[float, Field(gt=0.0, le=1000.0)]
+_Extent = Annotated[float, Field(gt=0.0, le=20.0)]
 
 
 class Speeds(Section):
@@ -83,12 +86,12 @@ class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
     # Above the cue's threshold, so that an operator who waits for the cue has time to act.
-    excursion_mm: float = Field(10.0, gt=0.0, le=1000.0)
+    excursion_mm: _Limit = 10.0
     """unintended motion of the true tip above which there is harm, mm; also the limit of motion
     hazards, like [outcomes] limit_mm of a campaign. Set it above the cue's threshold, or an
     operator who waits for the cue acts too late
     """
-    depth_mm: float = Field(5.0, gt=0.0, le=1000.0)
+    depth_mm: _Limit = 5.0
     """depth added in the tissue above which there is harm, mm"""
 
 
@@ -107,7 +110,7 @@ class Reach(_Task):
     kind: Literal["reach"]
     targets: _Count = 12
     """number of targets"""
-    extent_mm: float = Field(12.0, gt=0.0, le=20.0)
+    extent_mm: _Extent = 12.0
     """largest distance of targets from the middle, mm"""
     height_mm: tuple[float, float] = (3.0, 18.0)
     """[least, greatest] height of targets above the tissue, mm"""
@@ -139,7 +142,7 @@ class Levels(Section):
     """[task] kind = "levels": the next level begins once the operator is proficient in the last."""
 
     kind: Literal["levels"]
-    in_a_row: int = Field(2, ge=1, le=100)
+    in_a_row: _Repeats = 2
     """number of rounds in a row that must be within the time"""
     level: tuple[Level, ...] = Field(min_length=1, max_length=20)
     """levels in their order"""
@@ -169,7 +172,7 @@ class Path(_Task):
     kind: Literal["path"]
     shape: Literal["circle", "eight", "line"] = "circle"
     """shape of the path; a line goes there and back"""
-    radius_mm: float = Field(10.0, gt=0.0, le=20.0)
+    radius_mm: _Extent = 10.0
     """half of the path's width, mm"""
     height_mm: float = Field(6.0, ge=-10.0, le=30.0)
     """height above the tissue, mm"""
@@ -232,13 +235,13 @@ class Entry(Section):
     when: When = INSTRUCTOR
     """time since the first pedal-down, s: one, [earliest, latest] to draw from, or "instructor"
     """
-    times: int = Field(1, ge=1, le=100)
+    times: _Repeats = 1
     """number of hazards that are drawn of each case"""
     right_response: tuple[Response, ...] | None = Field(None, min_length=1)
     """responses that are right; default: those of the library"""
     within_s: float = Field(2.0, gt=0.0, le=600.0)
     """time for the response, s"""
-    lasts_s: float | None = Field(None, gt=0.0, le=3600.0)
+    lasts_s: _Duration | None = None
     """longest time at work, s; default: its own, or 5 if it has no end"""
 
     @model_validator(mode="before")

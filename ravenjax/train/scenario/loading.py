@@ -14,7 +14,7 @@ from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.inspection.json_schema import of_model
 from ravenjax.errors import UserError, format_error, format_value, model_at, suggest_name
 from ravenjax.train.robot import ROBOT
-from ravenjax.train.scenario.campaign import find_scenario_errors
+from ravenjax.train.scenario.campaign import Tables, find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
 
 FOLDER = "campaigns/training"
@@ -34,7 +34,7 @@ def bundled_scenarios() -> list[Path]:
 
 
 def from_dict(
-    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+    raw: Tables, source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
     """Return the scenario that TOML tables declare. Raises UserError with file, line and key."""
     raw, replaced = overriding.all_applied(raw, overrides)
@@ -52,7 +52,7 @@ def from_dict(
     return scenario
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> Tables:
     """Return the JSON Schema of a scenario file."""
     whole = of_model(ROBOT, Scenario)
     fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
@@ -75,16 +75,16 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(error: Any) -> str:
-    kind, got = error["type"], error["input"]
-    if kind == "union_tag_not_found":
-        return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
-    if kind == "union_tag_invalid":
-        task = got.get("kind")
-        expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
-        return f"got {format_value(task)}, {expected}"
-    near = ""
-    if kind == "literal_error":
-        near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
+    got, near = error["input"], ""
+    match error["type"]:
+        case "union_tag_not_found":
+            return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
+        case "union_tag_invalid":
+            task = got.get("kind")
+            expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
+            return f"got {format_value(task)}, {expected}"
+        case "literal_error":
+            near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
     return format_error(error, _model(error["loc"][:-1])) + near
 
 

@@ -39,7 +39,6 @@ from ravenjax.train.protocol import (
     encode,
 )
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
-from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session import hands
 from ravenjax.train.session.console_arbiter import (
     NETWORK,
@@ -62,10 +61,18 @@ CLEARED_MS = 500
 class Director:
     """Decides when the hazards of one session are armed and disarmed."""
 
-    def __init__(self, hazards: Sequence[Armable], seed: int) -> None:
+    at_work = -1
+    """Number of the hazard that is armed or active; -1: none."""
+    _pending = -1  # the instructor's next hazard
+    _ordered = False  # whether the hazard `at_work` has been armed
+    _since = 0  # tick at which it was armed
+    _free_from = 0
+    _down = 0  # ms of pedal-down so far
+    _up = 0  # ms since the pedal came up
+    _stop = False  # the instructor disarms the hazard
+
+    def __init__(self, hazards: Sequence[scenario.Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
-        self.at_work = -1
-        """Number of the hazard that is armed or active; -1: none."""
         rng = np.random.default_rng([seed, 3])
         self.plan = sorted(
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
@@ -73,13 +80,6 @@ class Director:
             if hazard.when_ms is not None
         )
         """(ms, number) of the planned hazards that are still to come, in order."""
-        self._pending = -1  # the instructor's next hazard
-        self._ordered = False  # whether the hazard `at_work` has been armed
-        self._since = 0  # tick at which it was armed
-        self._free_from = 0
-        self._down = 0  # ms of pedal-down so far
-        self._up = 0  # ms since the pedal came up
-        self._stop = False  # the instructor disarms the hazard
 
     def command(self, message: Command) -> None:
         """Store the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
@@ -149,9 +149,22 @@ See `Session._stand_by`. The motion table is as long as the session plus `simula
 class Session:
     """One training session. Call `tick` until `over`."""
 
+    phase, view = READY, REAL
+    ticks = 0  # ms of the session, without pauses
+    started: int | None = None  # tick at which the session's time began
+    ended = ""  # why the session is over
+    _resume_to = READY
+    # Motion of the resting robot while the operator drives the virtual robot.
+    _rest: np.ndarray | None = None
+    # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
+    _tried = (0, 0)
+    _pedal, _alive = 0.0, False
+    _seen_trips, _looked = 0.0, -OUTCOMES_EVERY
+    _moved = False  # whether the robots moved in this tick
+
     def __init__(
         self,
-        chosen: Scenario,
+        chosen: scenario.Scenario,
         seed: int,
         *,
         cue: bool | None = None,
@@ -177,24 +190,14 @@ class Session:
         self.task = tasks.make_task(chosen, self._tips(), seed)
         self.director = Director(self.hazards, seed)
         self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
-        self.phase, self.view = READY, REAL
-        self.ticks = 0  # ms of the session, without pauses
-        self.started: int | None = None  # tick at which the session's time began
         self.arbiter = ConsoleArbiter(self._record)
         self.pedals = PedalReasons()
         self._presses = DoublePress()
         self._estop_hold = EstopHold(self.layout)
-        self.ended = ""  # why the session is over
         self.command_lines: list[str] = []
         """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
-        self._resume_to = READY
-        # Motion of the resting robot while the operator drives the virtual robot.
-        self._rest: np.ndarray | None = None
-        # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
-        self._tried = (0, 0)
         self._trial_checks, self._trial_trips = Trips(), 0.0
-        self._pedal, self._alive = 0.0, False
         self._told: Json = {}
         places = self.layout.places
         # Positions in a frame: hand, hand_quat and grasp of each arm, ordered as a motion table;
@@ -208,9 +211,7 @@ class Session:
         )
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
         self._trips = places["trips"].start
-        self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
         self._events: list[Event] = []
-        self._moved = False  # whether the robots moved in this tick
         self._new: list[Command] = []  # commands of this tick
 
     @property
@@ -305,79 +306,79 @@ class Session:
 
     def _command(self, command: Command) -> None:
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
-        kind = command.get("type")
-        if kind in ("input", "increments"):
-            self.arbiter.receive(
-                command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
-            )
-            console = console_of(command)
-            is_owner = console in NETWORK and console == self.arbiter.owner
-            if is_owner and self._presses.update(command["pedal"], self.ticks):
-                self._operator({"do": _OF_TWO_PRESSES[self.view]})
-        elif kind == "unheard":
-            console, why = console_of(command), str(command.get("why", ""))[:200]
-            if command.get("once"):
-                self._tell("refused", **self.pedals.report(console, why))
-            else:
-                self.arbiter.set_refusal(console, why)
-        elif kind == "seat":
-            if self.arbiter.change_seat(command, self.ticks):
-                self._release_pedal("handover", own=command.get("by") != "instructor")
-        elif kind == "operator":
-            self._operator(command)
-        elif kind == "instructor":
-            self._instructor(command)
+        console = console_of(command)
+        match command.get("type"):
+            case "input" | "increments":
+                self.arbiter.receive(
+                    command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
+                )
+                is_owner = console in NETWORK and console == self.arbiter.owner
+                if is_owner and self._presses.update(command["pedal"], self.ticks):
+                    self._operator({"do": _OF_TWO_PRESSES[self.view]})
+            case "unheard":
+                why = str(command.get("why", ""))[:200]
+                if command.get("once"):
+                    self._tell("refused", **self.pedals.report(console, why))
+                else:
+                    self.arbiter.set_refusal(console, why)
+            case "seat":
+                if self.arbiter.change_seat(command, self.ticks):
+                    self._release_pedal("handover", own=command.get("by") != "instructor")
+            case "operator":
+                self._operator(command)
+            case "instructor":
+                self._instructor(command)
 
     def _operator(self, command: Command) -> None:
         # Carries out a command of type "operator", which is also a response for the judge.
-        do, by = command["do"], command.get("by", "operator")
+        by = command.get("by", "operator")
         if by == "operator":
             self.judge.command(command, self.ticks)
-        if do == "estop":
-            if by != "operator":
-                self.judge.interrupted(self.ticks, f"estop by {by}")
-            self.robot.press(self.estop_row)
-        elif do == "restart" and (
-            self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN
-        ):
-            self._restart("restart")
-        elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
-            self._rehearse()
-        elif do == "reengage" and self.view == VIRTUAL:
-            # The driven robot repeats the motion that was tried.
-            first, last = self._tried = self._tried[0], self.virtual.now
-            self.view = REPLAY if last > first else REAL
-        elif do == "discard" and self.view != REAL:
-            # The hand continues at the pose of the driven robot, which has not moved.
-            self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
-            self.view = REAL
-        elif do == "note":
-            self._tell("note", text=str(command.get("text", ""))[:500])
+        match command["do"]:
+            case "estop":
+                if by != "operator":
+                    self.judge.interrupted(self.ticks, f"estop by {by}")
+                self.robot.press(self.estop_row)
+            case "restart":
+                if self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
+                    self._restart("restart")
+            case "rehearse" if self.view == REAL and self.phase == RUNNING:
+                self._rehearse()
+            case "reengage" if self.view == VIRTUAL:
+                # The driven robot repeats the motion that was tried.
+                first, last = self._tried = self._tried[0], self.virtual.now
+                self.view = REPLAY if last > first else REAL
+            case "discard" if self.view != REAL:
+                # The hand continues at the pose of the driven robot, which has not moved.
+                self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
+                self.view = REAL
+            case "note":
+                self._tell("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command) -> None:
-        # Carries out a command of type "instructor". Pause and reset interrupt a hazard.
-        do = command["do"]
-        if do in ("arm", "disarm"):
-            if do == "disarm":
+        # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
+        match command["do"]:
+            case "arm":
+                self.director.command(command)
+            case "disarm":
                 self.judge.interrupted(self.ticks, "instructor")
-            self.director.command(command)
-        elif do == "start" and self.phase != OVER:
-            self._start("instructor")
-        elif do == "pause" and self.phase not in (PAUSED, OVER):
-            self.judge.interrupted(self.ticks, "instructor")
-            self._resume_to, self.phase = self.phase, PAUSED
-        elif do == "resume" and self.phase == PAUSED:
-            # The operator may have moved a hand or the foot during the pause.
-            self._release_pedal("resume")
-            self.phase = self._resume_to
-        elif do == "reset" and self.phase != OVER:
-            self.judge.interrupted(self.ticks, "instructor")
-            self._restart("reset")
-        elif do == "end":
-            self._end("interrupted" if command.get("by") == "terminal" else "instructor")
-        elif do == "cue":
-            self.cue_on = bool(command.get("on"))
-            self.judge.cue_on = self.cue_on
+                self.director.command(command)
+            case "start" if not self.over:
+                self._start("instructor")
+            case "pause" if self.phase not in (PAUSED, OVER):
+                self.judge.interrupted(self.ticks, "instructor")
+                self._resume_to, self.phase = self.phase, PAUSED
+            case "resume" if self.phase == PAUSED:
+                # The operator may have moved a hand or the foot during the pause.
+                self._release_pedal("resume")
+                self.phase = self._resume_to
+            case "reset" if not self.over:
+                self.judge.interrupted(self.ticks, "instructor")
+                self._restart("reset")
+            case "end":
+                self._end("interrupted" if command.get("by") == "terminal" else "instructor")
+            case "cue":
+                self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
     def _release_pedal(self, why: str, own: bool = False) -> None:
         """Treat the pedal as up until the operator has lifted it.

@@ -77,8 +77,9 @@ class PedalReasons:
 class DoublePress:
     """Detects two short presses of a pedal, which begin and end a trial at a network console."""
 
+    _down = False
+
     def __init__(self) -> None:
-        self._down = False
         self._changes: deque[int] = deque(maxlen=4)
 
     def update(self, down: bool, tick: int) -> bool:
@@ -97,6 +98,11 @@ class DoublePress:
 class ConsoleArbiter:
     """Decides who drives in one session."""
 
+    owner = NOBODY
+    """The console that has the seat, one of `CONSOLES`."""
+    down = False
+    """Whether the owner's pedal is down and counts."""
+
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
     ) -> None:
@@ -104,12 +110,8 @@ class ConsoleArbiter:
         pedals alone decide who drives.
         """
         self._record, self._by_pedals = record, by_pedals
-        self.owner = NOBODY
-        """The console that has the seat, one of `CONSOLES`."""
         self._armed: set[str] = set()  # consoles whose pedal counts, because it was lifted
         self._heard: dict[str, int] = {}  # tick of each console's last message
-        self.down = False
-        """Whether the owner's pedal is down and counts."""
         self._foot: dict[str, bool] = {}  # each console's pedal in its last message
         self._since: dict[str, str] = {}  # why each console's pedal must be lifted
         self._unheard: dict[str, str] = {}  # why a console's messages are refused

@@ -12,12 +12,11 @@ every position here is half a micrometre farther from zero than the intended who
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn_vector
-from ravenjax.train.robot import ARM_COLUMNS, ArmName, Quat, turn_by, unit_quaternion
+from ravenjax.train.robot import ARM_COLUMNS, ArmName, Arms, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
 STILL = (0.0,) * 7
@@ -42,17 +41,18 @@ FARTHEST_UM = 1_000_000.0
 class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
-    def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
+    _pedal = False
+    # Tick of the last accepted message; -1: none yet.
+    _heard = -1
+    alive = False  # whether the last input is not stale
+
+    def __init__(self, arms: Arms, scale: float, speeds: Speeds) -> None:
         """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
-        self.arms = tuple(arms)
+        self.arms = arms
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
-        self._pedal = False
-        # Tick of the last accepted message; -1: none yet.
-        self._heard = -1
         # The hands in this tick, ordered as a row of `Motion.table`; the pedal is last.
         self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
-        self.alive = False  # whether the last input is not stale
 
     def apply(self, message: Command, tick: int) -> bool:
         """Apply a valid message "input" or "increments". Return False if it leads out of range."""
@@ -80,7 +80,7 @@ class Hands:
                 hand.step()
             else:
                 hand.stop()
-            hand.fill(values, self._scale)
+            values += hand.columns(self._scale)
         values.append(1.0 if alive and self._pedal else 0.0)
         self.columns[:] = values
         return self
@@ -96,18 +96,19 @@ class Hands:
 class _Hand:
     """One hand: its scaled position, and its speed along the ITP axes in shares of full speed."""
 
+    _quat = LEVEL
+    _grasped = 0.0
+    _aim: tuple[float, ...] = STILL
+    _moving = False
+
     def __init__(self, arm: ArmName, speeds: Speeds) -> None:
         self._axes = itp_from_view(arm)
         self._move = speeds.move_mm_s  # um of the tip per ms
         self._turn = speeds.turn_rad_s * 1e-3
         self._grasp_step = speeds.grasp_mrad_s * 1e-3
         self._x = [0.0] * 3  # um after scaling
-        self._quat = LEVEL
-        self._grasped = 0.0
-        self._aim: tuple[float, ...] = STILL
         self._v = [0.0] * 7
         self._change = [0.0] * 7  # rate of change of the speeds, per ms
-        self._moving = False
 
     def aim(self, speeds: tuple[float, ...]) -> None:
         """Set the speeds to reach, each -1 to 1: move 3 and turn 3 in axes of the view, grasp."""
@@ -166,10 +167,10 @@ class _Hand:
         if quat != LEVEL:
             self._quat = turn_by(self._quat, quat)
 
-    def fill(self, values: list[float], scale: float) -> None:
+    def columns(self, scale: float) -> list[float]:
         per_um = 1.0 / scale
-        values += [_beyond(position) * per_um for position in self._x]
-        values += (*self._quat, _beyond(self._grasped))
+        position = (_beyond(x) * per_um for x in self._x)
+        return [*position, *self._quat, _beyond(self._grasped)]
 
     def move_to(self, values: list[float], scale: float) -> None:
         """Set the position from the arm's columns in a row of motion."""

@@ -3,7 +3,7 @@ of a file. Both are deterministic, so a session can be repeated exactly.
 """
 
 import collections
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +22,7 @@ from ravenjax.train.protocol import (
     to_world,
     turn_vector,
 )
-from ravenjax.train.robot import PEDAL_DOWN, ArmName
+from ravenjax.train.robot import PEDAL_DOWN, ArmName, Arms
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
@@ -55,18 +55,17 @@ class Follower:
     the robot is stopped, and restarts it.
     """
 
-    def __init__(
-        self, task: Task, arms: Sequence[ArmName], speeds: Speeds, reaction: str = "release"
-    ) -> None:
+    _pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
+    _act_at = -1  # tick of the next action; -1: none
+    _until = -1  # the action lasts until this tick
+    _restart_at = -1
+    _felt = False
+    _waited = 0  # ms for which the robot has not moved with the pedal down
+
+    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release") -> None:
         """reaction: one of `REACTIONS`."""
-        self._task, self._arms, self._reaction = task, tuple(arms), reaction
+        self._task, self._arms, self._reaction = task, arms, reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s  # share of full speed per m
-        self._pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
-        self._act_at = -1  # tick of the next action; -1: none
-        self._until = -1  # the action lasts until this tick
-        self._restart_at = -1
-        self._felt = False
-        self._waited = 0  # ms for which the robot has not moved with the pedal down
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
         """Return the commands before this tick. frame: of the previous tick."""
@@ -138,19 +137,19 @@ class Scripted:
 
     def __init__(self, script: str, session: Session) -> None:
         """script: one of `REACTIONS`, or a file of commands, which are repeated at their ticks."""
-        self._session, self._follower = session, None
+        self._session = session
+        self._messages: Callable[[int, Frame], list[Command]] = lambda *_: []
         self._recorded: collections.deque[tuple[int, Command]] = collections.deque()
         if script in REACTIONS:
             speeds = session.scenario.speeds
-            self._follower = Follower(session.task, session.arms, speeds, script)
+            self._messages = Follower(session.task, session.arms, speeds, script).messages
         else:
             self._recorded.extend(sorted(read_commands(script), key=lambda pair: pair[0]))
 
     def poll(self) -> list[Command]:
         """Return the commands before this tick."""
-        session, commands = self._session, []
-        if self._follower is not None:
-            commands = self._follower.messages(session.ticks, session.frame)
+        session = self._session
+        commands = self._messages(session.ticks, session.frame)
         while self._recorded and self._recorded[0][0] <= session.ticks:
             commands.append(dict(self._recorded.popleft()[1]))
         if session.ticks == UNATTENDED_MS and session.started is None:

@@ -149,10 +149,13 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     assert "The outcome is not known" in page
 
 
-def test_hazards_that_left_no_room_for_a_response_are_named_and_do_not_count(tmp_path):
-    halted = dataclasses.replace(MISSED, outcome="halted", score=50.0)
-    made = synthetic.write(tmp_path / "s", [MET, halted], recorded=False)
-    told = text_of(debrief.write_debrief(made).read_text())
+def test_hazards_that_left_no_room_do_not_count_and_no_text_becomes_markup(tmp_path):
+    title = "<script>alert(1)</script>"
+    halted = dataclasses.replace(MISSED, outcome="halted", score=50.0, title=title)
+    made = synthetic.write(tmp_path / "s", [MET, halted], recorded=False, participant="<b>P</b>")
+    html = debrief.write_debrief(made).read_text()
+    assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
+    told = text_of(html)
     assert "1 of 1 hazard that left room for a response met with the right response" in told
     assert "Not counted: 1 × the robot halted on its own before a right response." in told
     assert "82 score of 100, mean of 1 hazard" in told and "Halted :" in told
@@ -166,14 +169,6 @@ def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):
     told = text_of(html).lower()
     assert "treated" not in html and "90 ms" not in told and "with the cue" not in told
     assert "force felt" not in told and "unintended motion" in told and '"model"' not in html
-
-
-def test_text_from_a_session_cannot_become_markup(tmp_path):
-    made = synthetic.write(
-        tmp_path, [synthetic.hazard(0, title="<script>alert(1)</script>")], participant="<b>P</b>"
-    )
-    html = debrief.write_debrief(made).read_text()
-    assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
 
 
 def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):

@@ -146,24 +146,6 @@ def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
     assert rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
 
 
-BAD = [
-    said(pedal=1),
-    said(golden={}),
-    said(gold={"move": [1, 2]}),
-    said(gold={"turn": "left"}),
-    incremented(gold={"delta_um": [1, 1, 10**400]}),
-    incremented(gold={"delta_um": [1, 1, 1], "quat": [0, 0, 0, 0]}),
-]
-
-
-@pytest.mark.parametrize("message", BAD, ids=str)
-def test_a_malformed_message_of_a_script_is_told(tmp_path, message):
-    lines = ({"tick": tick, "message": one} for tick, one in enumerate((said(), message)))
-    (tmp_path / "x.jsonl").write_text("\n".join(map(json.dumps, lines)))
-    with pytest.raises(UserError, match=r"x.jsonl:2: "):
-        read_commands(tmp_path / "x.jsonl")
-
-
 _JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: (

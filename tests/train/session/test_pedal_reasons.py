@@ -51,16 +51,11 @@ def instructor(do):
     return {"type": "instructor", "do": do}
 
 
-def test_a_foot_that_is_down_from_the_beginning_is_told_once_to_lift(told):
-    assert told.run(True, 600) == [f"itp: {REASONS['lift']}"]
-    assert told.run(False, 100) == [""]  # nothing is wrong any more
-    assert told.run(True, 100) == [] and told.session.frame.number("pedal") == 1
-    assert told.lines == [f"itp: {REASONS['lift']}"]
-
-
 def test_each_change_of_the_reason_is_told_once(told):
-    told.run(False, 100)
-    assert told.run(True, 300) == []
+    assert told.run(True, 600) == [f"itp: {REASONS['lift']}"]  # down from the beginning
+    assert told.run(False, 100) == [""]  # nothing is wrong any more
+    assert told.run(True, 300) == [] and told.session.frame.number("pedal") == 1
+    assert told.lines == [f"itp: {REASONS['lift']}"]
     assert told.run(None, STALE_MS + 200) == [f"itp: {REASONS['silent']}"]
     assert told.run(True, 100) == [f"itp: {REASONS['lift']} (the console was silent)"]
     told.run(False, 100)

@@ -1,5 +1,7 @@
 """Scripted and recorded operators, alone and in a whole session."""
 
+import json
+
 import pytest
 from made_frames import TIPS, made, running
 
@@ -58,8 +60,20 @@ def test_it_restarts_a_stopped_robot_and_steps_on_again():
     assert [down for _, down in pedals(said(operator, frame, 2001, 3500))] == [False, True]
 
 
+def line_of(arms, kind="input", **more):
+    message = {"type": kind, "source": "test", "pedal": True, "arms": arms} | more
+    return json.dumps({"tick": 1, "message": message})
+
+
 @pytest.mark.parametrize(
-    "line", ["{", "[]", '{"tick": -1, "message": {}}', '{"tick": 1}', '{"tick": 1, "message": 3}']
+    "line",
+    [
+        *("{", "[]", '{"tick": -1, "message": {}}', '{"tick": 1}', '{"tick": 1, "message": 3}'),
+        *(line_of({}, pedal=1), line_of({"golden": {}}), line_of({"gold": {"move": [1, 2]}})),
+        line_of({"gold": {"turn": "left"}}),
+        line_of({"gold": {"delta_um": [1, 1, 10**400]}}, "increments"),
+        line_of({"gold": {"delta_um": [1, 1, 1], "quat": [0, 0, 0, 0]}}, "increments"),
+    ],
 )
 def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
     path = tmp_path / "said.jsonl"

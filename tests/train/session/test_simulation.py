@@ -2,8 +2,6 @@
 it is stepped.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_frames import made as made_scenario
@@ -12,7 +10,6 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.console.operator import make_packet, row_by_row
 from ravenjax.train.judge import Judge
 from ravenjax.train.protocol import Frame
 from ravenjax.train.session import simulation
@@ -151,33 +148,6 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     assert told["limited"] is None or limited.items() <= dict(again).items()
     others = {"pedal": "loss of motion", "stop": "none"}
     assert told["motion_hazard"] == others.get(["burst", *FAULTS][row], "unintended motion")
-
-
-def packets(made, count):
-    setup, params = made.setup, made.plan.program.params
-    motion = tuple(map(jnp.asarray, made.plan.columns))
-
-    def one(k):
-        return make_packet(setup, params.operator, motion, row_by_row(k))
-
-    many = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
-    return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023
-
-
-@pytest.fixture(scope="module")
-def outside():
-    return PacketRobot(config())
-
-
-@pytest.mark.slow
-def test_every_packet_from_outside_gives_the_same_bits(made, outside):
-    outside.reset()
-    inside = robot_of(made)
-    for sent in packets(made, 500):
-        frame = outside.tick(sent)
-        inside.step()
-        np.testing.assert_array_equal(frame.row[: inside.row.size], inside.row)
-    assert frame.number("runlevel") == 3
 
 
 def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():

@@ -21,7 +21,6 @@ from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
-from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.session.simulation import Blueprint
 
 PERIOD_S = 0.002
@@ -39,7 +38,7 @@ def _row_type(layout: FrameLayout) -> np.dtype:
     return np.dtype([("frame", "<f4", layout.size), *clocks])
 
 
-def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> Any:
+def connect_transport(ros: messages.Ros, published: list[str], subscribed: list[str]) -> Any:
     """Return a `DdsTransport` or a `Ros1Transport`. Raises UserError if it is not available."""
     if ros == "ros2":
         try:
@@ -58,15 +57,16 @@ def connect_transport(ros: Ros, published: list[str], subscribed: list[str]) -> 
 class CrtkConsole:
     """A console of the realtime loop. It creates both rings."""
 
-    def __init__(self, layout: FrameLayout, ros: Ros, say: Say = print) -> None:
+    _polls = 0
+    taken = 0  # number of the last command returned
+    process_says: Connection | None = None  # delivers the reason when the process ends
+
+    def __init__(self, layout: FrameLayout, ros: messages.Ros, say: Say = print) -> None:
         """say: prints why the process has ended."""
         self._row = np.zeros(1, _row_type(layout))
         self.rows = Ring.create(_KEPT_ROWS, self._row.nbytes)
         self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
         self._ros, self._say = ros, say
-        self._polls = 0
-        self.taken = 0  # number of the last command returned
-        self.process_says: Connection | None = None  # delivers the reason when the process ends
 
     def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
@@ -97,11 +97,7 @@ class CrtkConsole:
 
 
 def spawn_bridge(
-    stack: contextlib.ExitStack,
-    ros: Ros,
-    blueprint: Blueprint,
-    say: Say = print,
-    elsewhere: bool = False,
+    stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint, and wait until it exchanges messages.
 

@@ -64,9 +64,9 @@ class DdsTransport:
         with contextlib.suppress(DDSException):
             self._writers[name].write(data.of(self.types.encode(message)))
 
-    def poll(self) -> list[tuple[str, Any]]:
+    def poll(self) -> messages.Arrivals:
         """Return topic and message of each arrival, oldest first within a topic."""
-        arrivals: list[tuple[str, Any]] = []
+        arrivals: messages.Arrivals = []
         for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
@@ -86,7 +86,7 @@ class DdsTransport:
         del self._participant
 
 
-def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
+def _quality(*, latched: bool, reliable: bool = True) -> Any:
     kinds = Policy.Reliability
     return Qos(
         kinds.Reliable(duration(milliseconds=1)) if reliable else kinds.BestEffort,

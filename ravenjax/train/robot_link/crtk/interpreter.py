@@ -27,13 +27,13 @@ from ravenjax.train.robot import (
     PEDAL_DOWN,
     PEDAL_UP,
     ArmName,
+    Arms,
     motor_matrix,
     soft_limits,
     tip_pose,
     tip_twist,
 )
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
 from ravenjax.train.robot_link.itp import STILL
 from ravenjax.train.session.console_arbiter import REASONS, RELEASED
 
@@ -86,6 +86,13 @@ class Setpoint(NamedTuple):
 class SetpointFollower:
     """Computes the increments that move one arm to its target."""
 
+    # The last goal in joint space, to which relative goals are added.
+    goal: np.ndarray | None = None
+    move: Trajectory | None = None
+    # The setpoint after all increments so far; None: the arm is not driven.
+    sum: Setpoint | None = None
+    target: Setpoint | None = None
+
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
@@ -93,13 +100,7 @@ class SetpointFollower:
         self.motors = motor_matrix(arm, tool)  # motors per joint
         self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
         self.jpos_d = np.zeros(7)  # joint setpoint of the control software
-        # The last goal in joint space, to which relative goals are added.
-        self.goal: np.ndarray | None = None
-        self.move: Trajectory | None = None
         self._axes = np.array(ITP_AXES[arm], float)
-        # The setpoint after all increments so far; None: the arm is not driven.
-        self.sum: Setpoint | None = None
-        self.target: Setpoint | None = None
 
     def engage(self, at: Setpoint) -> None:
         """Start at the control software's setpoint, because the pedal went down."""
@@ -200,7 +201,7 @@ class OperatingState:
     def state(self) -> str:
         if self._lost:
             return "FAULT"
-        if self._stopped or self.runlevel == E_STOP:
+        if self._stopped:
             return "DISABLED" if self._disabled else "FAULT"
         if self.runlevel == INIT or self.other_drives:
             return "ENABLED"
@@ -282,18 +283,18 @@ class OperatingState:
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
         """Process the robot's state. connected: to a command publisher. lost: without reports."""
-        was_stopped = self._stopped or self.runlevel == E_STOP
+        was_stopped = self._stopped
         if lost and not self._lost:
             # Only the pedal goes up: a robot that was enabled stays enabled.
             self._release("lost")
-        self.runlevel, self._stopped, self._lost = runlevel, stopped, lost
-        is_stopped = stopped or runlevel == E_STOP
-        if is_stopped and not was_stopped:
+        self.runlevel, self._lost = runlevel, lost
+        self._stopped = stopped or runlevel == E_STOP
+        if self._stopped and not was_stopped:
             self._release("stopped")
             self._disabled = False
-        if is_stopped and self._disabling:
+        if self._stopped and self._disabling:
             self._disabled, self._disabling = True, False
-        if self._restarting and not (is_stopped or lost) and runlevel == PEDAL_UP:
+        if self._restarting and not (stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
         if self.pedal or runlevel != PEDAL_DOWN:
@@ -338,11 +339,19 @@ class RobotRow(NamedTuple):
 class Interpreter:
     """Converts messages and commands of one robot."""
 
+    # The state published last; None: publish it again, because a state command arrived.
+    _published: tuple[str, bool, bool] | None = None
+    _stepped_ms: float | None = None
+    # Whether CRTK drove at the last row, and whether the last commands contain a motion.
+    _drove = _moves = False
+    _sent = 0  # number of the last command that contains a motion
+    _taken: int | None = None  # row before which the robot read this command
+
     def __init__(
         self,
-        arms: Sequence[ArmName],
+        arms: Arms,
         tools: Sequence[str],
-        types: MessageTypes,
+        types: messages.MessageTypes,
         grasp_gain: int = 1,
         contact: bool = False,
         refused: Say = lambda _: None,
@@ -353,17 +362,10 @@ class Interpreter:
         """Reasons why messages were ignored. Each reason is reported once."""
         self._types, self._contact, self._refused = types, contact, refused
         self._arms = {
-            ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
+            messages.ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
-        # The state published last; None: publish it again, because a state command arrived.
-        self._published: tuple[str, bool, bool] | None = None
         self._orders: list[Command] = []
-        self._stepped_ms: float | None = None
-        # Whether CRTK drove at the last row, and whether the last commands contain a motion.
-        self._drove = self._moves = False
-        self._sent = 0  # number of the last command that contains a motion
-        self._taken: int | None = None  # row before which the robot read this command
 
     # --- messages from ROS ---
 
@@ -504,7 +506,7 @@ class Interpreter:
         types, frame = self._types, row.frame
         told: list[Message] = []
         # Fields of ravenstate. Fields without a value in the simulation are zero.
-        raven: dict[str, Any] = {}
+        raven: Json = {}
         for name, arm in self._arms.items():
             jpos, jpos_d, mpos, mvel, force, contact = (
                 frame[f"{arm.name}/{channel}"].astype(float)

@@ -6,6 +6,7 @@ also contain a number.
 """
 
 import math
+from collections import ChainMap
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from ravenjax.bundled import resources
 from ravenjax.store.logs.ros_types import MessageTypes, Ros
-from ravenjax.train.robot import ArmName
+from ravenjax.train.robot import ArmName, Arms
 
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"
 STRING = "crtk_msgs/msg/StringStamped"
@@ -22,9 +23,11 @@ RAVEN_STATE = "raven_2/msg/raven_state"
 
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """Arm names of raven2's own CRTK interface."""
+Arrivals = list[tuple[str, Any]]
+"""Topic and message of each arrival."""
 _TOPICS = resources.read_tables(__file__, "topics.toml")
 _DEFINITIONS = _TOPICS.pop("definitions")
-_KINDS = {name: kind for topics in _TOPICS.values() for name, kind in topics.items()}
+_KINDS = ChainMap(*_TOPICS.values())
 SERVO = tuple(_TOPICS["servo"])
 
 
@@ -38,26 +41,26 @@ def is_latched(topic: str) -> bool:
     return kind_of(topic) == OPERATING_STATE
 
 
-def published_topics(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
+def published_topics(arms: Arms, ros: Ros, contact: bool = False) -> list[str]:
     """Return the topics that a robot with these arms publishes. contact: also its contact force."""
     words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
     of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
     return [*of_robot, *_of_arms(arms, words)]
 
 
-def command_topics(arms: Sequence[ArmName]) -> list[str]:
+def command_topics(arms: Arms) -> list[str]:
     """Return the topics that command a robot with these arms."""
     words = [*_TOPICS["command"], *_TOPICS["servo"]]
     return ["state_command", *_TOPICS["pedal"], *_of_arms(arms, words)]
 
 
-def state_topics(arms: Sequence[ArmName], ros: Ros) -> list[str]:
+def state_topics(arms: Arms, ros: Ros) -> list[str]:
     """Return the topics on which a real robot reports its state: raven2's (ROS 1) or CRTK's."""
     words = ("measured_js", "setpoint_js", "operating_state")
     return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
 
 
-def _of_arms(arms: Sequence[ArmName], words: Sequence[str]) -> list[str]:
+def _of_arms(arms: Arms, words: Sequence[str]) -> list[str]:
     return [f"{ARM_NAMES[arm]}/{word}" for arm in arms for word in words]
 
 

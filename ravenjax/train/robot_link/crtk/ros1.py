@@ -67,9 +67,9 @@ class Ros1Transport:
         with contextlib.suppress(OSError):  # `poll` reports that the node has ended
             self._link.send((self._published.index(name), self.types.encode(message)))
 
-    def poll(self) -> list[tuple[str, Any]]:
+    def poll(self) -> messages.Arrivals:
         """Return topic and message of each arrival. Raises UserError if the node has ended."""
-        arrivals: list[tuple[str, Any]] = []
+        arrivals: messages.Arrivals = []
         while self._link.poll():
             number, content = self._receive()
             if isinstance(number, int):

@@ -33,6 +33,8 @@ from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLin
 class RosRobot(RobotLink):
     """The connection to a robot that reports its state over ROS."""
 
+    _began_ns = 0
+
     def __init__(
         self,
         host: str,
@@ -54,7 +56,6 @@ class RosRobot(RobotLink):
         self._motors = dict(zip(arms, map(motor_matrix, arms, tools), strict=True))
         self._missing = set(messages.state_topics(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
-        self._began_ns = 0
 
     @staticmethod
     def topics(arms: Arms, ros: messages.Ros) -> tuple[list[str], list[str]]:
