@@ -29,17 +29,7 @@ from ravenjax.store.access.query import ResultTable, quote_name
 from ravenjax.store.manifest import Change, Manifest
 from ravenjax.vocabulary.robot import Robot
 
-RATES = (
-    "evades",
-    "unintended_motion",
-    "loss_of_motion",
-    "false_report",
-    "stopped",
-    "flagged",
-    "limited",
-    "silent",
-    "cue",
-)
+RATES = ("evades", "unintended_motion", "loss_of_motion", "false_report", *RESPONSES, "cue")
 """Events of `ravenjax.outcomes` whose rates are compared."""
 WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
 """The parts of a run's verdict, and the words that each part can have."""

@@ -47,7 +47,7 @@ def test_best_sets_are_beaten_by_none():
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
     """80 golden runs of 2.8 s: no false cue at 2 mm and above says nothing about an hour."""
     found = {one.rule: one for one in cues.choose_cues(TABLE, list(ROWS.values()))}
-    assert TABLE.motions().hours == pytest.approx(80 * 2.8 / 3600)
+    assert TABLE.motions.hours == pytest.approx(80 * 2.8 / 3600)
     strict = found["false cues an hour: at most 0.5"]
     assert strict.row is None and strict.possible == "2, 3 or 5 mm" and math.isnan(strict.least_mm)
     assert strict.hours == pytest.approx(hours_to_bound(0.5)) == pytest.approx(7.378, abs=1e-3)

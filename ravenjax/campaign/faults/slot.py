@@ -18,6 +18,7 @@ from ravenjax.vocabulary.effects import (
     EFFECTS,
     FIELDS,
     NETWORK_EFFECTS,
+    TIMES,
     TRIGGERS,
     WITH_PERIOD,
     WITHOUT_VALUE,
@@ -41,7 +42,6 @@ def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
     }
 
 
-TIMES = ("start_ms", "duration_ms", "every_ms", "period_ms")
 NUMBERS: dict[str, tuple[type[np.number], float]] = {
     "value": (np.float64, math.nan),
     **dict.fromkeys(TIMES, (np.int32, 0)),

@@ -7,6 +7,7 @@ the same rows. The page states whether all rows were used.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, TypeVar
@@ -111,8 +112,7 @@ class Runs:
         if self._drawn_groups is None:
             return True
         if groups is None:
-            cube = self.cube()
-            groups = set(cube.loc[cube["faulty"], "group"])
+            groups = set(self.cube.loc[self.cube["faulty"], "group"])
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str) -> dict[str, set[str]]:
@@ -125,13 +125,18 @@ class Runs:
             classes.setdefault(str(name), set()).add(group)
         return classes
 
+    @functools.cached_property
     def cube(self) -> pd.DataFrame:
-        """Return the number of runs (`runs`) for each combination of group, outcome and so on."""
-        return self.once(_count_cube)
+        """The number of runs (`runs`) for each combination of group, outcome and so on."""
+        words = ("group", "response", "hazard", "outcome")
+        flags = ("cued", "faulty", "failed", "evaded", "plain", "sample")
+        names = ", ".join(map(quote_name, words + flags))
+        frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
+        return frame.astype(dict.fromkeys(words, "str"))
 
     def groups(self) -> list[str]:
         """Return the names of the groups that have runs."""
-        return sorted(self.cube()["group"].unique().tolist())
+        return sorted(self.cube["group"].unique().tolist())
 
     def delays(
         self, event: str, start: str, end: str, where: str, by: str | None = None
@@ -158,9 +163,11 @@ class Runs:
         """Return a query for the rows of `results` whose facts fulfil a condition."""
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
+    @functools.cached_property
     def motions(self) -> Motions:
-        """Return the different fault-free motions: golden runs, and those added to the folder."""
-        return self.once(_fault_free_motions)
+        """The different fault-free motions: golden runs, and those added to the folder."""
+        source = self.matching("plain") if self.count("NOT plain") else RESULTS
+        return make_fault_free_table(self.table, self.names, source, self.end, self.beside)
 
     def whole_rows(self, rows: list[int]) -> list[dict[str, Any]]:
         """Return these rows in their order, with all columns of `results` and of `facts`."""
@@ -186,21 +193,6 @@ class Runs:
             f" USING (row) WHERE hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * share)}"
             " ORDER BY row"
         )
-
-
-def _count_cube(runs: Runs) -> pd.DataFrame:
-    # Counts the runs for each combination of words and flags, in one query.
-    words = ("group", "response", "hazard", "outcome")
-    names = ", ".join(
-        map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
-    )
-    frame = runs.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
-    return frame.astype(dict.fromkeys(words, "str"))
-
-
-def _fault_free_motions(runs: Runs) -> Motions:
-    source = runs.matching("plain") if runs.count("NOT plain") else RESULTS
-    return make_fault_free_table(runs.table, runs.names, source, runs.end, runs.beside)
 
 
 def after_onset(event: str) -> str:

@@ -19,7 +19,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
-from ravenjax.report.sections import Section, robots
+from ravenjax.report.sections import robots
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
@@ -117,7 +117,6 @@ def _words(value: Rate | Estimate) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    # Returns the variables of the section's template; None without explained runs.
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -275,4 +274,4 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     ]
 
 
-SECTIONS = (Section("chains", "Chains", 150, _content),)
+SECTIONS = {"chains": _content}

@@ -21,7 +21,6 @@ from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import Section
 from ravenjax.report.sections.detectors import list_alarms
 from ravenjax.report.sections.tables import EVERY_SITE
 from ravenjax.stats.intervals import Rate
@@ -273,4 +272,4 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
     return {"found": found, "rows": rows} if rows else None
 
 
-SECTIONS = (Section("coverage", "Coverage of checks", 158, _content),)
+SECTIONS = {"coverage": _content}

@@ -23,7 +23,7 @@ from ravenjax.report import wording
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
 from ravenjax.stats.alarms.false_alarms import AlarmRate, hours_to_bound
@@ -33,8 +33,6 @@ from ravenjax.store.manifest import CueRecord
 FELT = ("peak_force", "ms", "count")
 """Endings of the columns that describe a felt cue."""
 HARMLESS = "sample AND faulty AND NOT unintended"
-
-
 WEIGHTS = (1, 10, 100, 1000)
 """Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
@@ -95,7 +93,7 @@ class Choice(NamedTuple):
 
 def cue_rows(runs: Runs) -> list[CueRow]:
     """Return one row per haptic set, sorted by threshold and gain."""
-    free, cues = runs.motions(), runs.manifest.cues
+    free, cues = runs.motions, runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
     result = []
@@ -135,7 +133,7 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     usable = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not usable:
         return []
-    alarms, hours = _alarm_counts(runs, usable), runs.motions().hours
+    alarms, hours = _alarm_counts(runs, usable), runs.motions.hours
     # With a single threshold, every cost chooses this threshold.
     differ = len({row.cue.threshold_mm for row in usable}) > 1
     by_weight = [_cheapest(usable, alarms, weight, hours) for weight in WEIGHTS if differ]
@@ -307,7 +305,6 @@ def _words_of(row: CueRow) -> str:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
-    # Returns the variables of the section's template.
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
     hours = hours_to_offer(chosen)
@@ -323,4 +320,4 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     }
 
 
-SECTIONS = (Section("cues", "Haptic sweep", 60, _content),)
+SECTIONS = {"cues": _content}

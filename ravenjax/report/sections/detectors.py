@@ -18,7 +18,7 @@ from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset, detector_leads
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
@@ -91,7 +91,7 @@ class DetectorRow(NamedTuple):
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     """Return all sources of alarms: each threshold of each detector, the checks, and the cue."""
-    manifest, motions, result = runs.manifest, runs.motions(), []
+    manifest, motions, result = runs.manifest, runs.motions, []
     for d, detector in enumerate(manifest.detectors):
         score = f"golden_detector{d}_score"
         events = [
@@ -272,7 +272,6 @@ def _chart(
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of the section's template; None without detectors.
     if not runs.manifest.detectors:
         return None
     detectors = detector_rows(runs)
@@ -284,4 +283,4 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     }
 
 
-SECTIONS = (Section("detectors", "Detectors", 50, _content),)
+SECTIONS = {"detectors": _content}

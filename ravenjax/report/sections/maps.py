@@ -18,7 +18,7 @@ import pandas as pd
 from ravenjax.bundled import resources
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate, share_of_cells
 from ravenjax.store.access.query import RESULTS, quote_name
 
@@ -318,11 +318,6 @@ def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
     return content | {"panels": panels, "axes": pairs}
 
 
-SECTIONS = (
-    Section(
-        "maps",
-        "Maps",
-        30,
-        lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST},
-    ),
-)
+SECTIONS = {
+    "maps": lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST}
+}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import Section, detectors, tables
+from ravenjax.report.sections import detectors, tables
 from ravenjax.report.sections.detectors import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quote_name
@@ -82,7 +82,7 @@ def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     # Yields the false alarms of each user-defined check. They are unknown if the campaign varies
     # parameters of checks, because fault-free motions have only one value of each parameter.
-    motions, shape = runs.motions(), runs.manifest.shape
+    motions, shape = runs.motions, runs.manifest.shape
     varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
     # The fault-free motion has every value that is constant in the whole campaign.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
@@ -103,4 +103,4 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     return {"own_checks": own_check_rows(runs)}
 
 
-SECTIONS = (Section("own_checks", "Your checks", 100, _content),)
+SECTIONS = {"own_checks": _content}

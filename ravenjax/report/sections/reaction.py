@@ -21,7 +21,7 @@ from ravenjax.report.data.facts import ACTION, FACTS
 from ravenjax.report.data.fault_free import MS_PER_HOUR
 from ravenjax.report.data.pair_intervals import PairedRates
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
@@ -304,7 +304,6 @@ def compare_actions(runs: Runs) -> list[Difference]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of section "Reaction"; None if no operator reacts.
     if not runs.manifest.shape.reacts:
         return None
     sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
@@ -318,7 +317,6 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
 
 
 def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of section "Crossed parameters"; None without such parameters.
     config = runs.manifest.config
     paths = {
         path for table in (config, *config.get("group", ())) for path in table.get("cross", ())
@@ -329,7 +327,4 @@ def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
     return {"crossed": crossed_rows(sample, runs.sampled), "crossed_runs": (len(sample), runs.rows)}
 
 
-SECTIONS = (
-    Section("reaction", "Reaction", 70, _content),
-    Section("crossed", "Crossed parameters", 75, _crossed),
-)
+SECTIONS = {"reaction": _content, "crossed": _crossed}

@@ -12,7 +12,6 @@ import pandas as pd
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section
 from ravenjax.stats import one_unit
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
@@ -109,11 +108,6 @@ def robot_columns(config: Mapping[str, Any]) -> list[str]:
     )
 
 
-SECTIONS = (
-    Section(
-        "robots",
-        "Robots",
-        80,
-        lambda runs, _: {"your_robot": own} if (own := runs.once(robot_rates)) else None,
-    ),
-)
+SECTIONS = {
+    "robots": lambda runs, _: {"your_robot": own} if (own := runs.once(robot_rates)) else None
+}

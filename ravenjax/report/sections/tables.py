@@ -18,7 +18,6 @@ from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES
 from ravenjax.report.data.runs import UNINTENDED, Runs
-from ravenjax.report.sections import Section
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 from ravenjax.stats.latency import Delays, Incidence
@@ -121,7 +120,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     active, inactive, faulty, failed, reacting = runs.counts(
         [f"{valid} activated", f"{valid} NOT activated", "faulty", "failed", "NOT plain"]
     )
-    free = runs.motions()
+    free = runs.motions
     (lead_ms,) = runs.table.row(
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
         f" AND {conditions['both']}"
@@ -150,7 +149,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
 
 def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
     """Return rows by RESPONSES. Cells are by hazard and cue, each a rate of all distinct faults."""
-    cube = runs.cube()
+    cube = runs.cube
     return _matrix(cube.loc[cube["faulty"] & cube["sample"]], runs.sampled())
 
 
@@ -212,7 +211,7 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     A group without faults has the rates of its runs in which nobody reacts. `runs` and `failed`
     count all runs of the group.
     """
-    cube = runs.cube()
+    cube = runs.cube
     rows = []
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
@@ -360,7 +359,6 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
-    # Returns the variables of section "Verdicts".
     manifest = runs.manifest
     return {
         "matrix_rows": verdict_matrix(runs),
@@ -376,18 +374,9 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
     }
 
 
-SECTIONS = (
-    Section("verdicts", "Verdicts", 10, _verdicts),
-    Section(
-        "groups", "Groups", 20, lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES}
-    ),
-    Section(
-        "checks",
-        "Built-in checks",
-        110,
-        lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
-    ),
-    Section(
-        "failures", "Failures", 190, lambda runs, folder: {"failures": failure_rows(runs, folder)}
-    ),
-)
+SECTIONS = {
+    "verdicts": _verdicts,
+    "groups": lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES},
+    "checks": lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
+    "failures": lambda runs, folder: {"failures": failure_rows(runs, folder)},
+}
