@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ravenjax.document.drawing import print_figure
 from ravenjax.document.figure_style import STYLE
-from ravenjax.report.data.facts import OUTCOME_WORDS
+from ravenjax.report.data.facts import OUTCOME_WORDS, VALID_OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.sections import cues, detectors, tables, time_to_know
@@ -19,9 +19,7 @@ from ravenjax.store.files import require_writable
 
 WIDTH = 7.0  # inches, two columns of a page
 OUTCOMES = {
-    name: (words["colour"], words["label"])
-    for name, words in OUTCOME_WORDS.items()
-    if name != "failed"
+    name: (OUTCOME_WORDS[name]["colour"], OUTCOME_WORDS[name]["label"]) for name in VALID_OUTCOMES
 }
 """Colour and label of each outcome of a valid run, as on the HTML page."""
 MOST_GROUPS = 40

@@ -15,6 +15,7 @@ from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
+from ravenjax.report import wording
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, ResultTable, quote_name, quote_text
 from ravenjax.store.manifest import Manifest
@@ -28,6 +29,7 @@ OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
 """
+VALID_OUTCOMES = [name for name in OUTCOMES if name != "failed"]
 
 ACTION = "param:reaction.action"
 
@@ -203,31 +205,18 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     # Creates the table `numbers`, in which equal faults have the same number, and returns whether
-    # all faults differ. Windows that differ only after the end of the run are equal.
-    inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
-    # Adding 0 turns a negative zero into a positive one.
-    terms = [
-        f"0 + {quote_name(name)}" if types[name] in ("FLOAT", "DOUBLE") else quote_name(name)
-        for name in inputs
-        if not name.endswith(("_duration_ms", "_every_ms"))
-    ]
-    for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
-        start, every_ms = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
-        every_ms = f"CASE WHEN {start} + {every_ms} < {end_ms} THEN {every_ms} ELSE 0 END"
-        # Packet numbers begin at 1.
-        lasts = f"{start} + {slot}_duration_ms >= {end_ms} + ({slot}_trigger = 'packet')::INTEGER"
-        length = f"CASE WHEN {every_ms} = 0 AND {lasts} THEN -1 ELSE {slot}_duration_ms END"
-        terms += [every_ms, length]
-    key = f"hash({', '.join(terms) or '0'})"
-    random = ", ".join(f"'{name}'" for name in RANDOM)
-    effects = [name for name in inputs if name.endswith("_effect")]
-    draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
+    # all faults differ.
+    inputs = {
+        name: kind
+        for name, kind in types.items()
+        if name == "operator" or name.startswith(("param:", "fault"))
+    }
+    draws, key, key_of_copies = wording.fill_template(
+        "inputs.sql.j2", types=inputs, end_ms=end_ms, random=RANDOM, quote=quote_name
+    )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
-    if drawn:
-        # An effect that draws random numbers differs in every run, so each run is distinct.
-        copy = f"row_number() OVER (PARTITION BY {key} ORDER BY row)"
-        key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
-    keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
+    # An effect that draws random numbers differs in every run, so each run is distinct.
+    keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
     (unique,) = table.row(
         f"SELECT count(*) = count(DISTINCT input) AND bool_and(pair = row) FROM {keyed}"
     )

@@ -156,19 +156,14 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
     result = []
     for alarms, caught, harmless in zip(found, counts[::2], counts[1::2], strict=True):
         times = tables.event_times(runs, after_onset(alarms.column))
+        counted = (caught, unintended), (harmless, others), (caught, caught + harmless)
+        recall, fallout, precision = (tables.fault_share(runs, k, n) for k, n in counted)
         result.append(
             DetectorThreshold(
-                alarms.name,
-                alarms.threshold,
-                tables.fault_share(runs, caught, unintended),
-                tables.fault_share(runs, harmless, others),
-                tables.fault_share(runs, caught, caught + harmless),
-                alarms.false,
-                times.half_ms,
-                times.before,
-                times.lead_ms,
-                alarms.quiet,
-                alarms.leads,
+                *(alarms.name, alarms.threshold),
+                *(recall, fallout, precision, alarms.false),
+                *(times.half_ms, times.before, times.lead_ms),
+                *(alarms.quiet, alarms.leads),
             )
         )
     return result

@@ -16,7 +16,7 @@ import pandas as pd
 from ravenjax.bundled import resources
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
-from ravenjax.report.data.facts import FACTS, OUTCOMES
+from ravenjax.report.data.facts import FACTS, OUTCOMES, VALID_OUTCOMES
 from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
@@ -125,25 +125,21 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
         f" AND {conditions['both']}"
     )
+    rates = {name: fault_share(runs, count, total) for name, count in n.items()}
+    hazards = ("evaded", "unintended", "loss", "misreport")
+    cue_ms = f"golden_cue{manifest.verdict_cue}_first_ms"
     return {
         **n,
-        **{
-            name: fault_share(runs, n[name], total)
-            for name in ("evaded", "unintended", "loss", "misreport")
-        },
+        **{name: rates[name] for name in hazards},
         "inactive": inactive,
         "repeats": active - total,
         "reacting": reacting,
         "faulty": faulty,
         "failed": failed,
-        "outcomes": {
-            name: fault_share(runs, n[name], total) for name in OUTCOMES if name != "failed"
-        },
+        "outcomes": {name: rates[name] for name in VALID_OUTCOMES},
         "cue_first": fault_share(runs, n["cue_first"], n["both"]),
         "lead_ms": lead_ms,
-        "false_cue": wilson_share(
-            free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count
-        ),
+        "false_cue": wilson_share(free.came(cue_ms), free.count),
     }
 
 
@@ -171,13 +167,8 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
         ]
-        rows.append(
-            {
-                "name": response,
-                "cells": cells,
-                "total": rate(sum(cell["share"].k for cell in cells), total),
-            }
-        )
+        k = sum(cell["share"].k for cell in cells)
+        rows.append({"name": response, "cells": cells, "total": rate(k, total)})
     return rows
 
 
@@ -216,20 +207,20 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
         counted = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n, outcomes = _count(counted), counted["outcome"]
+        n, groups = _count(counted), [str(name)]
+        shares = {
+            key: fault_share(runs, _count(counted.loc[counted["outcome"] == key]), n, groups)
+            for key in VALID_OUTCOMES
+        }
         rows.append(
             {
                 "name": name,
                 "runs": _count(part),
                 "n": n,
                 "faulty": faulty,
-                "outcomes": {
-                    key: fault_share(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
-                    for key in OUTCOMES
-                    if key != "failed"
-                },
-                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
-                "matrix": _matrix(counted, runs.sampled([str(name)])),
+                "outcomes": shares,
+                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, groups),
+                "matrix": _matrix(counted, runs.sampled(groups)),
                 "failed": _count(part.loc[part["failed"]]),
             }
         )
