@@ -67,19 +67,13 @@ def summarize_run(
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
+    defined = {(one.kind, one.word): one for one in definitions.definition_rows(rules, robot)}
     verdict, *largest = wording.fill_template(
         "run_summary.txt.j2",
         row=row,
         rules=rules,
         untold=UNTOLD,
-        meaning=next(
-            (
-                definition.clause()
-                for definition in definitions.definition_rows(rules, robot)
-                if (definition.kind, definition.word) == ("response", row["response"])
-            ),
-            None,
-        ),
+        definition=defined.get(("response", row["response"])),
         distances=None if series is None else list(_distances(robot, series)),
     )
     return RunSummary(

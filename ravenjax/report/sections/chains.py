@@ -48,16 +48,13 @@ def seam_graph(summary: Propagation) -> Chart | None:
     """
     if not summary.carriers:
         return None
+    shows = [row.shows if row.ranged else None for row in summary.carriers]
     return _signal_chart(
         "In which signals faults that evade differ, and are visible",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
         summary.carriers,
         ("differs before harm", "series3", [row.carries for row in summary.carriers]),
-        (
-            "leaves its normal range before harm",
-            "series2",
-            [row.shows if row.ranged else None for row in summary.carriers],
-        ),
+        ("leaves its normal range before harm", "series2", shows),
     )
 
 
@@ -150,10 +147,8 @@ def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
         ticks_row = by_row.loc[int(row["index"])].to_dict()
         arms, cue = manifest.shape.arms, manifest.rules.cue
         link = chain.trace_chain(row, ticks_row, manifest.robot, arms, cue)  # type: ignore[arg-type]
-        words = chain_words.chain_sentences(link)
-        out.append(
-            {"chain": link, "sentences": words, "timeline": chain_words.chain_timeline(link)}
-        )
+        words, timeline = chain_words.chain_sentences(link), chain_words.chain_timeline(link)
+        out.append({"chain": link, "sentences": words, "timeline": timeline})
     return out
 
 

@@ -172,17 +172,17 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
             after >= 0, stops["effect_ms"].to_numpy(float) + after, -1
         ).astype(int)
         latest["in_time"] = harmful["deadline_ms"].to_numpy()
-    content = {
-        "kept": runs.count(f"{VALID} AND response = 'stopped' AND NOT unintended"),
-        "limit_mm": runs.manifest.limit_mm,
-        "harmful": len(harmful),
-        "sampled": runs.sampled(set(harmful["group"])),
-        "varied": [name for name in runs.names if name.startswith("param:checks.")],
-        "deadlines": deadlines is not None,
-        "unknown": unknown,
-        "fickle": fickle,
-    }
-    notices = wording.fill_template("coverage.txt.j2", **content)
+    notices = wording.fill_template(
+        "coverage.txt.j2",
+        kept=runs.count(f"{VALID} AND response = 'stopped' AND NOT unintended"),
+        limit_mm=runs.manifest.limit_mm,
+        harmful=len(harmful),
+        sampled=runs.sampled(set(harmful["group"])),
+        varied=[name for name in runs.names if name.startswith("param:checks.")],
+        deadlines=deadlines is not None,
+        unknown=unknown,
+        fickle=fickle,
+    )
     return CoverageTable(
         harmful,
         sources,

@@ -257,19 +257,12 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         pairs = [pair for pair in shown if pair[0].best == is_best]
         if pairs:
             marks.append(_marks(pairs, name, colour))
-    largest_hourly = (
-        max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
-    )
-    largest_missed = (
-        max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
-    )
-    y_title = "unintended motions without a cue"
-    return Chart(
-        "Missed hazards, false cues",
-        ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * largest_hourly),
-        ChartAxis(y_title, 0.0, min(1.0, 1.05 * largest_missed), share=True),
-        tuple(marks),
-    )
+    hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
+    missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * hourly)
+    y_title, most = "unintended motions without a cue", min(1.0, 1.05 * missed)
+    y_axis = ChartAxis(y_title, 0.0, most, share=True)
+    return Chart("Missed hazards, false cues", x_axis, y_axis, tuple(marks))
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
@@ -307,16 +300,15 @@ def _words_of(row: CueRow) -> str:
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
-    hours = hours_to_offer(chosen)
+    hours, manifest = hours_to_offer(chosen), runs.manifest
+    command = fault_free.fault_free_command(folder, manifest, hours) if hours else None
     return {
         "cues": cues,
         "choices": chosen,
         "tradeoff": cue_tradeoff(cues),
         "free_hours_wanted": hours,
-        "free_recorded": bool((runs.manifest.config.get("operator") or {}).get("file")),
-        "free_command": fault_free.fault_free_command(folder, runs.manifest, hours)
-        if hours
-        else None,
+        "free_recorded": bool((manifest.config.get("operator") or {}).get("file")),
+        "free_command": command,
     }
 
 

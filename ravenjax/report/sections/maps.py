@@ -299,21 +299,18 @@ def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
     ]
     rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
     n, rates, panels = len(sweep.faults), [], []
+    across, up = counts.across, counts.up
+    axes = {"across": across.title, "up": up.title, "columns": across.labels}
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
             rows = [
                 {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in row]}
-                for label, row in zip(counts.up.labels, cells, strict=True)
+                for label, row in zip(up.labels, cells, strict=True)
             ]
-            axes = {
-                "across": counts.across.title,
-                "up": counts.up.title,
-                "columns": counts.across.labels,
-            }
             # Numbers increase upwards.
-            panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
+            panels.append(rates[-1] | axes | {"rows": rows if up.words else rows[::-1]})
     content = {"name": name, "n": n, "unit": sweep.unit, "rates": rates}
     return content | {"panels": panels, "axes": pairs}
 

@@ -196,12 +196,8 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
             key=lambda row: (row[0], row[0] != row[1], row[1]),
         ):
             with_first = counted.loc[first == start]
-            pairs = _matched(
-                with_first.loc[with_first[name] == value],
-                with_first.loc[with_first[name] == start],
-                shared,
-                crossed,
-            )
+            after, before = (with_first.loc[with_first[name] == one] for one in (value, start))
+            pairs = _matched(after, before, shared, crossed)
             acting = pairs.acting
             pairs = pairs.where(acting)
             faults = pairs.faults(sampled)
