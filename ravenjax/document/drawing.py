@@ -183,20 +183,19 @@ def _label(mark: Mark) -> str:
 
 def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
     # Draws a curve and its band with matplotlib; yields the drawn elements.
-    step: Any = {"step": "post"} if mark.step else {}
-    style: Any = {"drawstyle": "steps-post"} if mark.step else {}
+    colour, step = _colour(mark), "post" if mark.step else None
     if len(mark.low):
         yield axes.fill_between(
-            mark.x, mark.low, mark.high, color=_colour(mark), alpha=alpha, lw=0, **step
+            mark.x, mark.low, mark.high, color=colour, alpha=alpha, lw=0, step=step
         )
     (line,) = axes.plot(
         mark.x,
         mark.y,
-        color=_colour(mark),
+        color=colour,
         lw=scale * (1.5 if mark.dashed else 2.2),
         ls=(0, (4, 2)) if mark.dashed else "-",
         label=_label(mark),
-        **style,
+        drawstyle="steps-post" if mark.step else "default",
     )
     yield line
 

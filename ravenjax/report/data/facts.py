@@ -136,18 +136,12 @@ def define_facts(
     valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
     terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
     base = {
-        "row": "row",
-        "group": '"group"',
         "faulty": faulty_sql(names),
-        "activated": "activated::BOOLEAN",
-        "failed": f"NOT ({valid})",
-        "response": f"CASE WHEN {valid} THEN response::VARCHAR ELSE '' END",
-        "hazard": f"CASE WHEN {valid} THEN hazard::VARCHAR ELSE '' END",
         **{
             name: f"{valid} AND {events.event_sql(event, rules)}"
             for name, event in _COLUMNS["events"].items()
         },
-        **{name: sql.format(**terms) for name, sql in _COLUMNS["times"].items()},
+        **{name: sql.format(**terms) for name, sql in _COLUMNS["columns"].items()},
         "action": f"({action})::TINYINT",
         "plain": plain,
         **_first_fault(names, chosen.robot),
@@ -249,14 +243,8 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     cases = " ".join(
         f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites
     )
-    return {
-        "site": "fault0_site",
-        "layer": f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END",
-        "block": "fault0_site || ' · ' || fault0_effect",
-        "onset_ms": "fault0_start_ms",
-        "length_ms": "fault0_duration_ms",
-        "magnitude": "fault0_value",
-    }
+    layer = f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END"
+    return _COLUMNS["first_fault"] | {"layer": layer}
 
 
 def _listed(columns: Mapping[str, str]) -> str:

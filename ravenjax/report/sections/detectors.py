@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.document import palette
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset, detector_leads
 from ravenjax.report.sections import tables
@@ -244,7 +244,7 @@ def _chart(
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"
             curve, low, high = (np.asarray(part, float) for part in band.curve)
-            low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
+            low, high = ((), ()) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
         points = [
             (level, level.harmless.value, level.caught.value)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.stats import one_unit
@@ -42,16 +43,9 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
     robots = drawn_whole(runs)
     if not robots:
         return []
-    # SQL conditions: which faults count for the rate, and which of them have the outcome.
-    questions = {
-        "evades the checks": ("true", "evaded"),
-        "makes an unintended motion": ("true", "unintended"),
-        "leads to a loss of motion": ("true", "loss"),
-        "has an alarm or stop by a check": ("true", "told"),
-    }
-    if runs.cue_leads:
-        early = "warned_ms >= 0 AND warned_ms < unintended_ms"
-        questions["has the cue before the unintended motion"] = ("unintended", early)
+    questions = resources.read_tables(__file__, "robots.toml")
+    if not runs.cue_leads:
+        del questions["has the cue before the unintended motion"]
     robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
     for name, (among, hit) in questions.items():
