@@ -224,23 +224,20 @@ def _more(manifest: Manifest) -> dict[str, str]:
     """Return further columns of facts.
 
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
-    and the times at which runs ended if these differ.
+    own<n>_ms for each user's check, built_in_told_ms if there are such checks, and the times at
+    which runs ended if these differ.
     """
-    cue_times = {
-        f"warned{k}_ms": events.beyond_golden_sql(f"cue{k}_first_ms")
-        for k in range(len(manifest.cues))
-    }
-    alarm_times = {
-        f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
-        for d, detector in enumerate(manifest.detectors)
-        for k in range(len(detector.thresholds))
-    }
-    end_times = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
-    return cue_times | alarm_times | end_times | _own_checks(manifest)
-
-
-def _own_checks(manifest: Manifest) -> dict[str, str]:
-    checks = manifest.shape.own_checks
-    column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(checks)}
-    return times | {"built_in_told_ms": column} if checks else {}
+    checks, columns = manifest.shape.own_checks, {}
+    for k in range(len(manifest.cues)):
+        columns[f"warned{k}_ms"] = events.beyond_golden_sql(f"cue{k}_first_ms")
+    for d, detector in enumerate(manifest.detectors):
+        for k in range(len(detector.thresholds)):
+            columns[f"alarm{d}_{k}_ms"] = f"detector{d}_threshold{k}_first_ms"
+    for n, check in enumerate(checks):
+        columns[f"own{n}_ms"] = events.check_ms_sql(check.name)
+    if checks:
+        is_separate = manifest.rules.built_in != "response"
+        columns["built_in_told_ms"] = "built_in_told_ms" if is_separate else "told_ms"
+    if manifest.shape.observes:
+        columns[schema.OBSERVED] = schema.OBSERVED
+    return columns

@@ -98,19 +98,15 @@ def _signal_chart(
         known = [(place, value) for place, value in enumerate(values) if value is not None]
         places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
         value, low, high = ends.reshape(-1, 3).T
-        tips = (f"{carriers[at].seam}: {_words(v)}, {carriers[at].meaning}" for at, v in known)
+        tips = [
+            wording.fill_template("carrier_tip.txt.j2", carrier=carriers[at], value=value)[0]
+            for at, value in known
+        ]
         y, is_last = np.array(places, float), values is marks[-1][2]
         dots.append(Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last))
     names = tuple(row.seam for row in carriers)
     signals = ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
     return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))
-
-
-def _words(value: Rate | Estimate) -> str:
-    if isinstance(value, Rate):
-        counts = f"{wording.format_count(value.k)} of {wording.format_count(value.n)}"
-        return f"{wording.format_percent(value.value)} ({counts})"
-    return wording.format_estimate(value, "ms")
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:

@@ -228,12 +228,8 @@ def _choice(
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    # Lists thresholds in words: 2, 3 or 4 mm, or a range if there are many.
-    numbers = [f"{value:g}" for value in thresholds]
-    if len(numbers) > MOST_LISTED:
-        return f"{numbers[0]} to {numbers[-1]} mm"
-    *first, last = numbers or [""]
-    return f"{', '.join(first)} or {last} mm" if first else f"{last} mm" if last else ""
+    texts = wording.fill_template("thresholds.txt.j2", thresholds=thresholds, most=MOST_LISTED)
+    return "".join(texts)
 
 
 def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
@@ -281,20 +277,8 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
         texts=tuple(
             "" if mm in thresholds[:place] else f"{mm:g} mm" for place, mm in enumerate(thresholds)
         ),
-        tips=tuple(_words_of(row) for row, _ in pairs),
+        tips=tuple(wording.fill_template("cue_tip.txt.j2", row=row)[0] for row, _ in pairs),
     )
-
-
-def _words_of(row: CueRow) -> str:
-    # Describes a haptic set's results in words, for its mark in the chart.
-    interval = (
-        wording.format_interval(row.missed)
-        or f"{wording.format_count(row.missed.k)} of {wording.format_count(row.missed.n)}"
-    )
-    missed = f"missed {wording.format_percent(row.missed.value)} ({interval})"
-    hourly = f"{wording.format_number(row.hourly)} false cues an hour"
-    force, felt_ms = wording.format_number(row.force), wording.format_number(row.felt_ms)
-    return f"{row.told}: {missed}, {hourly}, peak force {force}, felt for {felt_ms} ms"
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:

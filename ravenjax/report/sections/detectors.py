@@ -16,13 +16,13 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset, detector_leads
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
@@ -142,7 +142,8 @@ def detector_rows(runs: Runs) -> list[DetectorRow]:
         shown = _shown([alarms for alarms in measured if alarms.name == name])
         kind, roc, recall = "", None, None
         if number < len(detectors):
-            kind, (roc, recall) = _what(detectors[number]), _bands(runs, number)
+            (kind,) = wording.fill_template("detector_kind.txt.j2", detector=detectors[number])
+            roc, recall = _bands(runs, number)
         auc = roc.area if roc else None
         result.append(DetectorRow(name, kind, threshold_rows(runs, shown), roc, recall, auc))
     return result
@@ -180,16 +181,6 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
     places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
     few = len(alarms) <= MOST_THRESHOLDS
     return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
-
-
-def _what(detector: DetectorRecord) -> str:
-    # Describes the kind and the settings of a detector in words.
-    words = [detector.kind.replace("_", " ")]
-    if detector.kind == "steps":
-        words.append(f"fused: {detector.fusion}")
-    if detector.consecutive > 1:
-        words.append(f"{detector.consecutive} ms in a row")
-    return ", ".join(words)
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
