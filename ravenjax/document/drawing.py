@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from ravenjax.bundled import resources
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
@@ -46,19 +47,10 @@ _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
     _PAPER: "paper",
 }
 """Custom property of each colour."""
-_REPLACED = tuple(
+_REPLACED = [
     (re.compile(pattern, re.DOTALL), replacement)
-    for pattern, replacement in (
-        # The page's style sheet provides this.
-        (r"<metadata>.*?</metadata>|<style.*?</style>", ""),
-        (r"font-(?:size|family): [^;\"]*;? ?", ""),
-        (r'id="mark (\S+) (\w+) \d+"', r'class="mark \2" data-series="\1"'),
-        (r'id="hit"', 'class="hit"'),
-        (r"<a xlink:href=(([\"']).*?\2) target=\"_blank\">(.*?)</a>", r"<g data-tip=\1>\3</g>"),
-        # A saved drawing does not declare the prefix xlink.
-        ("xlink:href", "href"),
-    )
-)
+    for pattern, replacement in resources.read_tables(__file__, "drawing.toml")["replaced"]
+]
 
 
 def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Markup:

@@ -212,7 +212,7 @@ class CampaignResults:
     def _plot(self, name: str, absent: str) -> ShownFigure:
         from ravenjax.report import paper
 
-        return self._figure(paper.FIGURES[name], absent)
+        return self._figure(lambda runs: paper.draw_figure(runs, name), absent)
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
         # Draws a figure. absent: what the results lack if there is nothing to draw.

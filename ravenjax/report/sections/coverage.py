@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError, UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.report import wording
@@ -29,13 +30,7 @@ from ravenjax.store.access.query import RESULTS, quote_name
 
 Kind = Literal["built-in check", "user's check", "detector", "cue"]
 EVERYTHING = "all checks and detectors"
-TOGETHER: dict[str, tuple[Kind, ...]] = {
-    "built-in checks": ("built-in check",),
-    "checks of your own": ("user's check",),
-    "detectors": ("detector",),
-    EVERYTHING: ("built-in check", "user's check", "detector"),
-    "all of these and the cue": ("built-in check", "user's check", "detector", "cue"),
-}
+TOGETHER: dict[str, list[Kind]] = resources.read_tables(__file__, "coverage.toml")
 """Sets of kinds of sources whose detections are also counted together."""
 VALID = f"plain AND faulty AND {FACTS}.activated AND NOT {FACTS}.failed"
 """SQL condition of the runs that count: a fault changed a bit, the outcome is valid, and the
