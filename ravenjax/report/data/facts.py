@@ -58,10 +58,6 @@ def recorded_choices(manifest: Manifest) -> Choices:
     )
 
 
-USUAL = Choices()
-"""Choices of a campaign that leaves all defaults unchanged."""
-
-
 def derive_facts(frame: pd.DataFrame, chosen: Choices) -> pd.DataFrame:
     """Return the facts of a result table in memory, one row per run, with the index of `frame`.
 

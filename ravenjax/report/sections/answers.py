@@ -104,13 +104,9 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     Without a column, the only row is for all faults.
     """
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
-    delays, lags = (
-        runs.delays(event, start, runs.end, UNINTENDED, kind or None)
-        for event, start in (
-            (detectors.knowledge_sql(runs), "active_ms"),
-            (detectors.knowledge_sql(runs, leading=True), "unintended_ms"),
-        )
-    )
+    any_ms, leading_ms = (detectors.knowledge_sql(runs, leading) for leading in (False, True))
+    delays = runs.delays(any_ms, "active_ms", runs.end, UNINTENDED, kind or None)
+    lags = runs.delays(leading_ms, "unintended_ms", runs.end, UNINTENDED, kind or None)
     columns = (
         *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
         tables.quantiles_sql("unintended_mm"),
