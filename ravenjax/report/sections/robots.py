@@ -36,15 +36,12 @@ class RobotRate(NamedTuple):
 
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return the rate of each outcome, over one run of each fault and robot.
-
-    The rate of cues before the motion is left out if definitions alone decide it (`cue_leads`).
-    """
+    """Return the rate of each outcome, over one run of each fault and robot."""
     robots = drawn_whole(runs)
     if not robots:
         return []
     questions = resources.read_tables(__file__, "robots.toml")
-    if not runs.cue_leads:
+    if not runs.manifest.cues:
         del questions["has the cue before the unintended motion"]
     robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []

@@ -235,10 +235,8 @@ def series(
     setup: ArmSetup, signals: dict[str, Any], golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the time series of a run; `store.logs.time_series` describes them."""
-    names = {"jpos": "encoder", "jpos_d": "command", "tau_d": "torque"}
-    arm = {own: signals[name][0] for own, name in names.items()} | {
-        name: values for name, values in signals.items() if isinstance(values, Vec)
-    }
+    arm = {signal.field: signals[signal.layer][0] for signal in setup.robot.signals}
+    arm |= {name: values for name, values in signals.items() if isinstance(values, Vec)}
     out = {f"arm/{name}": np.stack(values, axis=-1) for name, values in arm.items()}
     if golden is not None:
         out["arm/golden_tip"] = golden[:, :3]
