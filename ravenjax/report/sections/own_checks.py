@@ -31,32 +31,25 @@ class OwnCheckRow(NamedTuple):
 
 def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
-    checks = runs.manifest.shape.own_checks
-    per_check = list(_alarms(runs))
+    checks, per_check = runs.manifest.shape.own_checks, list(_alarms(runs))
     trips = [f"({after_onset(alarms.column)}) >= 0" for alarms in per_check]
+    # SQL for faults that only this check detected: when it tripped, no built-in check had reported
+    # the fault, and no other user-defined check had tripped.
+    silent = [f"own{number}_ms < 0" for number in range(len(checks))]
     alone = [
-        # SQL for faults that only this check detected: when it tripped, no built-in check had
-        # reported the fault, and no other user-defined check had tripped.
-        " AND ".join(
-            [
-                trip,
-                "built_in_told_ms < 0",
-                *(f"own{other}_ms < 0" for other in range(len(checks)) if other != number),
-            ]
-        )
+        " AND ".join([trip, "built_in_told_ms < 0", *silent[:number], *silent[number + 1 :]])
         for number, trip in enumerate(trips)
     ]
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
-    for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
-        tripped, alone_count = counts[number], counts[len(checks) + number]
-        section = sections.get(checks[number].name, {})
+    measured = detectors.threshold_rows(runs, per_check)
+    for check, alarms, tripped in zip(checks, measured, counts, strict=False):
+        section = sections.get(check.name, {})
+        alone_count = counts[len(checks) + len(result)]
         result.append(
             OwnCheckRow(
-                alarms.detector,
-                str(section.get("at", "")),
-                checks[number].does,
+                *(alarms.detector, str(section.get("at", "")), check.does),
                 _threshold(runs, section, alarms.detector),
                 tables.fault_share(runs, tripped, total),
                 tables.fault_share(runs, alone_count, tripped),
