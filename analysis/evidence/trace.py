@@ -33,7 +33,7 @@ def count_matrix(source: Source) -> pd.DataFrame:
     """Return one line per group with faults: how many distinct faults ended in each hazard. The
     trace has their runs.
     """
-    cube = source.runs.cube()
+    cube = source.runs.cube
     counted = cube.loc[cube["faulty"] & cube["sample"]].astype({"group": str, "hazard": str})
     by_hazard = counted.pivot_table("runs", "group", "hazard", "sum", 0)
     matrix = by_hazard.reindex(columns=list(verdict.HAZARDS), fill_value=0)

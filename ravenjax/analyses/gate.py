@@ -138,7 +138,7 @@ def _false_cues(folder: Path) -> AlarmRate:
     # Returns the rate of false cues per hour of fault-free motion of a result folder.
     record = manifest.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        rate = runs.motions().cue_rate(record.verdict_cue)
+        rate = runs.motions.cue_rate(record.verdict_cue)
     if rate is None:
         raise UserError(
             f"{folder}: has no fault-free motion with the pedal down, so false cues cannot be"

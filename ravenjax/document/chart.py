@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-EMPTY = np.zeros(0)
+Bounds: TypeAlias = np.ndarray | tuple[float, ...]
 DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
 """Steps of a curve that are smaller than this fraction of its height may be merged."""
@@ -70,23 +70,29 @@ class ChartAxis:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Curve:
-    """A line, straight or in steps, and its band; arrays [points]."""
-
+class _Series:
+    # What curves and dots have in common.
     name: str
     # Name of a colour of the palette.
     colour: str
     x: np.ndarray
     y: np.ndarray
+    _: dataclasses.KW_ONLY
+    # False: hidden until the reader selects it.
+    visible: bool = True
+    in_legend: bool = True
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curve(_Series):
+    """A line, straight or in steps, and its band; arrays [points]."""
+
     # Empty: the curve has no band.
-    low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
+    low: Bounds = ()
+    high: Bounds = ()
     # Each value holds until the next x.
     step: bool = False
     dashed: bool = False
-    # False: the curve is hidden until the reader selects it.
-    visible: bool = True
-    in_legend: bool = True
 
     @staticmethod
     def steps(
@@ -135,18 +141,14 @@ class Curve:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Dots:
+class Dots(_Series):
     """Marks of a chart, perhaps with intervals; arrays [marks]."""
 
-    name: str
-    colour: str
-    x: np.ndarray
-    y: np.ndarray
     # Empty: the marks have no intervals.
-    x_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    x_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    y_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    y_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
+    x_low: Bounds = ()
+    x_high: Bounds = ()
+    y_low: Bounds = ()
+    y_high: Bounds = ()
     # Diameters, px; () means 8.
     size: tuple[float, ...] = ()
     # Labels beside the marks.
@@ -154,8 +156,6 @@ class Dots:
     # Description of each mark.
     tips: tuple[str, ...] = ()
     diamond: bool = False
-    visible: bool = True
-    in_legend: bool = True
 
 
 Mark: TypeAlias = Curve | Dots

@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from ravenjax.bundled import resources
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE
@@ -46,19 +47,10 @@ _NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
     _PAPER: "paper",
 }
 """Custom property of each colour."""
-_REPLACED = tuple(
+_REPLACED = [
     (re.compile(pattern, re.DOTALL), replacement)
-    for pattern, replacement in (
-        # The page's style sheet provides this.
-        (r"<metadata>.*?</metadata>|<style.*?</style>", ""),
-        (r"font-(?:size|family): [^;\"]*;? ?", ""),
-        (r'id="mark (\S+) (\w+) \d+"', r'class="mark \2" data-series="\1"'),
-        (r'id="hit"', 'class="hit"'),
-        (r"<a xlink:href=(([\"']).*?\2) target=\"_blank\">(.*?)</a>", r"<g data-tip=\1>\3</g>"),
-        # A saved drawing does not declare the prefix xlink.
-        ("xlink:href", "href"),
-    )
-)
+    for pattern, replacement in resources.read_tables(__file__, "drawing.toml")["replaced"]
+]
 
 
 def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Markup:
@@ -183,20 +175,19 @@ def _label(mark: Mark) -> str:
 
 def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
     # Draws a curve and its band with matplotlib; yields the drawn elements.
-    step: Any = {"step": "post"} if mark.step else {}
-    style: Any = {"drawstyle": "steps-post"} if mark.step else {}
+    colour, step = _colour(mark), "post" if mark.step else None
     if len(mark.low):
         yield axes.fill_between(
-            mark.x, mark.low, mark.high, color=_colour(mark), alpha=alpha, lw=0, **step
+            mark.x, mark.low, mark.high, color=colour, alpha=alpha, lw=0, step=step
         )
     (line,) = axes.plot(
         mark.x,
         mark.y,
-        color=_colour(mark),
+        color=colour,
         lw=scale * (1.5 if mark.dashed else 2.2),
         ls=(0, (4, 2)) if mark.dashed else "-",
         label=_label(mark),
-        **style,
+        drawstyle="steps-post" if mark.step else "default",
     )
     yield line
 

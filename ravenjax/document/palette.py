@@ -3,9 +3,9 @@
 The colours remain distinguishable in every form of colour blindness.
 """
 
-import tomllib
-from pathlib import Path
 from typing import NamedTuple
+
+from ravenjax.bundled import resources
 
 
 class Colour(NamedTuple):
@@ -16,9 +16,8 @@ class Colour(NamedTuple):
 
 
 CUE, RESPONSE, SAME = "cue", "response", "same"
-_FILE = Path(__file__).with_name("palette.toml")
 PALETTE = {
-    name: Colour(*pair) for name, pair in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
+    name: Colour(*pair) for name, pair in resources.read_tables(__file__, "palette.toml").items()
 }
 """Colours by name."""
 SERIES = tuple(name for name in PALETTE if name.startswith("series"))

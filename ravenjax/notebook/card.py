@@ -37,15 +37,11 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
     from ravenjax.report import paper
     from ravenjax.report.sections import tables
 
-    head, groups = (
-        tables.headline_counts(runs, manifest),
-        [row for row in tables.group_rows(runs) if row["faulty"]],
-    )
     return _page(
         "results.html.j2",
         manifest=manifest,
-        head=head,
-        groups=groups,
+        head=tables.headline_counts(runs, manifest),
+        groups=[row for row in tables.group_rows(runs) if row["faulty"]],
         sampled=runs.sampled(),
         outcomes=paper.OUTCOMES,
     )

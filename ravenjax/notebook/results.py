@@ -177,34 +177,25 @@ class CampaignResults:
 
     def plot_verdicts(self) -> ShownFigure:
         """Plot the number of distinct faults of each group by outcome."""
-        from ravenjax.report import paper
-
-        return self._figure(paper.verdict_figure, "no run has a fault")
+        return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
         """Plot the delay from a fault's first effect to the cue, to the first alarm or stop by a
         check, and, for unintended motions, to the first sign of any kind.
         """
-        from ravenjax.report import paper
-
-        return self._figure(paper.how_soon, "no fault had an effect")
+        return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
         """Plot the share of unintended motions with an alarm over the share of other runs with an
         alarm, for each detector and threshold.
         """
-        from ravenjax.report import paper
-
-        return self._figure(paper.roc_figure, "the campaign has no [[detector]]")
+        return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
         """Plot the share of unintended motions without a cue over the false cues per hour, for each
         haptic set.
         """
-        from ravenjax.report import paper
-
-        nothing = "the results contain no fault-free motion"
-        return self._figure(paper.tradeoff_figure, nothing)
+        return self._plot("tradeoff", "the results contain no fault-free motion")
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
         """Plot over time which signals of a run differ from the golden run. It is computed again.
@@ -217,6 +208,11 @@ class CampaignResults:
             lambda _: explaining.explain_figure(self.folder, run, engine),
             f"nothing differs from the golden run in run {run}",
         )
+
+    def _plot(self, name: str, absent: str) -> ShownFigure:
+        from ravenjax.report import paper
+
+        return self._figure(lambda runs: paper.draw_figure(runs, name), absent)
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:
         # Draws a figure. absent: what the results lack if there is nothing to draw.

@@ -29,17 +29,7 @@ from ravenjax.store.access.query import ResultTable, quote_name
 from ravenjax.store.manifest import Change, Manifest
 from ravenjax.vocabulary.robot import Robot
 
-RATES = (
-    "evades",
-    "unintended_motion",
-    "loss_of_motion",
-    "false_report",
-    "stopped",
-    "flagged",
-    "limited",
-    "silent",
-    "cue",
-)
+RATES = ("evades", "unintended_motion", "loss_of_motion", "false_report", *RESPONSES, "cue")
 """Events of `ravenjax.outcomes` whose rates are compared."""
 WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
 """The parts of a run's verdict, and the words that each part can have."""
@@ -192,32 +182,13 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     )
 
 
-def _keys(table: ResultTable) -> tuple[str, str]:
+def _keys(table: ResultTable) -> list[str]:
     # Returns for both sides the SQL of a key that equal faults share.
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
-
-    def key_part(name: str, columns: dict[str, str]) -> str:
-        # Returns SQL for one column of the key. Absent and NaN values are equal.
-        text = quote_name(name)
-        # A fault slot that this campaign does not have counts as empty.
-        if name not in columns:
-            return "NULL"
-        if columns[name] in ("DOUBLE", "FLOAT"):
-            value = f"CASE WHEN isnan({text}) THEN NULL ELSE 0 + {text}::DOUBLE END"
-        else:
-            value = f"nullif({text}::VARCHAR, '')"
-        if name in shared:
-            return value
-        # The other columns of an empty slot have no meaning.
-        return f"CASE WHEN {quote_name(name.partition('_')[0] + '_site')} <> '' THEN {value} END"
-
-    first, second = (
-        ", ".join(key_part(name, columns) for name in [*faults, *shared]) or "0"
-        for columns in types
-    )
-    return first, second
+    names = [*faults, *shared]
+    return wording.fill_template("fault_keys.sql.j2", folders=types, names=names, quote=quote_name)
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:

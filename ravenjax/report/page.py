@@ -48,7 +48,7 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
         "head": head,
         "evaded": head["evaded"],
         "faults": "distinct fault" + ("s" if head["evaded"].n != 1 else ""),
-        "free": runs.motions(),
+        "free": runs.motions,
         "sampled": runs.sampled(),
         "frame_rows": runs.rows,
     }

@@ -1,6 +1,7 @@
 """Draws the main figures of a campaign for print, as SVG and PDF."""
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -8,9 +9,10 @@ import matplotlib.ticker
 import numpy as np
 from matplotlib.figure import Figure
 
+from ravenjax.document.chart import Chart
 from ravenjax.document.drawing import print_figure
 from ravenjax.document.figure_style import STYLE
-from ravenjax.report.data.facts import OUTCOME_WORDS
+from ravenjax.report.data.facts import OUTCOME_WORDS, VALID_OUTCOMES
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.sections import cues, detectors, tables, time_to_know
@@ -19,9 +21,7 @@ from ravenjax.store.files import require_writable
 
 WIDTH = 7.0  # inches, two columns of a page
 OUTCOMES = {
-    name: (words["colour"], words["label"])
-    for name, words in OUTCOME_WORDS.items()
-    if name != "failed"
+    name: (OUTCOME_WORDS[name]["colour"], OUTCOME_WORDS[name]["label"]) for name in VALID_OUTCOMES
 }
 """Colour and label of each outcome of a valid run, as on the HTML page."""
 MOST_GROUPS = 40
@@ -40,16 +40,32 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     require_writable(out)
     paths = []
     with contextlib.closing(Runs.open(folder, manifest)) as runs, matplotlib.rc_context(STYLE):
-        for name, draw in FIGURES.items():
-            if (figure := draw(runs)) is not None:
+        for name in ("verdicts", *CHARTS):
+            if (figure := draw_figure(runs, name)) is not None:
                 for kind in ("svg", "pdf"):
                     paths.append(out / f"{name}.{kind}")
                     save_figure(figure, paths[-1])
     return paths
 
 
-def verdict_figure(runs: Runs) -> Figure | None:
-    """Return a figure of each group's faults by outcome; None if there are no faults."""
+CHARTS: dict[str, Callable[[Runs], Chart | None]] = {
+    "time_to_know": lambda runs: time_to_know.incidence_curves(runs)[0],
+    "roc": lambda runs: detectors.roc_chart(detectors.detector_rows(runs)),
+    "tradeoff": lambda runs: cues.cue_tradeoff(cues.cue_rows(runs)),
+}
+"""Charts that are figures, by the name of their file; None if there is nothing to draw."""
+
+
+def draw_figure(runs: Runs, name: str) -> Figure | None:
+    """Return the figure `name`; None if there is nothing to draw."""
+    if name == "verdicts":
+        return _verdict_figure(runs)
+    chart = CHARTS[name](runs)
+    return print_figure([chart], WIDTH / 2) if chart else None
+
+
+def _verdict_figure(runs: Runs) -> Figure | None:
+    # Draws each group's faults by outcome.
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
     if not rows:
         return None
@@ -70,30 +86,3 @@ def verdict_figure(runs: Runs) -> Figure | None:
     axis.set_xlabel("share of faults")
     axis.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, fontsize=8, handlelength=1.0)
     return figure
-
-
-def how_soon(runs: Runs) -> Figure | None:
-    """Return a figure of how soon a cue and an alarm come; None if no fault had an effect."""
-    curves, _ = time_to_know.incidence_curves(runs)
-    return print_figure([curves], WIDTH / 2) if curves else None
-
-
-def roc_figure(runs: Runs) -> Figure | None:
-    """Return a figure with the ROC curve of each detector; None if there are no detectors."""
-    chart = detectors.roc_chart(detectors.detector_rows(runs)) if runs.manifest.detectors else None
-    return print_figure([chart], WIDTH / 2) if chart else None
-
-
-def tradeoff_figure(runs: Runs) -> Figure | None:
-    """Return a figure of missed hazards over false cues, by haptic set; None without either."""
-    chart = cues.cue_tradeoff(cues.cue_rows(runs))
-    return print_figure([chart], WIDTH / 2) if chart else None
-
-
-FIGURES = {
-    "verdicts": verdict_figure,
-    "time_to_know": how_soon,
-    "roc": roc_figure,
-    "tradeoff": tradeoff_figure,
-}
-"""Figures by the name of their file."""

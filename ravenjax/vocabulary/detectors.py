@@ -6,22 +6,14 @@
 import dataclasses
 from typing import Literal
 
+from ravenjax.bundled import resources
 from ravenjax.vocabulary.parts import OwnSource
 
 BuiltInKind = Literal["steps", "derivative_sum", "tip_error", "overdrive"]
 DetectorKind = BuiltInKind | Literal["own"]
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 
-MEANINGS: dict[DetectorKind, str] = {
-    "steps": (
-        "steps of motor position, motor velocity and joint position, predicted by a model and"
-        " divided by their thresholds"
-    ),
-    "derivative_sum": "sum of the derivatives of link and motor positions",
-    "tip_error": "distance of the tip from the nominal model, mm",
-    "overdrive": "command divided by the limit at which it is clipped",
-    "own": "score of the user's file",
-}
+MEANINGS: dict[DetectorKind, str] = resources.read_tables(__file__, "detectors.toml")  # pyright: ignore[reportAssignmentType]
 """What the score of each kind of detector measures."""
 
 

@@ -9,18 +9,8 @@ from typing import Literal, NamedTuple
 
 from ravenjax.bundled import resources
 
-FIELDS = (
-    "site",
-    "arm",
-    "channel",
-    "effect",
-    "value",
-    "trigger",
-    "start_ms",
-    "duration_ms",
-    "every_ms",
-    "period_ms",
-)
+TIMES = ("start_ms", "duration_ms", "every_ms", "period_ms")
+FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", *TIMES)
 """Columns of a fault slot, in order. In the table they have the prefix fault0_, fault1_, ..."""
 
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
@@ -64,15 +54,12 @@ class Effect(NamedTuple):
         return self.value in ("number", "change", "amount")
 
 
-_TABLES = resources.read_tables(__file__, "effects.toml")
-
-
 EFFECTS: dict[str, Effect] = {
     name: Effect(
         *(name, table["meaning"], table.get("value", "")),
         OfNetwork(*table["network"]) if "network" in table else None,
     )
-    for name, table in _TABLES.items()
+    for name, table in resources.read_tables(__file__, "effects.toml").items()
 }
 EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 
@@ -91,7 +78,7 @@ RANDOM = ("random", "lose")
 TRIGGERS: dict[str, str] = {
     "time": "milliseconds since the run began",
     "packet": "sequence numbers of the console's packets",
-    "pedal": ("milliseconds since pedal-down began; outside of pedal-down the fault does not act"),
+    "pedal": "milliseconds since pedal-down began; outside of pedal-down the fault does not act",
 }
 TRIGGER_CODES: dict[str, int] = {name: i for i, name in enumerate(TRIGGERS)}
 

@@ -6,12 +6,9 @@ software continues with them, as the original software does. They fail the run o
 the robot or its observers.
 """
 
-import tomllib
-from pathlib import Path
+from ravenjax.bundled import resources
 
-SIGNALS: dict[str, str] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-)
+SIGNALS: dict[str, str] = resources.read_tables(__file__, "failures.toml")
 """The signals that are checked for infinite numbers and NaN, with descriptions, in the order in
 which they are checked.
 """

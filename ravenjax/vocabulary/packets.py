@@ -7,13 +7,13 @@ cycle. The file cannot distinguish a packet of two cycles from two packets with 
 The file operator_positions is no evidence, because its packets arrive in bursts.
 """
 
-import tomllib
 from collections.abc import Sequence
-from pathlib import Path
+
+from ravenjax.bundled import resources
 
 EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3
 
-_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_TABLE = resources.read_tables(__file__, "packets.toml")
 
 CHOICES = tuple(_TABLE)
 """Names of the distributions, by number. OWN is the number of a distribution in a campaign file."""

@@ -14,9 +14,8 @@ FRAME = synthetic.frame(RUNS).assign(golden_tip_path_mm=np.arange(RUNS) % 40 + 0
 LOW = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 1.0]
 for _k in LOW:  # at 1 mm every tenth motion has a cue without any fault, late
     FRAME[f"golden_cue{_k}_first_ms"] = np.where(FRAME["golden_tip_path_mm"] % 10 == 0.5, 700, -1)
-for _k in [
-    k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0
-]:  # misses more than 2 mm does
+# A set of 3 mm misses more than one of 2 mm does.
+for _k in [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]:
     FRAME[f"cue{_k}_first_ms"] = np.where(FRAME.index % 4 == 0, -1, FRAME[f"cue{_k}_first_ms"])
 TABLE = Runs.of(FRAME, MANIFEST)
 ROWS = {row.number: row for row in cues.cue_rows(TABLE)}

@@ -19,14 +19,8 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.fetched, self.ids, self.targets, self.stack, self.words, self.styles = (
-            [],
-            [],
-            [],
-            [],
-            [],
-            [],
-        )
+        self.fetched, self.ids, self.targets = [], [], []
+        self.stack, self.words, self.styles = [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):

@@ -32,15 +32,9 @@ def naive_known(index):
     first effect.
     """
     row = FRAME.loc[index]
-    quiet = [
-        (0, 0),
-        (1, 0),
-    ]  # golden runs score 0.4: below the first threshold of both detectors, 0.5 and 3
-    times = [
-        row["told_ms"],
-        row["cue0_first_ms"],
-        *(row[f"detector{d}_threshold{k}_first_ms"] for d, k in quiet),
-    ]
+    # Golden runs score 0.4: below the first threshold of both detectors, 0.5 and 3.
+    names = ("told_ms", "cue0_first_ms", *(f"detector{d}_threshold0_first_ms" for d in (0, 1)))
+    times = [row[name] for name in names]
     return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
 
 

@@ -25,9 +25,8 @@ ARGUMENTS = ["--no-sandbox"]  # a container has none
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "reacting"
     frame = reacting.frame(300)
-    frame.loc[frame["group"] == "encoder", "group"] = (
-        "C09 encoder"  # a hazard of the library, for the risk table
-    )
+    # A hazard of the library, for the risk table.
+    frame.loc[frame["group"] == "encoder", "group"] = "C09 encoder"
     return page.build_report(synthetic.folder(folder, frame, reacting.manifest(len(frame))))
 
 
@@ -83,15 +82,7 @@ VISIBLE = "(one) => one.getBoundingClientRect().height > 0"
 
 
 @pytest.mark.parametrize(
-    ("width", "scheme"),
-    [
-        (1280, "light"),
-        (360, "light"),
-        *(
-            pytest.param(*look, marks=pytest.mark.slow)
-            for look in ((1280, "dark"), (1920, "light"))
-        ),
-    ],
+    ("width", "scheme"), [(1280, "light"), (360, "light"), (1280, "dark"), (1920, "light")]
 )
 def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     window = Window(browser, report, width, scheme)
@@ -147,24 +138,16 @@ def test_on_paper_nothing_is_cut(browser, report):
     heads = ask(
         "[...document.querySelectorAll('.groups thead th')].map((head) => head.innerText.trim())"
     )
-    assert "group" in [
-        head.lower() for head in heads
-    ]  # the buttons that sort are gone, their words are not
+    # The buttons that sort are gone, their words are not.
+    assert "group" in [head.lower() for head in heads]
     assert ask("getComputedStyle(document.querySelector('nav')).display") == "none"
     window.close()
-    pdf = window_pdf(browser, report)
-    assert (
-        pdf.startswith(b"%PDF")
-        and 3 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type/Page/") <= 25
-    )
-
-
-def window_pdf(browser, report):
-    page = browser.new_page()
-    page.goto(report.as_uri())
-    pdf = page.pdf(prefer_css_page_size=True)
-    page.close()
-    return pdf
+    printed = browser.new_page()
+    printed.goto(report.as_uri())
+    pdf = printed.pdf(prefer_css_page_size=True)
+    printed.close()
+    pages = pdf.count(b"/Type /Page\n") + pdf.count(b"/Type/Page/")
+    assert pdf.startswith(b"%PDF") and 3 <= pages <= 25
 
 
 def test_values_are_read_off_a_chart(opened):

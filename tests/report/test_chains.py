@@ -44,9 +44,8 @@ def ticks_of(frame, seed=1):
         columns[f"differs:{place.name}"] = differs
         if place.channel.site:
             leaves = (differs >= 0) & (random.random(n) < (0.02 if number % 3 else 0.05))
-            columns[f"leaves:{place.name}"] = np.where(
-                leaves, differs + random.integers(0, 90, n), -1
-            )
+            later = differs + random.integers(0, 90, n)
+            columns[f"leaves:{place.name}"] = np.where(leaves, later, -1)
     for check in synthetic.CHECKS:
         columns |= {f"near:{check}": np.full(n, 1.5), f"golden_near:{check}": np.full(n, 2.0)}
         columns[f"near_ms:{check}"] = start + 3
@@ -114,9 +113,8 @@ def test_shares_and_leads_by_loops():
             assert row.lead_ms.value == np.quantile(leads, 0.5, method="inverted_cdf")
             few = len(leads) < units.FEWEST
             assert few or row.lead_ms.low <= row.lead_ms.value <= row.lead_ms.high
-    assert one.hidden == wilson_interval(hidden, n) and one.lead_ms.value == np.quantile(
-        best, 0.5, method="inverted_cdf"
-    )
+    assert one.hidden == wilson_interval(hidden, n)
+    assert one.lead_ms.value == np.quantile(best, 0.5, method="inverted_cdf")
     assert 0 < hidden < n and sum(row.first.k for row in one.carriers) == n - hidden
 
 
@@ -124,9 +122,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     lost = evading(FRAME)[evading(FRAME)["group"] == "encoder"]["run_id"].iloc[0]
     one = propagation(FRAME, DRAWN, TICKS[TICKS["run_id"] != lost])
     rest = evading(FRAME)[evading(FRAME)["group"] != "encoder"]
-    assert (
-        one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
-    )
+    assert (one.partial, one.runs, one.evading) == (["encoder"], len(rest), len(evading(FRAME)))
     assert "not completely explained: encoder" in " ".join(chains.chain_sentences(one))
 
 
@@ -159,7 +155,5 @@ def test_a_chain_has_the_earliest_number_of_each_signal():
         if link.leaves_ms >= 0:
             assert link.left_ms == one.harm_ms - link.leaves_ms
     came = [link.leaves_ms for link in one.links if link.leaves_ms >= 0]
-    assert (one.first is None) == (not came) and (
-        one.first is None or one.first.leaves_ms == min(came)
-    )
+    assert (one.first.leaves_ms if one.first else None) == min(came, default=None)
     assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)

@@ -22,10 +22,7 @@ def test_a_set_against_a_plain_count(k):
     free = FRAME.groupby(["operator", "golden_tip_path_mm"], observed=True)[
         [f"golden_cue{k}_first_ms", "golden_pedal_down_ms"]
     ].first()
-    first, pedal = (
-        free[f"golden_cue{k}_first_ms"].to_numpy(),
-        free["golden_pedal_down_ms"].to_numpy(),
-    )
+    first, pedal = free.to_numpy().T
     assert ROWS[k].false == wilson_interval(int((first >= 0).sum()), len(free))
     hours = np.where(first >= 0, pedal * first / MANIFEST.duration_ms, pedal).sum() / 3.6e6
     assert ROWS[k].per_hour == pytest.approx(alarm_rate(int((first >= 0).sum()), hours))
@@ -47,7 +44,7 @@ def test_best_sets_are_beaten_by_none():
 def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
     """80 golden runs of 2.8 s: no false cue at 2 mm and above says nothing about an hour."""
     found = {one.rule: one for one in cues.choose_cues(TABLE, list(ROWS.values()))}
-    assert TABLE.motions().hours == pytest.approx(80 * 2.8 / 3600)
+    assert TABLE.motions.hours == pytest.approx(80 * 2.8 / 3600)
     strict = found["false cues an hour: at most 0.5"]
     assert strict.row is None and strict.possible == "2, 3 or 5 mm" and math.isnan(strict.least_mm)
     assert strict.hours == pytest.approx(hours_to_bound(0.5)) == pytest.approx(7.378, abs=1e-3)
@@ -60,9 +57,8 @@ def motion_for(hours):
     so, too.
     """
     pedal = int(hours * 3.6e6 / 80)
-    return FRAME.assign(golden_pedal_down_ms=pedal), synthetic.manifest(
-        RUNS, duration_ms=pedal + 200
-    )
+    manifest = synthetic.manifest(RUNS, duration_ms=pedal + 200)
+    return FRAME.assign(golden_pedal_down_ms=pedal), manifest
 
 
 def test_as_many_hours_as_it_asks_for_decide():
@@ -72,12 +68,7 @@ def test_as_many_hours_as_it_asks_for_decide():
         runs = Runs.of(frame, manifest)
         chosen[hours] = {one.rule: one for one in cues.choose_cues(runs, cues.cue_rows(runs))}
     assert chosen[7.0]["false cues an hour: at most 0.5"].row is None
-    named = next(
-        one
-        for rule, one in chosen[7.4].items()
-        if rule.startswith("false cues an hour: at most 0.5")
-    )
+    named = chosen[7.4]["false cues an hour: at most 0.5"]
     assert named.row is not None and named.row.cue.threshold_mm == 2.0
-    assert (
-        named.row.per_hour.high <= 0.5 and named.alike == 1
-    )  # the other gain does exactly as well
+    # The other gain does exactly as well.
+    assert named.row.per_hour.high <= 0.5 and named.alike == 1

@@ -95,9 +95,8 @@ def test_enumerated_faults_have_shares_without_intervals():
     runs = Runs.of(FRAME, manifest)
     assert not runs.sampled() and TABLE.sampled()
     head = tables.headline_counts(runs, manifest)
-    assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(
-        head["evaded"].low
-    )
+    assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY))
+    assert np.isnan(head["evaded"].low)
     cells = [cell["share"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
     assert all(np.isnan(rate.low) for rate in cells) and wording.format_interval(cells[0]) == ""
     some = [{**group, "design": "lhs"} for group in groups[:1]] + groups[1:]
@@ -110,9 +109,8 @@ def test_enumerated_faults_have_shares_without_intervals():
 def test_unfinished_campaign_says_so(tmp_path):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
-    assert "Unfinished: 100 of 2,000 runs" in words(
-        Page(page.build_report(tmp_path).read_text(encoding="utf-8"))
-    )
+    text = page.build_report(tmp_path).read_text(encoding="utf-8")
+    assert "Unfinished: 100 of 2,000 runs" in words(Page(text))
 
 
 @pytest.mark.slow
@@ -126,9 +124,8 @@ def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_ar
     decisions.write_looks(tmp_path, [look])
     text = words(Page(page.build_report(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
-    assert (
-        "Different shares of the groups were computed: a rate over several groups needs" in text
-    ) is not even
+    pooled = "Different shares of the groups were computed: a rate over several groups needs"
+    assert (pooled in text) is not even
 
 
 def test_folder_without_results(tmp_path):
@@ -147,12 +144,7 @@ def edge(name):
     elif name == "none evades":
         frame["response"], frame["response_ms"], frame["told_ms"] = "stopped", 2900, 2900
     elif name == "nothing happens":
-        frame["response"], frame["response_ms"], frame["told_ms"], frame["activated"] = (
-            "silent",
-            -1,
-            -1,
-            False,
-        )
+        frame = frame.assign(response="silent", response_ms=-1, told_ms=-1, activated=False)
         frame[[c for c in frame if c.endswith("first_ms") and not c.startswith("applied")]] = -1
         frame["halted_ms"] = 4
     return synthetic.judged(frame)
@@ -195,11 +187,8 @@ def test_verdict_matrix_against_a_plain_count():
         for cell, (hazard, cued) in zip(
             row["cells"], itertools.product(hazards, [True, False]), strict=True
         ):
-            mine = (
-                (facts["response"] == row["name"])
-                & (facts["hazard"] == hazard)
-                & (facts["cued"] == cued)
-            )
+            parts = facts[["response", "hazard", "cued"]]
+            mine = (parts == [row["name"], hazard, cued]).all(axis=1)
             assert cell["share"] == wilson_interval(int(mine.sum()), len(FAULTY))
             assert cell["evades"] == (
                 row["name"] in ("limited", "silent") and hazard == "unintended motion"
@@ -220,9 +209,8 @@ def test_delays_are_censored_at_stop_and_end():
     )
     delays, early = tables.event_delays(runs, "warned_ms")
     assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
-    assert (
-        delays.count.tolist() == [1, 1, 2] and early == 1
-    )  # flagged: the robot went on, so to the end
+    # flagged: the robot went on, so to the end
+    assert delays.count.tolist() == [1, 1, 2] and early == 1
 
 
 def test_every_table_is_named_and_every_heading_has_its_scope(built):

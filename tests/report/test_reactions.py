@@ -99,15 +99,8 @@ def test_enumerated_faults_have_no_interval_and_no_test():
         assert row.without.k == drawn_row.without.k and row.change.value == pytest.approx(
             drawn_row.change.value
         )
-        ends = (
-            row.without.low,
-            row.with_.high,
-            row.change.low,
-            row.distance_mm.low,
-            row.depth_mm.high,
-            row.idle.low,
-        )
-        assert np.isnan([*ends, row.p]).all()
+        ends = [row.without.low, row.with_.high, row.change.low, row.distance_mm.low]
+        assert np.isnan([*ends, row.depth_mm.high, row.idle.low, row.p]).all()
 
 
 def test_interruptions_of_fault_free_motion():

@@ -10,12 +10,10 @@ from ravenjax.stats.intervals import wilson_interval
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
-FRAME = synthetic.frame(RUNS).assign(
-    golden_tip_path_mm=np.arange(RUNS) % 50 + 0.5
-)  # 50 fault-free motions an operator
-FRAME["golden_detector0_score"] = np.where(
-    FRAME["golden_tip_path_mm"] < 3, 0.7, 0.4
-)  # over the lowest threshold in 3 of 50
+# 50 fault-free motions an operator
+FRAME = synthetic.frame(RUNS).assign(golden_tip_path_mm=np.arange(RUNS) % 50 + 0.5)
+# over the lowest threshold in 3 of 50
+FRAME["golden_detector0_score"] = np.where(FRAME["golden_tip_path_mm"] < 3, 0.7, 0.4)
 TABLE = Runs.of(FRAME, MANIFEST)
 FOUND = TABLE.once(detectors.list_alarms)
 ROWS = {row.name: row for row in detectors.detector_rows(TABLE)}
@@ -49,13 +47,10 @@ def test_false_alarms_count_each_motion_once():
 
 def test_delay_and_lead_of_a_threshold():
     threshold = ROWS["dsn16"].thresholds[0]
-    alarm, motion = (
-        FRAME.loc[MOVED, "detector0_threshold0_first_ms"],
-        FRAME.loc[MOVED, "unintended_first_ms"],
-    )
-    assert threshold.before == wilson_interval(
-        int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum())
-    )
+    moved = FRAME.loc[MOVED]
+    alarm, motion = moved["detector0_threshold0_first_ms"], moved["unintended_first_ms"]
+    before = (alarm >= 0) & (alarm < motion)
+    assert threshold.before == wilson_interval(int(before.sum()), len(moved))
     delay = np.where(alarm >= 0, alarm - FRAME.loc[MOVED, "first_active_ms"], np.inf)
     assert threshold.delay_ms.value == np.sort(delay)[int(np.ceil(len(delay) / 2)) - 1] == 30
 

@@ -35,7 +35,7 @@ FRAME = golden(synthetic.frame(400), FIRST, PEDAL, GOLDEN)
 
 
 def test_golden_runs_count_once_until_their_first_cue():
-    free = Runs.of(FRAME, MANIFEST).motions()
+    free = Runs.of(FRAME, MANIFEST).motions
     assert (free.count, free.hands) == (GOLDEN, 1)
     assert free.hours == pytest.approx(PEDAL.sum() / 3.6e6)
     until = np.where(FIRST >= 0, PEDAL * FIRST / 3000, PEDAL)
@@ -69,7 +69,7 @@ def test_motion_beside_the_result_counts_with_its_own_length(tmp_path):
     result = ResultFolder.open(tmp_path, MANIFEST)
     result.add(FRAME)
     runs = Runs.open(tmp_path, result.manifest)
-    free = runs.motions()
+    free = runs.motions
     assert (free.count, free.hands) == (GOLDEN + 3, 2)
     assert free.hours == pytest.approx((PEDAL.sum() + 3 * 599_800) / 3.6e6)
     own = np.where(FIRST >= 0, PEDAL * FIRST / 3000, PEDAL).sum()

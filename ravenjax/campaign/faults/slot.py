@@ -34,10 +34,9 @@ def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
     }
 
 
-TIMES = ("start_ms", "duration_ms", "every_ms", "period_ms")
 NUMBERS: dict[str, tuple[type[np.number], float]] = {
     "value": (np.float64, math.nan),
-    **dict.fromkeys(TIMES, (np.int32, 0)),
+    **dict.fromkeys(effects.TIMES, (np.int32, 0)),
 }
 """Columns of numbers: type, and value in an empty slot."""
 
@@ -75,7 +74,7 @@ def fill_slot(
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {
         name: _times(name, axes[name].at(places[name], whole=True), axes[name], periodic)
-        for name in TIMES
+        for name in effects.TIMES
     }
     columns = {"site": codes("site", [fault.site])[0], **word, "value": value, **times}
     return {name: columns[name] for name in effects.FIELDS}

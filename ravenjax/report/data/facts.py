@@ -15,6 +15,7 @@ from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
+from ravenjax.report import wording
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS, ResultTable, quote_name, quote_text
 from ravenjax.store.manifest import Manifest
@@ -28,6 +29,7 @@ OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
 """Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
 the checks.
 """
+VALID_OUTCOMES = [name for name in OUTCOMES if name != "failed"]
 
 ACTION = "param:reaction.action"
 
@@ -54,10 +56,6 @@ def recorded_choices(manifest: Manifest) -> Choices:
         manifest.robot,
         manifest.duration_ms,
     )
-
-
-USUAL = Choices()
-"""Choices of a campaign that leaves all defaults unchanged."""
 
 
 def derive_facts(frame: pd.DataFrame, chosen: Choices) -> pd.DataFrame:
@@ -134,18 +132,12 @@ def define_facts(
     valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
     terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
     base = {
-        "row": "row",
-        "group": '"group"',
         "faulty": faulty_sql(names),
-        "activated": "activated::BOOLEAN",
-        "failed": f"NOT ({valid})",
-        "response": f"CASE WHEN {valid} THEN response::VARCHAR ELSE '' END",
-        "hazard": f"CASE WHEN {valid} THEN hazard::VARCHAR ELSE '' END",
         **{
             name: f"{valid} AND {events.event_sql(event, rules)}"
             for name, event in _COLUMNS["events"].items()
         },
-        **{name: sql.format(**terms) for name, sql in _COLUMNS["times"].items()},
+        **{name: sql.format(**terms) for name, sql in _COLUMNS["columns"].items()},
         "action": f"({action})::TINYINT",
         "plain": plain,
         **_first_fault(names, chosen.robot),
@@ -203,31 +195,18 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     # Creates the table `numbers`, in which equal faults have the same number, and returns whether
-    # all faults differ. Windows that differ only after the end of the run are equal.
-    inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
-    # Adding 0 turns a negative zero into a positive one.
-    terms = [
-        f"0 + {quote_name(name)}" if types[name] in ("FLOAT", "DOUBLE") else quote_name(name)
-        for name in inputs
-        if not name.endswith(("_duration_ms", "_every_ms"))
-    ]
-    for slot in {name.partition("_")[0] for name in inputs if name[5:6].isdigit()}:
-        start, every_ms = f"{slot}_start_ms::BIGINT", f"{slot}_every_ms"
-        every_ms = f"CASE WHEN {start} + {every_ms} < {end_ms} THEN {every_ms} ELSE 0 END"
-        # Packet numbers begin at 1.
-        lasts = f"{start} + {slot}_duration_ms >= {end_ms} + ({slot}_trigger = 'packet')::INTEGER"
-        length = f"CASE WHEN {every_ms} = 0 AND {lasts} THEN -1 ELSE {slot}_duration_ms END"
-        terms += [every_ms, length]
-    key = f"hash({', '.join(terms) or '0'})"
-    random = ", ".join(f"'{name}'" for name in RANDOM)
-    effects = [name for name in inputs if name.endswith("_effect")]
-    draws = " OR ".join(f"{name}::VARCHAR IN ({random})" for name in effects) or "false"
+    # all faults differ.
+    inputs = {
+        name: kind
+        for name, kind in types.items()
+        if name == "operator" or name.startswith(("param:", "fault"))
+    }
+    draws, key, key_of_copies = wording.fill_template(
+        "inputs.sql.j2", types=inputs, end_ms=end_ms, random=RANDOM, quote=quote_name
+    )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
-    if drawn:
-        # An effect that draws random numbers differs in every run, so each run is distinct.
-        copy = f"row_number() OVER (PARTITION BY {key} ORDER BY row)"
-        key = f"hash({key}, CASE WHEN {draws} THEN {copy} ELSE 0 END)"
-    keyed = f"(SELECT row, pair, {key} AS input FROM {RESULTS})"
+    # An effect that draws random numbers differs in every run, so each run is distinct.
+    keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
     (unique,) = table.row(
         f"SELECT count(*) = count(DISTINCT input) AND bool_and(pair = row) FROM {keyed}"
     )
@@ -260,14 +239,8 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     cases = " ".join(
         f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites
     )
-    return {
-        "site": "fault0_site",
-        "layer": f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END",
-        "block": "fault0_site || ' · ' || fault0_effect",
-        "onset_ms": "fault0_start_ms",
-        "length_ms": "fault0_duration_ms",
-        "magnitude": "fault0_value",
-    }
+    layer = f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END"
+    return _COLUMNS["first_fault"] | {"layer": layer}
 
 
 def _listed(columns: Mapping[str, str]) -> str:

@@ -7,6 +7,7 @@ the same rows. The page states whether all rows were used.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, TypeVar
@@ -105,8 +106,7 @@ class Runs:
         if self._drawn_groups is None:
             return True
         if groups is None:
-            cube = self.cube()
-            groups = set(cube.loc[cube["faulty"], "group"])
+            groups = set(self.cube.loc[self.cube["faulty"], "group"])
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str) -> dict[str, set[str]]:
@@ -119,13 +119,18 @@ class Runs:
             classes.setdefault(str(name), set()).add(group)
         return classes
 
+    @functools.cached_property
     def cube(self) -> pd.DataFrame:
-        """Return the number of runs (`runs`) for each combination of group, outcome and so on."""
-        return self.once(_count_cube)
+        """The number of runs (`runs`) for each combination of group, outcome and so on."""
+        words = ("group", "response", "hazard", "outcome")
+        flags = ("cued", "faulty", "failed", "evaded", "plain", "sample")
+        names = ", ".join(map(quote_name, words + flags))
+        frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
+        return frame.astype(dict.fromkeys(words, "str"))
 
     def groups(self) -> list[str]:
         """Return the names of the groups that have runs."""
-        return sorted(self.cube()["group"].unique().tolist())
+        return sorted(self.cube["group"].unique().tolist())
 
     def delays(
         self, event: str, start: str, end: str, where: str, by: str | None = None
@@ -152,9 +157,11 @@ class Runs:
         """Return a query for the rows of `results` whose facts fulfil a condition."""
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
+    @functools.cached_property
     def motions(self) -> Motions:
-        """Return the different fault-free motions: golden runs, and those added to the folder."""
-        return self.once(_fault_free_motions)
+        """The different fault-free motions: golden runs, and those added to the folder."""
+        source = self.matching("plain") if self.count("NOT plain") else RESULTS
+        return make_fault_free_table(self.table, self.names, source, self.end, self.beside)
 
     def whole_rows(self, rows: list[int]) -> list[dict[str, Any]]:
         """Return these rows in their order, with all columns of `results` and of `facts`."""
@@ -182,21 +189,6 @@ class Runs:
         )
 
 
-def _count_cube(runs: Runs) -> pd.DataFrame:
-    # Counts the runs for each combination of words and flags, in one query.
-    words = ("group", "response", "hazard", "outcome")
-    names = ", ".join(
-        map(quote_name, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
-    )
-    frame = runs.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
-    return frame.astype(dict.fromkeys(words, "str"))
-
-
-def _fault_free_motions(runs: Runs) -> Motions:
-    source = runs.matching("plain") if runs.count("NOT plain") else RESULTS
-    return make_fault_free_table(runs.table, runs.names, source, runs.end, runs.beside)
-
-
 def after_onset(event: str) -> str:
     """Return SQL for the time of an event in ms; -1 if the event came before the fault's effect.
 
@@ -209,23 +201,20 @@ def _more(manifest: Manifest) -> dict[str, str]:
     """Return further columns of facts.
 
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
-    and the times at which runs ended if these differ.
+    own<n>_ms for each user's check, built_in_told_ms if there are such checks, and the times at
+    which runs ended if these differ.
     """
-    cue_times = {
-        f"warned{k}_ms": events.beyond_golden_sql(f"cue{k}_first_ms")
-        for k in range(len(manifest.cues))
-    }
-    alarm_times = {
-        f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
-        for d, detector in enumerate(manifest.detectors)
-        for k in range(len(detector.thresholds))
-    }
-    end_times = {schema.OBSERVED: schema.OBSERVED} if manifest.shape.observes else {}
-    return cue_times | alarm_times | end_times | _own_checks(manifest)
-
-
-def _own_checks(manifest: Manifest) -> dict[str, str]:
-    checks = manifest.shape.own_checks
-    column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(checks)}
-    return times | {"built_in_told_ms": column} if checks else {}
+    checks, columns = manifest.shape.own_checks, {}
+    for k in range(len(manifest.cues)):
+        columns[f"warned{k}_ms"] = events.beyond_golden_sql(f"cue{k}_first_ms")
+    for d, detector in enumerate(manifest.detectors):
+        for k in range(len(detector.thresholds)):
+            columns[f"alarm{d}_{k}_ms"] = f"detector{d}_threshold{k}_first_ms"
+    for n, check in enumerate(checks):
+        columns[f"own{n}_ms"] = events.check_ms_sql(check.name)
+    if checks:
+        is_separate = manifest.rules.built_in != "response"
+        columns["built_in_told_ms"] = "built_in_told_ms" if is_separate else "told_ms"
+    if manifest.shape.observes:
+        columns[schema.OBSERVED] = schema.OBSERVED
+    return columns

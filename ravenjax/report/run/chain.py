@@ -18,13 +18,8 @@ from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Crossing, list_crossings
 
-DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
-    "differs:",
-    "leaves:",
-    "near:",
-    "golden_near:",
-    "near_ms:",
-)
+DIFFERS, LEAVES = "differs:", "leaves:"
+NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
 """Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
 NEVER = np.iinfo(np.int32).max
 """Replaces -1, which means never, where the earliest of several times is computed."""

@@ -1,5 +1,7 @@
 """Describes how one run's fault propagates to failure, in sentences, tables and a chart."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -51,45 +53,31 @@ def chain_timeline(chain: Chain) -> Chart | None:
     low, high = max(0.0, float(all_times.min()) - margin), float(all_times.max()) + margin
     full_height = np.array([-0.5, len(chain.links) - 0.5])
     layers = ["", *(link.layer for link in chain.links)]
-    names = (
+    names = tuple(
         link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
         for link, layer in zip(chain.links, layers, strict=False)
     )
-    return Chart(
-        chain_title(chain),
-        ChartAxis("time, ms", low, high, unit="ms"),
-        ChartAxis("signals, in the robot's order", 0, len(chain.links), names=tuple(names)),
-        (
-            *(
-                Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), full_height)
-                for name, ms, colour in moments
-            ),
-            Dots(
-                "differs in any bit",
-                SAME,
-                differs,
-                np.arange(len(chain.links), dtype=float),
-                tips=tuple(
-                    f"{link.signal}, {link.differs_in} differs at {_ms(link.differs_ms)}"
-                    for link in chain.links
-                ),
-            ),
-            Dots(
-                "leaves its normal range",
-                "series2",
-                leaves,
-                places,
-                tips=tuple(
-                    f"{link.signal}, {link.leaves_in} out of its range at {_ms(link.leaves_ms)}"
-                    for _, link in leaving
-                ),
-                x_low=differs_before,
-                x_high=leaves,
-                diamond=True,
-            ),
-        ),
-        height=ROW * len(chain.links),
+    differs_tips = tuple(
+        f"{link.signal}, {link.differs_in} differs at {_ms(link.differs_ms)}"
+        for link in chain.links
     )
+    leaves_tips = tuple(
+        f"{link.signal}, {link.leaves_in} out of its range at {_ms(link.leaves_ms)}"
+        for _, link in leaving
+    )
+    look: Any = {"tips": leaves_tips, "diamond": True}
+    order, ends = np.arange(len(chain.links), dtype=float), (differs_before, leaves)
+    marks = (
+        *(
+            Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), full_height)
+            for name, ms, colour in moments
+        ),
+        Dots("differs in any bit", SAME, differs, order, tips=differs_tips),
+        Dots("leaves its normal range", "series2", leaves, places, *ends, **look),
+    )
+    x_axis = ChartAxis("time, ms", low, high, unit="ms")
+    y_axis = ChartAxis("signals, in the robot's order", 0, len(chain.links), names=names)
+    return Chart(chain_title(chain), x_axis, y_axis, marks, ROW * len(chain.links))
 
 
 def timeline_figure(chain: Chain) -> Figure | None:

@@ -70,15 +70,8 @@ def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[Wor
     return [WorstRun(row, str(run_id), float(value)) for row, run_id, value in rows]
 
 
-COMPARED = (
-    "response",
-    "hazard",
-    "first_active_ms",
-    "unintended_mm",
-    "loss_mm",
-    "tip_path_mm",
-    "told_ms",
-)
+WORDS = ("response", "hazard")
+COMPARED = (*WORDS, "first_active_ms", "unintended_mm", "loss_mm", "tip_path_mm", "told_ms")
 """Columns that are compared to decide whether two runs have the same outcome."""
 
 
@@ -86,7 +79,6 @@ def faulty_rows(folder: Path, group: str | None) -> list[int]:
     """Return the row numbers of valid runs with a fault; none if no fault evades the checks.
 
     group: name of one group, or None for all groups.
-
 
     Raises UserError for an unknown group or if there are no such runs, and StoreError as
     `query.open_folder` does.
@@ -118,7 +110,7 @@ def count_changed(folder: Path, results: pd.DataFrame) -> int:
         stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})").set_index(
             "row"
         )
-    words = {name: str for name in ("response", "hazard") if name in names}
+    words = {name: str for name in WORDS if name in names}
     computed = results.set_index("index").loc[stored.index, names].astype(words)
     stored = stored.astype(words)
     unchanged = (stored == computed) | (stored.isna() & computed.isna())

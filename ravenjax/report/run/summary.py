@@ -15,7 +15,6 @@ from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
-from ravenjax.report.wording import format_count
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
 
@@ -48,15 +47,7 @@ class RunSummary(NamedTuple):
 
     def lines(self) -> list[str]:
         """Return lines for a terminal. Events of level "debug" are left out."""
-        visible = [event for event in self.events if event.level != "debug"]
-        course = [f"{format_count(event.tick):>9} ms  {event.text}" for event in visible]
-        return [
-            self.title,
-            f"  fault    {self.fault}",
-            f"  verdict  {self.verdict}",
-            *(course or ["  every event of this run is also in the golden run"]),
-            *(f"  largest  {peak}" for peak in self.largest),
-        ]
+        return wording.fill_template("run_lines.txt.j2", run=self)
 
 
 def summarize_run(
@@ -67,19 +58,13 @@ def summarize_run(
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
+    defined = {(one.kind, one.word): one for one in definitions.definition_rows(rules, robot)}
     verdict, *largest = wording.fill_template(
         "run_summary.txt.j2",
         row=row,
         rules=rules,
         untold=UNTOLD,
-        meaning=next(
-            (
-                definition.clause()
-                for definition in definitions.definition_rows(rules, robot)
-                if (definition.kind, definition.word) == ("response", row["response"])
-            ),
-            None,
-        ),
+        definition=defined.get(("response", row["response"])),
         distances=None if series is None else list(_distances(robot, series)),
     )
     return RunSummary(

@@ -1,7 +1,8 @@
 """Collects the sections of the report.
 
-Each section is a module of this package and a template with the same name. The module computes the
-numbers and figures, and lists its sections in SECTIONS. A section needs no other registration.
+Each section is a module of this package and a template. The module computes the numbers and
+figures, and has the contents of its sections in SECTIONS, by name. sections.toml has the titles and
+the order of the sections.
 """
 
 import importlib
@@ -10,7 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ravenjax.bundled import resources
 from ravenjax.report.data.runs import Runs
+
+Content = Callable[[Runs, Path], dict[str, Any] | None]
+"""Returns the variables of a section's template, from the runs and the result folder; None: the
+page leaves the section out.
+"""
 
 
 class Section(NamedTuple):
@@ -18,16 +25,14 @@ class Section(NamedTuple):
 
     name: str  # id of the section, and name of its template
     title: str  # in the list of links
-    place: int  # sections are sorted by this number
-    # Returns the template's variables, from the runs and the result folder; None: no section.
-    content: Callable[[Runs, Path], dict[str, Any] | None]
+    content: Content
 
 
 def all_sections() -> list[Section]:
     """Return every section in the order of the page."""
-    modules = [
-        importlib.import_module(f"{__name__}.{module.name}")
-        for module in pkgutil.iter_modules(__path__)
-    ]
-    sections = [section for module in modules for section in getattr(module, "SECTIONS", ())]
-    return sorted(sections, key=lambda section: section.place)
+    contents: dict[str, Content] = {}
+    for module in pkgutil.iter_modules(__path__):
+        section_module = importlib.import_module(f"{__name__}.{module.name}")
+        contents |= getattr(section_module, "SECTIONS", {})
+    titles = resources.read_tables(__file__, "sections.toml")
+    return [Section(name, title, contents[name]) for name, title in titles.items()]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
 
@@ -72,11 +72,4 @@ def _count_stops(runs: Runs, by: str) -> list[StopRow]:
     ]
 
 
-SECTIONS = (
-    Section(
-        "after_stop",
-        "After a stop",
-        120,
-        lambda runs, _: {"stops": found} if (found := stop_rows(runs)) else None,
-    ),
-)
+SECTIONS = {"after_stop": lambda runs, _: {"stops": found} if (found := stop_rows(runs)) else None}

@@ -126,7 +126,7 @@ def cue_effects(runs: Runs) -> Changed:
     """Return the effect of the haptic cue in a campaign."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
-    any_rows = runs.count(condition) and runs.motions().count
+    any_rows = runs.count(condition) and runs.motions.count
     announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if any_rows]
     used = announcements[manifest.verdict_cue] if announcements else None
     quiet = [cue for cue in announcements if not cue.false.k]
@@ -138,7 +138,7 @@ def cue_effects(runs: Runs) -> Changed:
 
 def _announced(runs: Runs, k: int, condition: str) -> Announced:
     # Computes how early the cue of haptic set `k` comes, and how often it comes without a fault.
-    motions = runs.motions()
+    motions = runs.motions
     return Announced(
         runs.manifest.cues[k],
         tables.event_times(runs, after_onset(f"warned{k}_ms"), where=condition),
@@ -159,7 +159,6 @@ def _changed_groups(runs: Runs) -> dict[str, list[str]]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any]:
-    # Returns the variables of the first page's template.
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,
@@ -170,7 +169,7 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
             for kind in CLASSES
             if len(rows := class_rows(runs, kind)) > 1 or (kind == "group" and rows)
         },
-        "changed": runs.once(cue_effects),
+        "changed": cue_effects(runs),
         "your_robot": runs.once(robots.robot_rates),
         "far": next(iter(class_rows(runs)), None),
         "golden_halts": golden_halts(runs),
@@ -178,5 +177,5 @@ def _content(runs: Runs, _: Path) -> dict[str, Any]:
     }
 
 
-FIRST_PAGE = Section("answers", "", 0, _content)
+FIRST_PAGE = Section("answers", "", _content)
 """The first page, above all sections."""

@@ -19,7 +19,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
-from ravenjax.report.sections import Section, robots
+from ravenjax.report.sections import robots
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
@@ -48,16 +48,13 @@ def seam_graph(summary: Propagation) -> Chart | None:
     """
     if not summary.carriers:
         return None
+    shows = [row.shows if row.ranged else None for row in summary.carriers]
     return _signal_chart(
         "In which signals faults that evade differ, and are visible",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
         summary.carriers,
         ("differs before harm", "series3", [row.carries for row in summary.carriers]),
-        (
-            "leaves its normal range before harm",
-            "series2",
-            [row.shows if row.ranged else None for row in summary.carriers],
-        ),
+        ("leaves its normal range before harm", "series2", shows),
     )
 
 
@@ -101,7 +98,10 @@ def _signal_chart(
         known = [(place, value) for place, value in enumerate(values) if value is not None]
         places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
         value, low, high = ends.reshape(-1, 3).T
-        tips = (f"{carriers[at].seam}: {_words(v)}, {carriers[at].meaning}" for at, v in known)
+        tips = [
+            wording.fill_template("carrier_tip.txt.j2", carrier=carriers[at], value=value)[0]
+            for at, value in known
+        ]
         y, is_last = np.array(places, float), values is marks[-1][2]
         dots.append(Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last))
     names = tuple(row.seam for row in carriers)
@@ -109,15 +109,7 @@ def _signal_chart(
     return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))
 
 
-def _words(value: Rate | Estimate) -> str:
-    if isinstance(value, Rate):
-        counts = f"{wording.format_count(value.k)} of {wording.format_count(value.n)}"
-        return f"{wording.format_percent(value.value)} ({counts})"
-    return wording.format_estimate(value, "ms")
-
-
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    # Returns the variables of the section's template; None without explained runs.
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -151,10 +143,8 @@ def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
         ticks_row = by_row.loc[int(row["index"])].to_dict()
         arms, cue = manifest.shape.arms, manifest.rules.cue
         link = chain.trace_chain(row, ticks_row, manifest.robot, arms, cue)  # type: ignore[arg-type]
-        words = chain_words.chain_sentences(link)
-        out.append(
-            {"chain": link, "sentences": words, "timeline": chain_words.chain_timeline(link)}
-        )
+        words, timeline = chain_words.chain_sentences(link), chain_words.chain_timeline(link)
+        out.append({"chain": link, "sentences": words, "timeline": timeline})
     return out
 
 
@@ -275,4 +265,4 @@ def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     ]
 
 
-SECTIONS = (Section("chains", "Chains", 150, _content),)
+SECTIONS = {"chains": _content}

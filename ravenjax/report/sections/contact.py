@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
 
@@ -58,11 +58,6 @@ def _contact_by(runs: Runs, by: str) -> list[ContactRow]:
     return rows
 
 
-SECTIONS = (
-    Section(
-        "contact",
-        "Contact",
-        130,
-        lambda runs, _: {"contacts": found} if (found := contact_rows(runs)) else None,
-    ),
-)
+SECTIONS = {
+    "contact": lambda runs, _: {"contacts": found} if (found := contact_rows(runs)) else None
+}

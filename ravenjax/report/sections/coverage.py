@@ -15,13 +15,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError, UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import Section
 from ravenjax.report.sections.detectors import list_alarms
 from ravenjax.report.sections.tables import EVERY_SITE
 from ravenjax.stats.intervals import Rate
@@ -30,13 +30,7 @@ from ravenjax.store.access.query import RESULTS, quote_name
 
 Kind = Literal["built-in check", "user's check", "detector", "cue"]
 EVERYTHING = "all checks and detectors"
-TOGETHER: dict[str, tuple[Kind, ...]] = {
-    "built-in checks": ("built-in check",),
-    "checks of your own": ("user's check",),
-    "detectors": ("detector",),
-    EVERYTHING: ("built-in check", "user's check", "detector"),
-    "all of these and the cue": ("built-in check", "user's check", "detector", "cue"),
-}
+TOGETHER: dict[str, list[Kind]] = resources.read_tables(__file__, "coverage.toml")
 """Sets of kinds of sources whose detections are also counted together."""
 VALID = f"plain AND faulty AND {FACTS}.activated AND NOT {FACTS}.failed"
 """SQL condition of the runs that count: a fault changed a bit, the outcome is valid, and the
@@ -173,17 +167,17 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
             after >= 0, stops["effect_ms"].to_numpy(float) + after, -1
         ).astype(int)
         latest["in_time"] = harmful["deadline_ms"].to_numpy()
-    content = {
-        "kept": runs.count(f"{VALID} AND response = 'stopped' AND NOT unintended"),
-        "limit_mm": runs.manifest.limit_mm,
-        "harmful": len(harmful),
-        "sampled": runs.sampled(set(harmful["group"])),
-        "varied": [name for name in runs.names if name.startswith("param:checks.")],
-        "deadlines": deadlines is not None,
-        "unknown": unknown,
-        "fickle": fickle,
-    }
-    notices = wording.fill_template("coverage.txt.j2", **content)
+    notices = wording.fill_template(
+        "coverage.txt.j2",
+        kept=runs.count(f"{VALID} AND response = 'stopped' AND NOT unintended"),
+        limit_mm=runs.manifest.limit_mm,
+        harmful=len(harmful),
+        sampled=runs.sampled(set(harmful["group"])),
+        varied=[name for name in runs.names if name.startswith("param:checks.")],
+        deadlines=deadlines is not None,
+        unknown=unknown,
+        fickle=fickle,
+    )
     return CoverageTable(
         harmful,
         sources,
@@ -273,4 +267,4 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
     return {"found": found, "rows": rows} if rows else None
 
 
-SECTIONS = (Section("coverage", "Coverage of checks", 158, _content),)
+SECTIONS = {"coverage": _content}

@@ -23,7 +23,7 @@ from ravenjax.report import wording
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
 from ravenjax.stats.alarms.false_alarms import AlarmRate, hours_to_bound
@@ -33,8 +33,6 @@ from ravenjax.store.manifest import CueRecord
 FELT = ("peak_force", "ms", "count")
 """Endings of the columns that describe a felt cue."""
 HARMLESS = "sample AND faulty AND NOT unintended"
-
-
 WEIGHTS = (1, 10, 100, 1000)
 """Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
@@ -94,7 +92,7 @@ class Choice(NamedTuple):
 
 def cue_rows(runs: Runs) -> list[CueRow]:
     """Return one row per haptic set, sorted by threshold and gain."""
-    free, cues = runs.motions(), runs.manifest.cues
+    free, cues = runs.motions, runs.manifest.cues
     felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     harmless = runs.count(HARMLESS)
     result = []
@@ -133,7 +131,7 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     usable = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not usable:
         return []
-    alarms, hours = _alarm_counts(runs, usable), runs.motions().hours
+    alarms, hours = _alarm_counts(runs, usable), runs.motions.hours
     # With a single threshold, every cost chooses this threshold.
     differ = len({row.cue.threshold_mm for row in usable}) > 1
     by_weight = [_cheapest(usable, alarms, weight, hours) for weight in WEIGHTS if differ]
@@ -228,12 +226,8 @@ def _choice(
 
 
 def _words(thresholds: Sequence[float]) -> str:
-    # Lists thresholds in words: 2, 3 or 4 mm, or a range if there are many.
-    numbers = [f"{value:g}" for value in thresholds]
-    if len(numbers) > MOST_LISTED:
-        return f"{numbers[0]} to {numbers[-1]} mm"
-    *first, last = numbers or [""]
-    return f"{', '.join(first)} or {last} mm" if first else f"{last} mm" if last else ""
+    texts = wording.fill_template("thresholds.txt.j2", thresholds=thresholds, most=MOST_LISTED)
+    return "".join(texts)
 
 
 def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
@@ -257,19 +251,12 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         pairs = [pair for pair in shown if pair[0].best == is_best]
         if pairs:
             marks.append(_marks(pairs, name, colour))
-    largest_hourly = (
-        max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
-    )
-    largest_missed = (
-        max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
-    )
-    y_title = "unintended motions without a cue"
-    return Chart(
-        "Missed hazards, false cues",
-        ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * largest_hourly),
-        ChartAxis(y_title, 0.0, min(1.0, 1.05 * largest_missed), share=True),
-        tuple(marks),
-    )
+    hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
+    missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * hourly)
+    y_title, most = "unintended motions without a cue", min(1.0, 1.05 * missed)
+    y_axis = ChartAxis(y_title, 0.0, most, share=True)
+    return Chart("Missed hazards, false cues", x_axis, y_axis, tuple(marks))
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
@@ -288,37 +275,23 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
         texts=tuple(
             "" if mm in thresholds[:place] else f"{mm:g} mm" for place, mm in enumerate(thresholds)
         ),
-        tips=tuple(_words_of(row) for row, _ in pairs),
+        tips=tuple(wording.fill_template("cue_tip.txt.j2", row=row)[0] for row, _ in pairs),
     )
-
-
-def _words_of(row: CueRow) -> str:
-    # Describes a haptic set's results in words, for its mark in the chart.
-    interval = (
-        wording.format_interval(row.missed)
-        or f"{wording.format_count(row.missed.k)} of {wording.format_count(row.missed.n)}"
-    )
-    missed = f"missed {wording.format_percent(row.missed.value)} ({interval})"
-    hourly = f"{wording.format_number(row.hourly)} false cues an hour"
-    force, felt_ms = wording.format_number(row.force), wording.format_number(row.felt_ms)
-    return f"{row.told}: {missed}, {hourly}, peak force {force}, felt for {felt_ms} ms"
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
-    # Returns the variables of the section's template.
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
-    hours = hours_to_offer(chosen)
+    hours, manifest = hours_to_offer(chosen), runs.manifest
+    command = fault_free.fault_free_command(folder, manifest, hours) if hours else None
     return {
         "cues": cues,
         "choices": chosen,
         "tradeoff": cue_tradeoff(cues),
         "free_hours_wanted": hours,
-        "free_recorded": bool((runs.manifest.config.get("operator") or {}).get("file")),
-        "free_command": fault_free.fault_free_command(folder, runs.manifest, hours)
-        if hours
-        else None,
+        "free_recorded": bool((manifest.config.get("operator") or {}).get("file")),
+        "free_command": command,
     }
 
 
-SECTIONS = (Section("cues", "Haptic sweep", 60, _content),)
+SECTIONS = {"cues": _content}

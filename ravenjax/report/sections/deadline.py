@@ -14,7 +14,7 @@ from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.runs import UNINTENDED, Runs
-from ravenjax.report.sections import Section, robots
+from ravenjax.report.sections import robots
 from ravenjax.stats import latency
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
@@ -151,7 +151,6 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
-    # Returns the variables of the section's template; None without deadlines.
     try:
         table = explained.read_rows(folder / explained.DEADLINES, runs.manifest, "deadline")
     except StoreError as error:
@@ -168,4 +167,4 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
     }
 
 
-SECTIONS = (Section("deadline", "Deadlines", 155, _content),)
+SECTIONS = {"deadline": _content}

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.document import palette
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.store.manifest import DetectorRecord
 
 CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
@@ -89,7 +89,7 @@ class DetectorRow(NamedTuple):
 
 def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     """Return all sources of alarms: each threshold of each detector, the checks, and the cue."""
-    manifest, motions, result = runs.manifest, runs.motions(), []
+    manifest, motions, result = runs.manifest, runs.motions, []
     for d, detector in enumerate(manifest.detectors):
         score = f"golden_detector{d}_score"
         events = [
@@ -134,7 +134,8 @@ def detector_rows(runs: Runs) -> list[DetectorRow]:
         shown = _shown([alarms for alarms in measured if alarms.name == name])
         kind, roc, recall = "", None, None
         if number < len(detectors):
-            kind, (roc, recall) = _what(detectors[number]), _bands(runs, number)
+            (kind,) = wording.fill_template("detector_kind.txt.j2", detector=detectors[number])
+            roc, recall = _bands(runs, number)
         auc = roc.area if roc else None
         result.append(DetectorRow(name, kind, threshold_rows(runs, shown), roc, recall, auc))
     return result
@@ -148,17 +149,13 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
     result = []
     for alarms, caught, harmless in zip(found, counts[::2], counts[1::2], strict=True):
         times = tables.event_times(runs, after_onset(alarms.column))
+        counted = (caught, unintended), (harmless, others), (caught, caught + harmless)
+        recall, fallout, precision = (tables.fault_share(runs, k, n) for k, n in counted)
         result.append(
             DetectorThreshold(
-                alarms.name,
-                alarms.threshold,
-                tables.fault_share(runs, caught, unintended),
-                tables.fault_share(runs, harmless, others),
-                tables.fault_share(runs, caught, caught + harmless),
-                alarms.false,
-                times.half_ms,
-                times.before,
-                times.lead_ms,
+                *(alarms.name, alarms.threshold),
+                *(recall, fallout, precision, alarms.false),
+                *(times.half_ms, times.before, times.lead_ms),
                 alarms.quiet,
             )
         )
@@ -176,16 +173,6 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
     places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
     few = len(alarms) <= MOST_THRESHOLDS
     return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
-
-
-def _what(detector: DetectorRecord) -> str:
-    # Describes the kind and the settings of a detector in words.
-    words = [detector.kind.replace("_", " ")]
-    if detector.kind == "steps":
-        words.append(f"fused: {detector.fusion}")
-    if detector.consecutive > 1:
-        words.append(f"{detector.consecutive} ms in a row")
-    return ", ".join(words)
 
 
 def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
@@ -240,7 +227,7 @@ def _chart(
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"
             curve, low, high = (np.asarray(part, float) for part in band.curve)
-            low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
+            low, high = ((), ()) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
         points = [
             (level, level.harmless.value, level.caught.value)
@@ -263,7 +250,6 @@ def _chart(
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of the section's template; None without detectors.
     if not runs.manifest.detectors:
         return None
     detectors = detector_rows(runs)
@@ -275,4 +261,4 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     }
 
 
-SECTIONS = (Section("detectors", "Detectors", 50, _content),)
+SECTIONS = {"detectors": _content}

@@ -18,7 +18,7 @@ import pandas as pd
 from ravenjax.bundled import resources
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate, share_of_cells
 from ravenjax.store.access.query import RESULTS, quote_name
 
@@ -88,10 +88,8 @@ class Sweep(NamedTuple):
     measures: tuple[MapMeasure, ...]
     # "faults" or "runs"
     unit: str
-    # One row per fault, with the columns of `titles` and the measures.
+    # One row per fault, with the columns of `titles`, the measures, and `block`, site and effect.
     faults: pd.DataFrame
-    # site and effect of each fault
-    block: np.ndarray
     # names of the columns that vary, and their titles
     titles: dict[str, str]
 
@@ -120,9 +118,9 @@ def summarize_sweep(runs: Runs) -> Sweep:
         site, effect = (faults[f"{slot}_{key}"].astype(str) for key in ("site", "effect"))
         is_used, name = site != "", site + " · " + effect
         block = np.where(is_used, np.where(block == "", name, block + " + " + name), block)
-    block = np.where(block == "", NO_FAULT, block)
+    faults["block"] = np.where(block == "", NO_FAULT, block)
     varied = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
-    return Sweep(measures, unit, faults, block, varied)
+    return Sweep(measures, unit, faults, varied)
 
 
 def all_maps(runs: Runs) -> list[dict[str, Any]]:
@@ -136,17 +134,17 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     """
     sweep = summarize_sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
-    names, sizes = np.unique(sweep.block, return_counts=True)
-    items = []
-    for name in names[sizes >= MIN_RUNS]:
-        is_block = sweep.block == name
-        block_sweep = sweep._replace(faults=sweep.faults.loc[is_block], block=sweep.block[is_block])
+    blocks, items = sweep.faults.groupby("block"), []
+    for name, faults in blocks:
+        if len(faults) < MIN_RUNS:
+            continue
+        block_sweep = sweep._replace(faults=faults)
         axes = _axes(block_sweep, runs.robot.joints)
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
         if ranked := _ranked([_counts(block_sweep, *pair) for pair in pairs]):
             items.append(_map(block_sweep, str(name), ranked, runs.sampled(groups.get(str(name)))))
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = [_map(sweep, WHOLE, _by_block(sweep), runs.sampled())] if len(names) > 1 else []
+    whole = [_map(sweep, WHOLE, _by_block(sweep), runs.sampled())] if len(blocks) > 1 else []
     return [*whole, *items]
 
 
@@ -235,10 +233,9 @@ def compact_number(value: float) -> str:
 
 def _by_block(sweep: Sweep) -> list[PairCounts]:
     """Return counts by site and effect and by each input of COMMON, the best input first."""
-    hit = sweep.faults[sweep.measures[0].name].to_numpy(float)
-    shares = {str(name): float(hit[sweep.block == name].mean()) for name in np.unique(sweep.block)}
+    block, hit = (sweep.faults[name].to_numpy() for name in ("block", sweep.measures[0].name))
+    shares = {str(name): float(hit[block == name].mean()) for name in np.unique(block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
-    block = sweep.block
     if len(names) > MOST_ROWS + 1:
         block = np.where(np.isin(block, names[:MOST_ROWS]), block, OTHERS)
     up = _axis(PLACE, block, [*names, OTHERS], words=True)
@@ -299,30 +296,22 @@ def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
     ]
     rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
     n, rates, panels = len(sweep.faults), [], []
+    across, up = counts.across, counts.up
+    axes = {"across": across.title, "up": up.title, "columns": across.labels}
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
             rows = [
                 {"label": label, "cells": [rate_in(*cell) if cell[1] else None for cell in row]}
-                for label, row in zip(counts.up.labels, cells, strict=True)
+                for label, row in zip(up.labels, cells, strict=True)
             ]
-            axes = {
-                "across": counts.across.title,
-                "up": counts.up.title,
-                "columns": counts.across.labels,
-            }
             # Numbers increase upwards.
-            panels.append(rates[-1] | axes | {"rows": rows if counts.up.words else rows[::-1]})
+            panels.append(rates[-1] | axes | {"rows": rows if up.words else rows[::-1]})
     content = {"name": name, "n": n, "unit": sweep.unit, "rates": rates}
     return content | {"panels": panels, "axes": pairs}
 
 
-SECTIONS = (
-    Section(
-        "maps",
-        "Maps",
-        30,
-        lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST},
-    ),
-)
+SECTIONS = {
+    "maps": lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST}
+}

@@ -5,7 +5,6 @@ that the campaign replays.
 from pathlib import Path
 from typing import Any
 
-from ravenjax.report.sections import Section
 from ravenjax.store.motion.summary import MotionSummary, describe_changes, table_rows
 
 
@@ -23,6 +22,4 @@ def operator_content(summary: MotionSummary | None) -> dict[str, Any] | None:
     }
 
 
-SECTIONS = (
-    Section("operator", "Operator", 170, lambda runs, _: operator_content(runs.manifest.operator)),
-)
+SECTIONS = {"operator": lambda runs, _: operator_content(runs.manifest.operator)}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import Section, detectors, tables
+from ravenjax.report.sections import detectors, tables
 from ravenjax.report.sections.detectors import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quote_name
@@ -31,32 +31,25 @@ class OwnCheckRow(NamedTuple):
 
 def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
-    checks = runs.manifest.shape.own_checks
-    per_check = list(_alarms(runs))
+    checks, per_check = runs.manifest.shape.own_checks, list(_alarms(runs))
     trips = [f"({after_onset(alarms.column)}) >= 0" for alarms in per_check]
+    # SQL for faults that only this check detected: when it tripped, no built-in check had reported
+    # the fault, and no other user-defined check had tripped.
+    silent = [f"own{number}_ms < 0" for number in range(len(checks))]
     alone = [
-        # SQL for faults that only this check detected: when it tripped, no built-in check had
-        # reported the fault, and no other user-defined check had tripped.
-        " AND ".join(
-            [
-                trip,
-                "built_in_told_ms < 0",
-                *(f"own{other}_ms < 0" for other in range(len(checks)) if other != number),
-            ]
-        )
+        " AND ".join([trip, "built_in_told_ms < 0", *silent[:number], *silent[number + 1 :]])
         for number, trip in enumerate(trips)
     ]
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
-    for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
-        tripped, alone_count = counts[number], counts[len(checks) + number]
-        section = sections.get(checks[number].name, {})
+    measured = detectors.threshold_rows(runs, per_check)
+    for check, alarms, tripped in zip(checks, measured, counts, strict=False):
+        section = sections.get(check.name, {})
+        alone_count = counts[len(checks) + len(result)]
         result.append(
             OwnCheckRow(
-                alarms.detector,
-                str(section.get("at", "")),
-                checks[number].does,
+                *(alarms.detector, str(section.get("at", "")), check.does),
                 _threshold(runs, section, alarms.detector),
                 tables.fault_share(runs, tripped, total),
                 tables.fault_share(runs, alone_count, tripped),
@@ -82,7 +75,7 @@ def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
 def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     # Yields the false alarms of each user-defined check. They are unknown if the campaign varies
     # parameters of checks, because fault-free motions have only one value of each parameter.
-    motions, shape = runs.motions(), runs.manifest.shape
+    motions, shape = runs.motions, runs.manifest.shape
     varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
     # The fault-free motion has every value that is constant in the whole campaign.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
@@ -103,4 +96,4 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     return {"own_checks": own_check_rows(runs)}
 
 
-SECTIONS = (Section("own_checks", "Your checks", 100, _content),)
+SECTIONS = {"own_checks": _content}

@@ -21,7 +21,7 @@ from ravenjax.report.data.facts import ACTION, FACTS
 from ravenjax.report.data.fault_free import MS_PER_HOUR
 from ravenjax.report.data.pair_intervals import PairedRates
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, tables
+from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
@@ -196,12 +196,8 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
             key=lambda row: (row[0], row[0] != row[1], row[1]),
         ):
             with_first = counted.loc[first == start]
-            pairs = _matched(
-                with_first.loc[with_first[name] == value],
-                with_first.loc[with_first[name] == start],
-                shared,
-                crossed,
-            )
+            after, before = (with_first.loc[with_first[name] == one] for one in (value, start))
+            pairs = _matched(after, before, shared, crossed)
             acting = pairs.acting
             pairs = pairs.where(acting)
             faults = pairs.faults(sampled)
@@ -304,7 +300,6 @@ def compare_actions(runs: Runs) -> list[Difference]:
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of section "Reaction"; None if no operator reacts.
     if not runs.manifest.shape.reacts:
         return None
     sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
@@ -317,7 +312,6 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
 
 
 def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
-    # Returns the variables of section "Crossed parameters"; None without such parameters.
     config = runs.manifest.config
     paths = {
         path for table in (config, *config.get("group", ())) for path in table.get("cross", ())
@@ -328,7 +322,4 @@ def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
     return {"crossed": crossed_rows(sample, runs.sampled), "crossed_runs": (len(sample), runs.rows)}
 
 
-SECTIONS = (
-    Section("reaction", "Reaction", 70, _content),
-    Section("crossed", "Crossed parameters", 75, _crossed),
-)
+SECTIONS = {"reaction": _content, "crossed": _crossed}

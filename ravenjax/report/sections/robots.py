@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section
 from ravenjax.stats import one_unit
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
@@ -40,16 +40,9 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
     robots = drawn_whole(runs)
     if not robots:
         return []
-    # SQL conditions: which faults count for the rate, and which of them have the outcome.
-    questions = {
-        "evades the checks": ("true", "evaded"),
-        "makes an unintended motion": ("true", "unintended"),
-        "leads to a loss of motion": ("true", "loss"),
-        "has an alarm or stop by a check": ("true", "told"),
-    }
-    if runs.manifest.cues:
-        early = "warned_ms >= 0 AND warned_ms < unintended_ms"
-        questions["has the cue before the unintended motion"] = ("unintended", early)
+    questions = resources.read_tables(__file__, "robots.toml")
+    if not runs.manifest.cues:
+        del questions["has the cue before the unintended motion"]
     robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
     for name, (among, hit) in questions.items():
@@ -106,11 +99,6 @@ def robot_columns(config: Mapping[str, Any]) -> list[str]:
     )
 
 
-SECTIONS = (
-    Section(
-        "robots",
-        "Robots",
-        80,
-        lambda runs, _: {"your_robot": own} if (own := runs.once(robot_rates)) else None,
-    ),
-)
+SECTIONS = {
+    "robots": lambda runs, _: {"your_robot": own} if (own := runs.once(robot_rates)) else None
+}

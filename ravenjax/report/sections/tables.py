@@ -16,9 +16,8 @@ import pandas as pd
 from ravenjax.bundled import resources
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
-from ravenjax.report.data.facts import FACTS, OUTCOMES
+from ravenjax.report.data.facts import FACTS, OUTCOMES, VALID_OUTCOMES
 from ravenjax.report.data.runs import UNINTENDED, Runs
-from ravenjax.report.sections import Section
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 from ravenjax.stats.latency import Delays, Incidence
@@ -119,36 +118,32 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     active, inactive, faulty, failed, reacting = runs.counts(
         [f"{valid} activated", f"{valid} NOT activated", "faulty", "failed", "NOT plain"]
     )
-    free = runs.motions()
+    free = runs.motions
     (lead_ms,) = runs.table.row(
         f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
         f" AND {conditions['both']}"
     )
+    rates = {name: fault_share(runs, count, total) for name, count in n.items()}
+    hazards = ("evaded", "unintended", "loss", "misreport")
+    cue_ms = f"golden_cue{manifest.verdict_cue}_first_ms"
     return {
         **n,
-        **{
-            name: fault_share(runs, n[name], total)
-            for name in ("evaded", "unintended", "loss", "misreport")
-        },
+        **{name: rates[name] for name in hazards},
         "inactive": inactive,
         "repeats": active - total,
         "reacting": reacting,
         "faulty": faulty,
         "failed": failed,
-        "outcomes": {
-            name: fault_share(runs, n[name], total) for name in OUTCOMES if name != "failed"
-        },
+        "outcomes": {name: rates[name] for name in VALID_OUTCOMES},
         "cue_first": fault_share(runs, n["cue_first"], n["both"]),
         "lead_ms": lead_ms,
-        "false_cue": wilson_share(
-            free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count
-        ),
+        "false_cue": wilson_share(free.came(cue_ms), free.count),
     }
 
 
 def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
     """Return rows by RESPONSES. Cells are by hazard and cue, each a rate of all distinct faults."""
-    cube = runs.cube()
+    cube = runs.cube
     return _matrix(cube.loc[cube["faulty"] & cube["sample"]], runs.sampled())
 
 
@@ -170,13 +165,8 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
         ]
-        rows.append(
-            {
-                "name": response,
-                "cells": cells,
-                "total": rate(sum(cell["share"].k for cell in cells), total),
-            }
-        )
+        k = sum(cell["share"].k for cell in cells)
+        rows.append({"name": response, "cells": cells, "total": rate(k, total)})
     return rows
 
 
@@ -210,25 +200,25 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
     A group without faults has the rates of its runs in which nobody reacts. `runs` and `failed`
     count all runs of the group.
     """
-    cube = runs.cube()
+    cube = runs.cube
     rows = []
     for name, part in cube.groupby("group"):
         faulty = bool(part["faulty"].any())
         counted = part.loc[~part["failed"] & (part["sample"] | (part["plain"] & (not faulty)))]
-        n, outcomes = _count(counted), counted["outcome"]
+        n, groups = _count(counted), [str(name)]
+        shares = {
+            key: fault_share(runs, _count(counted.loc[counted["outcome"] == key]), n, groups)
+            for key in VALID_OUTCOMES
+        }
         rows.append(
             {
                 "name": name,
                 "runs": _count(part),
                 "n": n,
                 "faulty": faulty,
-                "outcomes": {
-                    key: fault_share(runs, _count(counted.loc[outcomes == key]), n, [str(name)])
-                    for key in OUTCOMES
-                    if key != "failed"
-                },
-                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, [str(name)]),
-                "matrix": _matrix(counted, runs.sampled([str(name)])),
+                "outcomes": shares,
+                "evaded": fault_share(runs, _count(counted.loc[counted["evaded"]]), n, groups),
+                "matrix": _matrix(counted, runs.sampled(groups)),
                 "failed": _count(part.loc[part["failed"]]),
             }
         )
@@ -358,7 +348,6 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
-    # Returns the variables of section "Verdicts".
     manifest = runs.manifest
     return {
         "matrix_rows": verdict_matrix(runs),
@@ -374,18 +363,9 @@ def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
     }
 
 
-SECTIONS = (
-    Section("verdicts", "Verdicts", 10, _verdicts),
-    Section(
-        "groups", "Groups", 20, lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES}
-    ),
-    Section(
-        "checks",
-        "Built-in checks",
-        110,
-        lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
-    ),
-    Section(
-        "failures", "Failures", 190, lambda runs, folder: {"failures": failure_rows(runs, folder)}
-    ),
-)
+SECTIONS = {
+    "verdicts": _verdicts,
+    "groups": lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES},
+    "checks": lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
+    "failures": lambda runs, folder: {"failures": failure_rows(runs, folder)},
+}

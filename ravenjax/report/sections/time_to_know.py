@@ -5,7 +5,7 @@ raises an alarm.
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import Section, answers, tables
+from ravenjax.report.sections import answers, tables
 from ravenjax.stats.latency import incidence_curve
 
 FIRST_MS = 1.0
@@ -45,11 +45,6 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     return chart if curves else None, {"cue": early_cue, "check": early_alarms}
 
 
-SECTIONS = (
-    Section(
-        "time",
-        "Time to know",
-        40,
-        lambda runs, _: dict(zip(("curves", "early"), incidence_curves(runs), strict=True)),
-    ),
-)
+SECTIONS = {
+    "time": lambda runs, _: dict(zip(("curves", "early"), incidence_curves(runs), strict=True))
+}

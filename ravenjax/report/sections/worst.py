@@ -9,14 +9,11 @@ from ravenjax.bundled import resources
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run.ranking import rank_runs
-from ravenjax.report.sections import Section
 from ravenjax.report.sections.tables import replay_command
 from ravenjax.vocabulary.robot import Robot
 
 MOST = 5
 """Number of runs of each kind."""
-
-
 KINDS = resources.read_tables(__file__, "worst.toml")
 """Outcomes by name, in the order of the page."""
 
@@ -68,7 +65,6 @@ def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[st
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
-    # Returns the variables of the section's template.
     worst = worst_rows(runs, folder)
     every_row = [
         {"kind": kind["title"], "measured": kind["measured"], **row}
@@ -78,4 +74,4 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     return {"worst": worst, "worst_csv": every_row}
 
 
-SECTIONS = (Section("worst", "Worst runs", 140, _content),)
+SECTIONS = {"worst": _content}

@@ -15,7 +15,7 @@ from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.promise import Promise
 from ravenjax.campaign import writing
 from ravenjax.document import palette
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve
+from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.report import downloads, wording
 from ravenjax.report.data.fault_free import rounded_up
 from ravenjax.report.drawing import save_panels
@@ -47,7 +47,7 @@ def draw_figure(one: Counterfactual, path: Path) -> None:
     curves = []
     for number, ((name, _), lead) in enumerate(zip(named, leads, strict=True)):
         early = (lead[:, None] >= ms).mean(axis=0)
-        low = high = EMPTY
+        low = high = ()
         if not number and not one.grounds.hazards.robots:
             low, high = rate_bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
         curves.append(
