@@ -46,15 +46,12 @@ def faults(
 ) -> None:
     """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
-    Parameters
-    ----------
-    word
-        Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard (C09),
-        or one of the lists layers, sites, effects, triggers, phases (of an operation), classes
-        (of outcomes), hazards.
-    robot
-        raven2, or the Python module that declares another robot; the hazard library is for
-        raven2 only
+    Args:
+        word: Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard
+            (C09), or one of the lists layers, sites, effects, triggers, phases (of an operation),
+            classes (of outcomes), hazards.
+        robot: raven2, or the Python module that declares another robot; the hazard library is for
+            raven2 only
     """
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
@@ -128,15 +125,11 @@ def parameters(
     A path names one number, or a vector with one number per joint or axis. PATH.elbow names
     the number of the elbow.
 
-    Parameters
-    ----------
-    file
-        Campaign file; its software, arms and tools determine the parameters. Default: one arm
-        with the software raven2.
-    path
-        only paths that contain this text, such as plant or kp
-    robot
-        another robot than the campaign's: raven2, or the Python module that declares it
+    Args:
+        file: Campaign file; its software, arms and tools determine the parameters. Default: one arm
+            with the software raven2.
+        path: only paths that contain this text, such as plant or kp
+        robot: another robot than the campaign's: raven2, or the Python module that declares it
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds

@@ -30,17 +30,12 @@ def coverage(
     counts the faults that are detected at all, and those that are detected before the harm. If
     `ravenjax deadline` has computed deadlines, it also counts detections in time for a stop.
 
-    Parameters
-    ----------
-    of
-        instead, list the harmful runs with the time at which this check or set of checks detects
-        the fault
-    pairs
-        instead, compare runs with two faults with runs that have only one of them
-    most
-        with --pairs: number of pairs of each kind to list; default 5
-    out
-        folder of the files; default FOLDER/coverage
+    Args:
+        of: instead, list the harmful runs with the time at which this check or set of checks
+            detects the fault
+        pairs: instead, compare runs with two faults with runs that have only one of them
+        most: with --pairs: number of pairs of each kind to list; default 5
+        out: folder of the files; default FOLDER/coverage
     """
     from ravenjax.analyses.deadline import read_deadlines
     from ravenjax.errors import UserError

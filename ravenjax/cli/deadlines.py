@@ -22,10 +22,8 @@ def deadline(
     compared with the time at which a signal first shows the fault. The tables are in
     FOLDER/deadline and in the next report of the folder.
 
-    Parameters
-    ----------
-    group
-        only faults of this group
+    Args:
+        group: only faults of this group
     """
     import contextlib
 

@@ -31,12 +31,9 @@ def trace(
 ) -> None:
     """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
-    Parameters
-    ----------
-    worst
-        trace the N worst runs instead of runs that you name
-    out
-        folder of the traces; default FOLDER/traces
+    Args:
+        worst: trace the N worst runs instead of runs that you name
+        out: folder of the traces; default FOLDER/traces
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
@@ -157,14 +154,10 @@ def explain(
     Without run ids, --worst and --group, all runs with a fault are explained and summarised, if
     any fault evades the checks.
 
-    Parameters
-    ----------
-    worst
-        explain the N worst runs instead of runs that you name
-    group
-        summarise all runs with a fault of this group
-    out
-        folder for the written files; default FOLDER/explained
+    Args:
+        worst: explain the N worst runs instead of runs that you name
+        group: summarise all runs with a fault of this group
+        out: folder for the written files; default FOLDER/explained
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError

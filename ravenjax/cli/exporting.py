@@ -29,15 +29,12 @@ def explore(
     The page contains the robot, its control software and its checks as WebAssembly. It is one
     file and needs no network. The page of a result folder also shows the runs of the folder.
 
-    Parameters
-    ----------
-    sources
-        Campaign file, the name of a bundled campaign (see `ravenjax campaigns`), or a result
-        folder that `ravenjax run` wrote.
-    out
-        file of the page; default NAME.explore.html, or DIR/explore.html
-    gallery
-        folder for the pages of several campaigns and an index; default all bundled campaigns
+    Args:
+        sources: Campaign file, the name of a bundled campaign (see `ravenjax campaigns`), or a
+            result folder that `ravenjax run` wrote.
+        out: file of the page; default NAME.explore.html, or DIR/explore.html
+        gallery: folder for the pages of several campaigns and an index; default all bundled
+            campaigns
     """
     if gallery is not None:
         _gallery(gallery, sources, out, as_json)
@@ -96,22 +93,14 @@ def export(
     allocates no memory and gives the same bits as `rj.ControlSoftware` and `rj.VirtualRobot`. Only
     the shared library needs a C compiler.
 
-    Parameters
-    ----------
-    folder
-        Folder to write into; files of an earlier export there are replaced.
-    arms
-        gold, green or both
-    tools
-        one for each arm
-    policy
-        no_regulation, soft_regulation or hard_regulation
-    level
-        level of the overdrive check: beginner, moderate, advanced
-    parameter_set
-        mechanics of the virtual robot
-    cpu
-        portable: any CPU of this architecture; native: this CPU. Results have the same bits
+    Args:
+        folder: Folder to write into; files of an earlier export there are replaced.
+        arms: gold, green or both
+        tools: one for each arm
+        policy: no_regulation, soft_regulation or hard_regulation
+        level: level of the overdrive check: beginner, moderate, advanced
+        parameter_set: mechanics of the virtual robot
+        cpu: portable: any CPU of this architecture; native: this CPU. Results have the same bits
     """
     from ravenjax.analyses.export import c_folder
     from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
@@ -147,12 +136,9 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     Editors with Taplo use the schema if the first line of the TOML file is `#:schema
     campaign.schema.json`.
 
-    Parameters
-    ----------
-    kind
-        Kind of file that the schema describes.
-    out
-        file to write; default: print the schema
+    Args:
+        kind: Kind of file that the schema describes.
+        out: file to write; default: print the schema
     """
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import files

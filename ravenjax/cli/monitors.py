@@ -51,32 +51,21 @@ def calibrate(
     packets. An interrupted command continues. The command writes monitor.toml, monitor.py,
     detector.toml (a [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign. Only its robot is used, not its faults.
-    out
-        folder to write; default results/monitors/NAME of the campaign
-    signals
-        signals to monitor, as `ravenjax monitor signals` lists them; * stands for any letters;
-        default tip_error_bound boards_cmd_rate*
-    segments
-        a signal and its limits between segments with different thresholds, such as
-        tick=1000,5000 or surgeon_mode=1
-    false_alarms_per_hour
-        largest rate of false alarms
-    confidence
-        probability that the rate is not exceeded
-    hours
-        simulated hours in total; default enough for the rate and the confidence
-    length_s
-        duration of an operation, s
-    robots
-        number of operations of each operator, each with a different robot
-    motions
-        generated motions of operators; default all motions that depend on the seed
-    seed
-        seed of operators and robots
+    Args:
+        file: Campaign file, or the name of a bundled campaign. Only its robot is used, not its
+            faults.
+        out: folder to write; default results/monitors/NAME of the campaign
+        signals: signals to monitor, as `ravenjax monitor signals` lists them; * stands for any
+            letters; default tip_error_bound boards_cmd_rate*
+        segments: a signal and its limits between segments with different thresholds, such as
+            tick=1000,5000 or surgeon_mode=1
+        false_alarms_per_hour: largest rate of false alarms
+        confidence: probability that the rate is not exceeded
+        hours: simulated hours in total; default enough for the rate and the confidence
+        length_s: duration of an operation, s
+        robots: number of operations of each operator, each with a different robot
+        motions: generated motions of operators; default all motions that depend on the seed
+        seed: seed of operators and robots
     """
     from ravenjax.analyses.monitors import calibrate as calibration
     from ravenjax.campaign import loading
@@ -114,16 +103,11 @@ def operate(
 
     The operators differ from those of the calibration. With --set the robot differs as well.
 
-    Parameters
-    ----------
-    folder
-        Folder that `ravenjax monitor calibrate` wrote.
-    out
-        folder for the operations
-    hours
-        simulated hours in total
-    robots
-        number of operations of each operator; default as in the calibration
+    Args:
+        folder: Folder that `ravenjax monitor calibrate` wrote.
+        out: folder for the operations
+        hours: simulated hours in total
+        robots: number of operations of each operator; default as in the calibration
     """
     from ravenjax.analyses.monitors.calibrate import operate_afresh
 
@@ -145,17 +129,12 @@ def check(
     The exit code is 1 if the distribution of scores has shifted. Only the first operation of each
     operator, result folder or log counts.
 
-    Parameters
-    ----------
-    folder
-        Folder that `ravenjax monitor calibrate` wrote.
-    sources
-        Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
-        detector, or logs: CSV files with the columns of test_vector.csv.
-    level
-        probability of reporting a shift although nothing changed
-    seed
-        seed with which ties between scores are broken
+    Args:
+        folder: Folder that `ravenjax monitor calibrate` wrote.
+        sources: Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
+            detector, or logs: CSV files with the columns of test_vector.csv.
+        level: probability of reporting a shift although nothing changed
+        seed: seed with which ties between scores are broken
     """
     from ravenjax.analyses.monitors import checking
 
@@ -183,10 +162,8 @@ def check(
 def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
     """List the signals that a monitor can use.
 
-    Parameters
-    ----------
-    file
-        campaign file that selects the robot; default the Raven-II
+    Args:
+        file: campaign file that selects the robot; default the Raven-II
     """
     from ravenjax import robots
     from ravenjax.analyses.monitors.scores import list_candidates
@@ -224,26 +201,16 @@ def counterfactual(
     the same runs. The command selects checks with half of the faults and measures their coverage
     with the other half. It measures false alarms on other motions.
 
-    Parameters
-    ----------
-    file
-        Campaign file, the name of a bundled campaign, or a result folder.
-    out
-        folder to write; default results/NAME_counterfactual
-    false_alarms_per_hour
-        largest false-alarm rate of all selected checks together
-    lead_ms
-        smallest time between an alarm and the harm for the alarm to count, ms
-    hours
-        hours of fault-free motion to compute
-    most
-        largest number of checks to select
-    group
-        use only the faults of these groups
-    seed
-        seed with which the faults are divided into halves
-    confirm
-        also run the selected checks as detectors, with another seed of the faults
+    Args:
+        file: Campaign file, the name of a bundled campaign, or a result folder.
+        out: folder to write; default results/NAME_counterfactual
+        false_alarms_per_hour: largest false-alarm rate of all selected checks together
+        lead_ms: smallest time between an alarm and the harm for the alarm to count, ms
+        hours: hours of fault-free motion to compute
+        most: largest number of checks to select
+        group: use only the faults of these groups
+        seed: seed with which the faults are divided into halves
+        confirm: also run the selected checks as detectors, with another seed of the faults
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Question

@@ -44,17 +44,13 @@ def motion(
     replayed, the exit code is 2 and the message states what to change. The command draws the
     recording even then.
 
-    Parameters
-    ----------
-    file
-        Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
-    campaign
-        campaign file whose robot, limits and duration are used
-    arms
-        arms to replay; default all arms of the recording
-    out
-        folder for the picture, SVG and PNG
-    """  # noqa: E501
+    Args:
+        file: Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a
+            console's packets: .parquet, .pcap or .pcapng.
+        campaign: campaign file whose robot, limits and duration are used
+        arms: arms to replay; default all arms of the recording
+        out: folder for the picture, SVG and PNG
+    """
     import numpy as np
 
     from ravenjax.errors import UserError
@@ -158,34 +154,22 @@ def calibrate(
     does not determine keep their prior distribution. A campaign with `[parameters] from =
     "my_robot.toml"` then draws a robot for each run.
 
-    Parameters
-    ----------
-    log
-        Desired and measured joint positions: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
-        ravenstate or CRTK's measured_js and setpoint_js. Or a table, text or .parquet, with
-        columns such as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_ and mpos_,
-        or mpos_ and dac_.
-    out
-        file to write, for campaigns; pictures are written beside it
-    arm
-        arm whose joints are in the log
-    tool
-        tool of the arm; default the tool of the software
-    software
-        software of the robot; it determines the direction of the first jaw's cable
-    gains
-        PID gains of the robot; default those of its software
-    period_ms
-        time between samples, instead of the times in the log
-    columns
-        names of the columns of a table without a header line, in order and separated by commas;
-        or NAME=THEIRS for each column with another name than expected
-    topics
-        namespace of the arm's joints in a bag, such as /lab/arm1
-    ask
-        groups of parameters to estimate, separated by commas
-    draws
-        number of robots to draw from the fit and write
+    Args:
+        log: Desired and measured joint positions: a bag of ROS 1 or ROS 2 or an MCAP file with
+            raven2's ravenstate or CRTK's measured_js and setpoint_js. Or a table, text or .parquet,
+            with columns such as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_
+            and mpos_, or mpos_ and dac_.
+        out: file to write, for campaigns; pictures are written beside it
+        arm: arm whose joints are in the log
+        tool: tool of the arm; default the tool of the software
+        software: software of the robot; it determines the direction of the first jaw's cable
+        gains: PID gains of the robot; default those of its software
+        period_ms: time between samples, instead of the times in the log
+        columns: names of the columns of a table without a header line, in order and separated by
+            commas; or NAME=THEIRS for each column with another name than expected
+        topics: namespace of the arm's joints in a bag, such as /lab/arm1
+        ask: groups of parameters to estimate, separated by commas
+        draws: number of robots to draw from the fit and write
     """
     from ravenjax.analyses.calibration import joint_log, parameters, position_loop, tables
     from ravenjax.analyses.calibration.calibrate import LoggedRobot

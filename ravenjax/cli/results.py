@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
     """Write report.html into a result folder.
 
-    Parameters
-    ----------
-    figures
-        also draw the main figures into this folder, SVG and PDF
+    Args:
+        figures: also draw the main figures into this folder, SVG and PDF
     """
     write_report(folder)
     if figures is not None:
@@ -44,12 +42,9 @@ def verify(
     The exit code is 1 if something is wrong. Runs on another engine may differ; the command
     states by how much.
 
-    Parameters
-    ----------
-    sample
-        number of runs to compute again; 0 for none
-    seed
-        seed with which these runs are drawn
+    Args:
+        sample: number of runs to compute again; 0 for none
+        seed: seed with which these runs are drawn
     """
     from ravenjax.campaign.inspection import verification
 
@@ -90,14 +85,10 @@ def merge(
     Parts are linked or copied, and checked. The shards stay unchanged. You can run it again
     after an interruption, or with further shards.
 
-    Parameters
-    ----------
-    out
-        Folder to merge into.
-    shards
-        Result folders of the same campaign, as `ravenjax run --shard` wrote them.
-    partial
-        merge although runs are missing
+    Args:
+        out: Folder to merge into.
+        shards: Result folders of the same campaign, as `ravenjax run --shard` wrote them.
+        partial: merge although runs are missing
     """
     from ravenjax.store.access import merging, query
 
@@ -128,13 +119,10 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
     Differences are second minus first. If the faults were drawn at random, they have 95 %
     intervals over the faults.
 
-    Parameters
-    ----------
-    second
-        Result folder of another campaign with the same faults, or of the same campaign with other
-        settings or code.
-    most
-        number of most changed runs to list
+    Args:
+        second: Result folder of another campaign with the same faults, or of the same campaign with
+            other settings or code.
+        most: number of most changed runs to list
     """
     from ravenjax.report import comparison
 

@@ -46,26 +46,16 @@ def run(
     full disk, workers that die. Signals end the command with 130 (Ctrl-C), 143 (SIGTERM) or 129
     (SIGHUP). Finished runs are always kept, and the same command continues.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
-    out
-        result folder; default results/NAME of the campaign
-    chunk
-        number of runs in each file of the result
-    limit
-        compute only the first runs
-    executor
-        local (this process) or ray (a cluster)
-    workers
-        number of parallel Ray tasks; default one for each GPU, or one for some cores
-    ray_address
-        address of a running Ray cluster; default a new cluster on this machine
-    shard
-        i/N: compute only the i-th of N shares, for batch schedulers
-    report
-        write report.html at the end
+    Args:
+        file: Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
+        out: result folder; default results/NAME of the campaign
+        chunk: number of runs in each file of the result
+        limit: compute only the first runs
+        executor: local (this process) or ray (a cluster)
+        workers: number of parallel Ray tasks; default one for each GPU, or one for some cores
+        ray_address: address of a running Ray cluster; default a new cluster on this machine
+        shard: i/N: compute only the i-th of N shares, for batch schedulers
+        report: write report.html at the end
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.executors import choose_executor, shards
@@ -120,14 +110,10 @@ def check(
 
     The command simulates nothing. The exit code is 2 if `ravenjax run` would refuse the file.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
-    out
-        planned result folder; default results/NAME
-    limit
-        only the first runs, as for `ravenjax run`
+    Args:
+        file: Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
+        out: planned result folder; default results/NAME
+        limit: only the first runs, as for `ravenjax run`
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.inspection.estimate import format_estimate
@@ -189,15 +175,12 @@ def fault_free(
     Hours that were computed before count, and an interrupted command continues. Exit codes are
     those of `ravenjax run`.
 
-    Parameters
-    ----------
-    hours
-        Total hours of fault-free motion in pedal-down, including existing hours. The report states
-        how many hours it needs.
-    engine
-        auto, cuda, simd, xla or mjx; auto is a CPU engine, because motions run one at a time
-    report
-        write report.html of FOLDER again at the end
+    Args:
+        hours: Total hours of fault-free motion in pedal-down, including existing hours. The report
+            states how many hours it needs.
+        engine: auto, cuda, simd, xla or mjx; auto is a CPU engine, because motions run one at a
+            time
+        report: write report.html of FOLDER again at the end
     """
     from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.cli import terminal
@@ -275,12 +258,9 @@ def search(
     Finished runs are always kept, and the same command continues. Exit codes are those of
     `ravenjax run`.
 
-    Parameters
-    ----------
-    file
-        Search file, or the name of a bundled search (see `ravenjax campaigns`).
-    out
-        folder to write; default results/NAME of the search
+    Args:
+        file: Search file, or the name of a bundled search (see `ravenjax campaigns`).
+        out: folder to write; default results/NAME of the search
     """
     from ravenjax.analyses.search import runner
     from ravenjax.analyses.search.file import loading
