@@ -113,6 +113,24 @@ def print_text(text: object, to: Console | None = None, style: str | None = None
     (to or out).print(plain, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
+def print_findings(
+    sentences: Sequence[str],
+    as_json: bool,
+    tables: Iterable[tuple[str, Sequence[tuple[str, ...]]]] = (),
+    files: Sequence[Path] = (),
+    **content: Any,
+) -> None:
+    """Print sentences, tables and the paths of written files, or sentences, files and `content` as
+    JSON. tables: title and rows, of which the first has the headings.
+    """
+    if as_json:
+        return emit_json(content | {"sentences": sentences, "files": files})
+    print_text("\n".join(sentences))
+    for title, (columns, *rows) in tables:
+        print_table(title, columns, rows)
+    return print_written(files)
+
+
 def print_written(paths: Iterable[Path]) -> None:
     """Print the paths of files that a command wrote."""
     for path in paths:

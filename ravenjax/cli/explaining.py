@@ -14,9 +14,8 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.inspection.explain import Explained, Explainer
+    from ravenjax.campaign.inspection.explain import Explained
     from ravenjax.campaign.inspection.replay import Replay
-    from ravenjax.report.run.chain import Chain
     from ravenjax.store.manifest import Manifest
 
 
@@ -160,6 +159,7 @@ def explain(
         out: folder for the written files; default FOLDER/explained
     """
     from ravenjax.campaign.inspection.explain import Explainer
+    from ravenjax.cli import terminal
     from ravenjax.errors import UserError
     from ravenjax.report.run import ranking
     from ravenjax.store import files, manifest
@@ -176,11 +176,7 @@ def explain(
     together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
     if together == []:
         words = "No fault evades the checks, so there is nothing to explain."
-        return (
-            console.emit_json({"evading": 0, "sentences": [words]})
-            if as_json
-            else console.print_text(words)
-        )
+        return console.print_findings([words], as_json, evading=0)
     out_folder = out or files.path_inside(folder, explained.FOLDER)
     files.require_writable(out_folder)
     explainer = Explainer.of_folder(folder, engine)
@@ -189,7 +185,9 @@ def explain(
         or [run.row for run in ranked]
         or together
     )
-    explanation = _compute(explainer, rows, quiet=as_json)
+    quiet = as_json or len(rows) < 100
+    with contextlib.nullcontext() if quiet else terminal.Watch(console.err) as watch:
+        explanation = explainer.explain(rows, watch)
     explained.add_explained(out_folder, explanation.ticks, record)
     if others := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
@@ -204,19 +202,9 @@ def explain(
     return None
 
 
-def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
-    # Explains runs, and shows the progress if there are many.
-    from ravenjax.cli import terminal
-
-    if quiet or len(rows) < 100:
-        return explainer.explain(rows)
-    with terminal.Watch(console.err) as watch:
-        return explainer.explain(rows, watch)
-
-
 def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
     # Prints how the fault spread in each run, and writes a table and a figure per run.
-    from ravenjax.report import downloads
+    from ravenjax.report import downloads, wording
     from ravenjax.report.drawing import save_figure
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_text
@@ -233,26 +221,16 @@ def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_j
             save_figure(figure, plot)
             paths.append(plot)
         records.append(explained._asdict() | {"visible": explained.first, "files": paths})
-        if not as_json:
-            _print(explained, paths)
+        if as_json:
+            continue
+        names = ("links.txt.j2", "near_checks.txt.j2")
+        tables = [("", wording.fill_table(name, chain=explained)) for name in names]
+        words = [chain_words.chain_title(explained), *chain_words.chain_sentences(explained)]
+        text = "\n  ".join(words)
+        console.print_findings([text], as_json, [table for table in tables if table[1][1:]], paths)
+        console.print_text("")
     if as_json:
         console.emit_json(records)
-
-
-def _print(explained: Chain, paths: list[Path]) -> None:
-    # Prints how the fault spread in one run. paths: files that were written about it.
-    from ravenjax.report import wording
-    from ravenjax.report.run import chain_words
-
-    console.print_text(
-        "\n  ".join([chain_words.chain_title(explained), *chain_words.chain_sentences(explained)])
-    )
-    for template in ("links.txt.j2", "near_checks.txt.j2"):
-        columns, *rows = wording.fill_table(template, chain=explained)
-        if rows:
-            console.print_table("", columns, rows)
-    console.print_written(paths)
-    console.print_text("")
 
 
 def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -> None:
@@ -273,11 +251,6 @@ def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -
         write_text(paths[-1], text)
     if chains.draw_charts(summary, out_folder / "signals.svg"):
         paths.append(out_folder / "signals.svg")
-    if as_json:
-        sentences = chains.chain_sentences(summary)
-        return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})
-    console.print_text("\n".join(chains.chain_sentences(summary)))
-    if summary.carriers:
-        columns, *rows = wording.fill_table("carriers.txt.j2", all=summary)
-        console.print_table("", columns, rows)
-    return console.print_written(paths)
+    table = wording.fill_table("carriers.txt.j2", all=summary)
+    tables, sentences = [("", table)] if table[1:] else [], chains.chain_sentences(summary)
+    console.print_findings(sentences, as_json, tables, paths, **summary._asdict())
