@@ -180,7 +180,7 @@ def explain(
     out_folder = out or files.path_inside(folder, explained.FOLDER)
     files.require_writable(out_folder)
     explainer = Explainer.of_folder(folder, engine)
-    rows = (
+    rows: Any = (
         list(dict.fromkeys(explainer.index(run) for run in run_ids))
         or [run.row for run in ranked]
         or together

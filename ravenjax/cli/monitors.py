@@ -10,15 +10,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cyclopts import App
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Switch, Words
-
-if TYPE_CHECKING:
-    from ravenjax.analyses.monitors.calibration import Calibrated
 
 monitor = App(
     name="monitor",
@@ -68,6 +64,7 @@ def calibrate(
         seed: seed of operators and robots
     """
     from ravenjax.analyses.monitors import calibrate as calibration
+    from ravenjax.analyses.monitors import writing
     from ravenjax.campaign import loading
 
     config = loading.load_campaign(file, overrides or ())
@@ -85,7 +82,15 @@ def calibrate(
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
         result = calibration.calibrate_monitor(request, place, hours, engine, progress)
-    _print_calibration(place, result, as_json)
+    _, record = writing.read_monitor(place)
+    if as_json:
+        return console.emit_json({"folder": place, **record})
+    terms = zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
+    console.print_tables(console.fill_listings("terms.j2", terms=terms), as_json)
+    words = record["promise"]["words"]
+    return console.print_text(
+        console.render_template("monitor.j2", words=words, result=result, place=place)
+    )
 
 
 @monitor.command
@@ -139,22 +144,12 @@ def check(
     from ravenjax.analyses.monitors import checking
 
     result = checking.check_exchangeability(folder, sources, level, seed)
-    shifted, about = bool(result["shifted"].any()), result.attrs
+    shifted, about, rows = bool(result["shifted"].any()), result.attrs, result.to_dict("records")
     if as_json:
-        console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
+        console.emit_json({"signals": rows, **about, "shifted": shifted})
         return int(shifted)
-    rows = result.to_dict("records")
     console.print_tables(console.fill_listings("shift.j2", rows=rows), as_json)
-    console.print_text(
-        f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
-        f" {about['alarms']} with an alarm"
-    )
-    console.print_text(
-        f"SHIFT at level {level:g}: the new operations have another distribution of scores than the"
-        " calibration, so its false-alarm rate is not valid for them. Calibrate on such operations"
-        if shifted
-        else f"no shift found at level {level:g}; with so few units a small shift stays undetected"
-    )
+    console.print_text(console.render_template("shifted.j2", about=about, shifted=shifted))
     return int(shifted)
 
 
@@ -247,28 +242,6 @@ def counterfactual(
     text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
     console.print_text("\n".join([text, *sentences]))
     return console.print_written(paths)
-
-
-def _print_calibration(place: Path, result: Calibrated, as_json: bool) -> None:
-    # Prints the limits of a calibrated monitor and its guaranteed false-alarm rate.
-    from ravenjax.analyses.monitors import writing
-
-    _, record = writing.read_monitor(place)
-    if as_json:
-        return console.emit_json({"folder": place, **record})
-    rows = [
-        (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
-        for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
-    ]
-    console.print_tables(
-        [Listing("terms", "Alarm above these limits", ("score", "limit", "unit"), rows)], False
-    )
-    words = record["promise"]["words"]
-    return console.print_text(
-        console.render_template(
-            "monitor.j2", words=words, own=result.threshold, tested=result.test, place=place
-        )
-    )
 
 
 @contextlib.contextmanager
