@@ -1,6 +1,4 @@
-"""A gallery in a real browser, from a file: its index opens, and each of its links computes a
-map.
-"""
+"""A gallery in a real browser, from a file: its index opens, and each link computes a map."""
 
 import pytest
 from chromium import CHROMIUM, NEEDED, PATIENCE_MS
@@ -37,7 +35,7 @@ def written(folder, name):
 
 def test_two_campaigns_of_one_name_are_refused(tmp_path):
     path = written(tmp_path, "elbow")
-    with pytest.raises(UserError, match="two campaigns have the name elbow"):
+    with pytest.raises(UserError, match="two campaigns are named elbow"):
         gallery.build_gallery(tmp_path / "pages", [path, path])
     assert not (tmp_path / "pages").exists()
 
