@@ -212,24 +212,20 @@ def _summary(folder: Path, results: Results) -> None:
     from ravenjax.store import manifest
 
     record = manifest.read_manifest(folder)
-    counted = results.verdicts() if record.done else {}
-    valid = sum(count for verdict, count in counted.items() if verdict)
-    if rows := terminal.share_rows(counted, valid):
-        columns = ("response / hazard / cue", "runs", "share")
-        named = [(events.name_harm(name, record.rules), *row) for name, *row in rows]
-        console.print_table("Runs with a fault", columns, named)
+    counted, idle = (results.verdicts(acted) if record.done else {} for acted in (True, False))
+    verdicts = terminal.share_rows(counted, sum(n for name, n in counted.items() if name))
+    content = {
+        "record": record,
+        "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
+        "failures": terminal.share_rows(record.failures, record.done),
+        "idle": sum(idle.values()),
+        "why": decisions.describe_stop(folder),
+    }
+    console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)
+    if verdicts:
         own = record.rules.harm if record.rules.harms else ""
         console.print_text(terminal.count_evading(counted, record.limit_mm, own))
-    if record.done and (idle := sum(results.verdicts(acted=False).values())):
-        console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")
-    if rows := terminal.share_rows(record.failures, record.done):
-        console.print_table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
-    if why := decisions.describe_stop(folder):
-        console.print_text(why)
-    if record.shard is None and not why and record.due < record.runs:
-        rest = "the same command without --limit, or with a larger limit, continues"
-        console.print_text(f"computed {record.due} of the campaign's {record.runs} runs; {rest}")
-    console.print_text(f"results: {folder}")
+    console.print_text(console.render_template("ended.j2", folder=folder, **content))
 
 
 @contextlib.contextmanager

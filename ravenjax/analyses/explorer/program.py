@@ -121,8 +121,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "forever": table.FOREVER_TICKS,
         **list_motions(ready),
         "programs": {
-            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
-            | {"outputs": []},
+            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH),
             "replay": _replay_program(ready, tick, shared),
             **acted,
         },
@@ -266,8 +265,8 @@ def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
     faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
     plan = dataclasses.replace(ready, program=program, faults=faults)
     tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
-    printed = _printed(tick, tick.without_signals(), len(program.varied), code.WIDTH)
-    return actions, {"acted": printed | {"outputs": []}}
+    shared = len(program.varied)
+    return actions, {"acted": _printed(tick, tick.without_signals(), shared, code.WIDTH)}
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
@@ -319,6 +318,7 @@ def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[
     # Returns a program as WebAssembly, and the layout of the memory that it reads and writes.
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
+        "outputs": [],
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
         "outcomes": tick.outcomes,
