@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ravenjax import robots
 from ravenjax.cli import console
@@ -24,18 +24,13 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario
 
-    every = {
-        "campaigns": {
-            path.name: loading.load_campaign(path)
-            for path in resources.list_resources("campaigns", "*.toml")
-        },
-        "searches": {
-            path.name: searches.load_search(path)
-            for path in resources.list_resources("campaigns/searches", "*.toml")
-        },
-        "scenarios": {
-            path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()
-        },
+    kinds = {
+        "campaigns": (loading.load_campaign, resources.list_resources("campaigns", "*.toml")),
+        "searches": (searches.load_search, resources.list_resources(searches.FOLDER, "*.toml")),
+        "scenarios": (scenario.load_scenario, scenario.bundled_scenarios()),
+    }
+    every: dict[str, Any] = {
+        kind: {path.name: load(path) for path in paths} for kind, (load, paths) in kinds.items()
     }
     listings = console.fill_listings("campaigns.j2", count_rows=design.count_rows, **every)
     console.print_tables(listings, as_json)

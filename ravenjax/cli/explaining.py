@@ -80,48 +80,20 @@ def _write(
     # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
+    from ravenjax.store import manifest
     from ravenjax.store.logs import time_series
     from ravenjax.store.logs.trace import log as trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
-    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write_trace(
-        log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
-    )
-    time_series.write_csv(table, series, record.robot)
-    named = {
-        "fault": "first_active_ms",
-        "cue": f"cue{rules.cue}_first_ms",
-        str(row["response"]): "response_ms",
-    }
-    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
-    trace_plot(
-        series,
-        plot,
-        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
-        f"{row['group']}: {wording.describe_fault(row, record.robot)}",
-        threshold_mm=rules.threshold_mm,
-        cue=rules.cue,
-        robot=record.robot,
-        events={name: float(row[column]) for name, column in named.items()},
-    )
-    return [log, table, plot]
-
-
-def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
-    # Returns the description of a run that is stored in the header of its trace.
-    from ravenjax.report import wording
-    from ravenjax.store import manifest
-
-    row = again.row.to_dict()
-    values = {
+    described = wording.describe_fault(row, record.robot)
+    metadata = {
         name: value
         for name, value in row.items()
         if isinstance(value, str)
         or name in ("index", "seed")
         or (name.startswith(("fault", "param:")) and value == value)
     } | {
-        "fault": wording.describe_fault(row, record.robot),
+        "fault": described,
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,
@@ -134,7 +106,27 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         "campaign_version": record.versions.get("ravenjax", ""),
         "campaign_code_hash": record.code_hash,
     }
-    return {name: str(value) for name, value in values.items()}
+    header = {name: str(value) for name, value in metadata.items()}
+    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
+    trace_log.write_trace(log, series, header, bases=again.bases, events=events, robot=record.robot)
+    time_series.write_csv(table, series, record.robot)
+    named = {
+        "fault": "first_active_ms",
+        "cue": f"cue{rules.cue}_first_ms",
+        str(row["response"]): "response_ms",
+    }
+    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
+    trace_plot(
+        series,
+        plot,
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
+        f"{row['group']}: {described}",
+        threshold_mm=rules.threshold_mm,
+        cue=rules.cue,
+        robot=record.robot,
+        events={name: float(row[column]) for name, column in named.items()},
+    )
+    return [log, table, plot]
 
 
 def explain(

@@ -13,12 +13,8 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Words
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rich.console import Console
 
-    from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
-    from ravenjax.analyses.calibration.position_loop import LoopParams
     from ravenjax.campaign.file.config import CampaignConfig
     from ravenjax.robots.raven2.campaign.config import RavenConfig
     from ravenjax.store.motion.summary import MotionSummary
@@ -200,7 +196,20 @@ def calibrate(
         logged.log.joints, [word.strip() for word in ask.split(",")]
     )
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
-    _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
+    models = {"before": calibrated.base, "calibrated": calibrated.robot}
+    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
+    for place, part in zip(where, logged.halves, strict=True):
+        title = f"Following error {place}: rms (times the log's), off by"
+        errors = logged.following_errors(part, models)
+        console.print_table(*tables.by_joint(title, errors, logged.log.joints))
+    console.print_table(*tables.tabulate_parameters("Estimated parameters", calibrated))
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and controller.ki[unknown.joint or 0] > 0.0
+    ]
+    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
+        console.print_text(text)
     values = parameters.values_by_path(
         calibrated.base, calibrated.unknowns, calibrated.draws(draws)
     )
@@ -213,25 +222,3 @@ def calibrate(
     tables.draw_intervals(pictures[1], calibrated)
     console.print_text(f'robots: {out}; use it in a campaign: [parameters] from = "{out.name}"')
     console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
-
-
-def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
-    # Prints the calibration of one log: following errors before and after, and the parameters.
-    from ravenjax.analyses.calibration import tables
-
-    joints = logged.log.joints
-    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
-    titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
-    error_tables = [
-        tables.by_joint(title, logged.following_errors(part, robots), joints)
-        for title, part in zip(titles, logged.halves, strict=True)
-    ]
-    for rows in (*error_tables, tables.tabulate_parameters("Estimated parameters", calibrated)):
-        console.print_table(*rows)
-    integrated = [
-        unknown.path
-        for unknown in calibrated.unknowns
-        if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
-    ]
-    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
-        console.print_text(text)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, ResultFolder, SameEngine
-
-if TYPE_CHECKING:
-    from ravenjax.report.comparison import FolderComparison
 
 
 def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
@@ -136,19 +132,12 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
         return
     for sentence in result.sentences():
         console.print_text(sentence)
-    console.print_tables(list(_comparison_tables(result)), as_json)
-
-
-def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
-    # Yields the tables of a comparison of two result folders.
     changes = [
         (change.path, change.first or "–", change.second or "–")
-        for change in (*found.configuration, *found.environment)
+        for change in (*result.configuration, *result.environment)
     ]
-    yield Listing(
-        "configuration",
-        "Differences in configuration, code and machine",
-        ("key", "first", "second"),
-        changes,
+    title = "Differences in configuration, code and machine"
+    differences = Listing("configuration", title, ("key", "first", "second"), changes)
+    console.print_tables(
+        [differences, *console.fill_listings("comparison.j2", found=result)], False
     )
-    yield from console.fill_listings("comparison.j2", found=found)

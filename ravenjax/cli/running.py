@@ -9,7 +9,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ravenjax import interruption
 from ravenjax.cli import console
@@ -73,7 +73,8 @@ def run(
         share.folder if share is not None else ""
     )
 
-    from ravenjax.campaign.stop import adaptive
+    from ravenjax.campaign.stop import adaptive, decisions
+    from ravenjax.store import manifest
 
     screen = console.err if as_json else console.out
     show_operator(config, screen)
@@ -81,20 +82,29 @@ def run(
         results = adaptive.run_adaptively(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
+    if not as_json:
+        _summary(folder, results)
+    page = write_report(folder, prints=not as_json) if report and share is None else None
     if as_json:
-        page = write_report(folder, prints=False) if report and share is None else None
-        console.emit_json(
-            _outcome(folder, results)
-            | {"report": page, "shard": None if share is None else str(share)}
-        )
-        return
-    _summary(folder, results)
-    if share is not None:
+        record = manifest.read_manifest(folder)
+        names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
+        content = {name: getattr(record, name) for name in names.split()} | {
+            "folder": folder,
+            "finished": record.done,
+            "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
+            "runs_without_valid_outcome": record.failures,
+            "verdicts_of_faults_that_changed_no_bit": (
+                results.verdicts(acted=False) if record.done else {}
+            ),
+            "stop_rule": decisions.describe_stop(folder) or None,
+            "report": page,
+            "shard": None if share is None else str(share),
+        }
+        console.emit_json(content)
+    elif share is not None:
         console.print_text(
             f"this is one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all shards"
         )
-    elif report:
-        write_report(folder)
 
 
 def check(
@@ -139,25 +149,6 @@ def check(
     console.print_tables(console.fill_listings("check.j2", **content), as_json)
     for notice in view["notices"]:
         console.print_text(f"note: {notice}")
-
-
-def _outcome(folder: Path, results: Results) -> dict[str, Any]:
-    # Returns what `ravenjax run --json` prints at its end.
-    from ravenjax.campaign.stop import decisions
-    from ravenjax.store import manifest
-
-    record = manifest.read_manifest(folder)
-    names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
-    return {name: getattr(record, name) for name in names.split()} | {
-        "folder": folder,
-        "finished": record.done,
-        "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
-        "runs_without_valid_outcome": record.failures,
-        "verdicts_of_faults_that_changed_no_bit": (
-            results.verdicts(acted=False) if record.done else {}
-        ),
-        "stop_rule": decisions.describe_stop(folder) or None,
-    }
 
 
 def fault_free(
