@@ -4,7 +4,6 @@ They write a page that simulates faults in a browser, a robot as a C library, an
 campaign files.
 """
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Literal
@@ -36,43 +35,29 @@ def explore(
         gallery: folder for the pages of several campaigns and an index; default all bundled
             campaigns
     """
+    from ravenjax.analyses.explorer import gallery as galleries
+    from ravenjax.analyses.explorer import page
+
     if gallery is not None:
-        _gallery(gallery, sources, out, as_json)
-        return
+        if out is not None:
+            raise UserError(
+                "got --out and --gallery; leave out --out, because the pages of a gallery are named"
+                " after their campaigns"
+            )
+        cards, index = galleries.build_gallery(gallery, sources), gallery / galleries.INDEX
+        if as_json:
+            return console.emit_json({"index": index, "campaigns": [vars(card) for card in cards]})
+        for card in cards:
+            console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
+        return console.print_text(index)
     if len(sources) != 1:
         raise UserError(
             f"got {len(sources)} campaigns, expected one; for several pages write --gallery DIR"
         )
-    from ravenjax.analyses.explorer import page
-
     path = page.build_page(sources[0], out)
     if as_json:
-        console.emit_json({"page": path, "bytes": path.stat().st_size})
-        return
-    console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-
-
-def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
-    # Writes a page for each campaign, and a page that links them.
-    if out is not None:
-        raise UserError(
-            "got --out and --gallery; leave out --out, because the pages of a gallery are named"
-            " after their campaigns"
-        )
-    from ravenjax.analyses.explorer import gallery
-
-    cards = gallery.build_gallery(folder, sources)
-    if as_json:
-        console.emit_json(
-            {
-                "index": folder / gallery.INDEX,
-                "campaigns": [dataclasses.asdict(card) for card in cards],
-            }
-        )
-        return
-    for card in cards:
-        console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
-    console.print_text(folder / gallery.INDEX)
+        return console.emit_json({"page": path, "bytes": path.stat().st_size})
+    return console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def export(

@@ -232,16 +232,13 @@ def counterfactual(
             else None
         )
     sentences = [*output.finding_sentences(found), *([sure.sentence] if sure else [])]
-    if as_json:
-        plain = {
-            "sentences": sentences,
-            "checks": [row for row in output.candidate_table(found) if row["chosen"]],
-        }
-        return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
-    text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
-    console.print_text("\n".join([text, *sentences]))
-    return console.print_written(paths)
+    checks = [row for row in output.candidate_table(found) if row["chosen"]]
+    if not as_json:
+        console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
+        console.print_text(
+            console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
+        )
+    console.print_findings(sentences, as_json, files=paths, checks=checks)
 
 
 @contextlib.contextmanager

@@ -112,7 +112,12 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "observe_ms": config.campaign.observe_ms,
         "slots": program.setup.injection.slots,
         "channels": _channels(ready),
-        "effects": _effects(),
+        # A network effect is another effect on one channel.
+        "effects": {
+            name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
+            for name, effect in EFFECTS.items()
+            for channel, plain, constant in [effect.network or (None, name, None)]
+        },
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
         "fields": {
             field.name: str(np.dtype(table.ARRAYS[field.name]))
@@ -211,15 +216,6 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
         offered = of_channel or list(effects[site])
         rows.append({"site": site, "arm": arm, "channel": name, "effects": offered})
     return rows
-
-
-def _effects() -> dict[str, dict[str, Any]]:
-    # Returns the codes of effects. A network effect is another effect on one channel.
-    return {
-        name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
-        for name, effect in EFFECTS.items()
-        for channel, plain, constant in [effect.network or (None, name, None)]
-    }
 
 
 def _examples(ready: Plan) -> list[dict[str, Any]]:
