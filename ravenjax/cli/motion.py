@@ -118,7 +118,7 @@ def _config(
 def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax.store.motion.summary import table_rows
 
-    to.print(console.make_table("Recorded operator", ("property", "value"), table_rows(summary)))
+    console.print_table("Recorded operator", ("property", "value"), table_rows(summary), to)
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
@@ -201,8 +201,9 @@ def calibrate(
     for place, part in zip(where, logged.halves, strict=True):
         title = f"Following error {place}: rms (times the log's), off by"
         errors = logged.following_errors(part, models)
-        console.print_table(*tables.by_joint(title, errors, logged.log.joints))
-    console.print_table(*tables.tabulate_parameters("Estimated parameters", calibrated))
+        console.print_table(title, *tables.by_joint(errors, logged.log.joints))
+    fitted = tables.tabulate_parameters(calibrated)
+    console.print_table("Estimated parameters", tables.PARAMETER_COLUMNS, fitted)
     integrated = [
         unknown.path
         for unknown in calibrated.unknowns

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes, plan
@@ -102,6 +103,9 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
     tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     shared = len(program.varied)
     actions, acted = _acted_program(ready)
+    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
+    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    examples: pd.DataFrame = faulty[list(names)].rename(columns=names)
     return {
         "actions": actions,
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
@@ -131,7 +135,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
             **acted,
         },
         "verdict": _verdict(config, tick),
-        "examples": _examples(ready),
+        "examples": examples.to_dict("records"),
         "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
 
@@ -216,12 +220,6 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
         offered = of_channel or list(effects[site])
         rows.append({"site": site, "arm": arm, "channel": name, "effects": offered})
     return rows
-
-
-def _examples(ready: Plan) -> list[dict[str, Any]]:
-    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
-    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
-    return faulty[list(names)].rename(columns=names).to_dict("records")  # pyright: ignore[reportReturnType]
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
     calibrated = one.calibrated(PLANT, FRICTION)
     np.testing.assert_allclose(calibrated.fit.steps, hidden, atol=0.05)
     np.testing.assert_allclose(calibrated.after, calibrated.before * np.exp(hidden), rtol=0.05)
-    assert (calibrated.told < 0.1).all()
+    assert (calibrated.spread_ratio < 0.1).all()
     log, before, found, rotor = one.following_errors(
         one.halves[1], {"before": calibrated.base, "after": calibrated.robot}
     )
@@ -51,8 +51,8 @@ def test_nine_of_ten_hidden_values_of_every_kind_are_inside_their_intervals() ->
     for seed in (0, 1):
         hidden = np.random.default_rng(seed).standard_normal(len(wanted))
         one = virtual_log.recorded(base, wanted, hidden, desired).calibrated(PLANT, wanted)
-        inside.extend(np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.told)
-        assert (one.told[:7] < 0.2).all() and one.told.max() < 1.001
+        inside.extend(np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.spread_ratio)
+        assert (one.spread_ratio[:7] < 0.2).all() and one.spread_ratio.max() < 1.001
     assert sum(inside) >= binom.ppf(0.025, len(inside), 0.9)
 
 
