@@ -98,6 +98,11 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     """Raise UserError unless `config` can run as fault-free operations of different operators."""
     names = config.generated_motions() or design.motions
+    robot_varies = (
+        config.campaign.noise
+        or config.random_packets
+        or any(axis.drawn for axis in config.parameters.values())
+    )
     template = wording.text_templates(__package__).get_template("unrunnable.txt.j2")
     problem = template.render(
         config=config,
@@ -106,20 +111,11 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         names=names,
         unknown=[motion for motion in design.motions if motion not in names],
         still=[motion for motion in design.motions if motion in fault_free.UNVARIED],
-        alike=design.robots > 1 and not robot_varies(config),
+        alike=design.robots > 1 and not robot_varies,
         describe_unknown_name=describe_unknown_name,
     )
     if problem:
         raise UserError(problem.strip())
-
-
-def robot_varies(config: CampaignConfig) -> bool:
-    """Return whether a property of the robot is drawn, so that runs of an operator differ."""
-    return (
-        config.campaign.noise
-        or config.random_packets
-        or any(axis.drawn for axis in config.parameters.values())
-    )
 
 
 class OperationRunner:
