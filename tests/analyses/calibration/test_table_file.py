@@ -112,7 +112,7 @@ GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in DESIRED}
             "row 1",
         ),
         ("log.csv", GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
-        ("log.csv", GOOD | {"jpos_shoulder_deg": [30.0, 40.0]}, 1.0, "say the same; keep one"),
+        ("log.csv", GOOD | {"jpos_shoulder_deg": [30.0, 40.0]}, 1.0, "mean the same; keep one"),
         ("log.csv", GOOD | {"jpos_gold_shoulder": [0.5, 0.6]}, 1.0, "jpos_shoulder is there twice"),
         ("log.csv", GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
         ("log.csv", GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
