@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, get_args
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 
 class UserError(ValueError):
@@ -57,3 +61,43 @@ def describe_unknown_name(what: str, word: str, names: Iterable[str]) -> str:
     """Return the error message for a word that is not among the known names."""
     names = list(names)
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggest_name(word, names)}"
+
+
+def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
+    """Return the message for a pydantic error in a table of this model.
+
+    hint: text about the table to which an unknown key belongs.
+    """
+    kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
+    if kind == "extra_forbidden":
+        keys = list(model.model_fields)
+        return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
+    if kind == "missing":
+        field = model.model_fields.get(key)
+        return f"missing: {field.description}" if field and field.description else "missing"
+    text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
+    if kind == "value_error":
+        return text
+    text = text.removeprefix("Input should be ").replace("String", "text")
+    lists = {
+        "too_short": "a list of at least {min_length}",
+        "too_long": "a list of at most {max_length}",
+    }
+    expected = lists[kind].format(**error["ctx"]) if kind in lists else text
+    return f"got {format_value(error['input'])}, expected {expected}"
+
+
+def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
+    """Return the model of the table at `key`, starting from a table of `model`."""
+    for part in key:
+        if isinstance(part, str) and part in model.model_fields:
+            model = next(models_in(model.model_fields[part].annotation), model)
+    return model
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models of tables that an annotation names."""
+    if hasattr(annotation, "model_fields"):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from models_in(inner)

@@ -3,12 +3,19 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 
 import ravenjax as rj
 from ravenjax.store.folder import read_all
+
+
+def fault(*own: Any, **more: Any) -> dict:
+    """A table [[group.fault]] with site, channel, effect, value and start_ms, and further keys."""
+    names = ("site", "channel", "effect", "value", "start_ms")
+    return dict(zip(names, own, strict=True)) | more
 
 
 def tables(runs: int = 300, chunk: int = 20, duration_s: float = 0.05) -> dict:

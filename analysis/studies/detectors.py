@@ -182,8 +182,9 @@ def threshold_for(free: Runs, name: str, per_hour: float = PER_HOUR) -> float | 
 def point(faulty: Runs, free: Runs, name: str, threshold: float = math.nan) -> Point:
     """Return the performance of a detector, or one of OTHERS, at a threshold."""
     times, moved = spoke_ms(faulty, name, threshold), faulty["unintended"]
+    # A robot that was stopped is not live, so no unintended motion begins after a stop.
     before = BY_DEFINITION
-    if not by_definition(faulty, name, threshold):
+    if name != STOPS:
         early = (times >= 0) & (times < faulty["unintended_ms"])
         before = share(early, moved, faulty.faults, MOVED)
     false, told = false_alarms(free, name, threshold), caught(faulty, name, threshold)
@@ -194,19 +195,6 @@ def caught(faulty: Runs, name: str, threshold: float) -> study.StudyEstimate:
     """Return the share of the runs with an unintended motion that have an alarm at a threshold."""
     spoke = spoke_ms(faulty, name, threshold) >= 0
     return share(spoke, faulty["unintended"], faulty.faults, MOVED)
-
-
-def by_definition(faulty: Runs, name: str, threshold: float) -> bool:
-    """Return whether the definitions alone decide that an alarm comes with the unintended motion or
-    after it.
-
-    This holds for the distance of the tip from the model at the motion's limit or beyond (except
-    for the difference between reported and true tip). It also holds for a stop, because the robot
-    is then not live.
-    """
-    rules = faulty.made.rules
-    far = rules.threshold_mm if name == CUE else threshold if name == TIP_ERROR else math.nan
-    return name == STOPS or far >= rules.limit_mm
 
 
 def layer_table(faulty: Runs, chosen: Sequence[Point]) -> study.Table:

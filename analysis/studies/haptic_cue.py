@@ -19,7 +19,7 @@ from ravenjax.report import wording
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units, group_units
 from studies import runs, study
-from studies.cells import BY_DEFINITION, counted, hourly, percent, plain, quartiles
+from studies.cells import counted, hourly, percent, plain, quartiles
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
 from studies.study import StudyEstimate, read_table
 
@@ -140,15 +140,6 @@ def choices(
     return choose(lost, hazards.faults, false, free["hours"], free["recording"])
 
 
-def by_definition(faulty: Runs, k: int) -> bool:
-    """Return whether set number k fires at the limit of the unintended motion or beyond.
-
-    By the definitions alone, its cue then comes as the motion begins or later, except for the
-    difference between reported and true tip.
-    """
-    return faulty.made.cues[k].threshold_mm >= faulty.made.rules.limit_mm
-
-
 class CueResult(NamedTuple):
     """One haptic set. Rates are fractions, times ms."""
 
@@ -171,13 +162,12 @@ def felt(faulty: Runs, k: int) -> CueResult:
     at_cap = force >= AT_CAP * (np.inf if cap is None else cap)
     delay, lead = runs.median_times(once, first_ms(once, k))
     before = share(came & (first < faulty["unintended_ms"]), moved, faulty.faults, MOVED)
-    late = by_definition(faulty, k)
     return CueResult(
         share(~came, moved, faulty.faults, MOVED),
-        BY_DEFINITION if late else before,
+        before,
         share(came, ~moved, faulty.faults, "other faulty runs"),
         delay,
-        BY_DEFINITION if late else lead,
+        lead,
         quartiles(force),
         share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
         quartiles(mine[f"cue{k}_ms"]),
@@ -248,8 +238,6 @@ def rule_rows(faulty: Runs, free: Runs, sets: Sequence[int]) -> Rows:
         if not hit.any() or not mine["hours"].sum() > 0:
             continue
         lost = share(missed(faulty, [published], miss)[:, 0], hit, faulty.faults, "")
-        if miss == LATE and by_definition(faulty, published):
-            lost = BY_DEFINITION
         names = [
             f"{'' if at.sure else 'undecided: '}{faulty.made.cues[sets[at.winner]].threshold_mm:g}"
             f" ({100 * at.wins[at.winner]:.0f} %)"
@@ -331,9 +319,8 @@ def _cue_lines(faulty: Runs, hands: Runs, modelled: Runs, k: int) -> Iterator[st
     published = " (published)" if k == faulty.made.verdict_cue else ""
     words, found = f"{faulty.made.cues[k].threshold_mm:g} mm{published}", felt(faulty, k)
     yield study.percent_line(f"{words}: unintended motion missed", found.missed)
-    if not by_definition(faulty, k):
-        yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
-        yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
+    yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
+    yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
     if len(hands.frame):
         quantity = f"{words}: false cues, recorded hands, scale {runs.DEFAULT_SCALE:g}"
         yield study.own_line(quantity, "1/h", false_cues(hands, k))

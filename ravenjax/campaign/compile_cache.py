@@ -23,6 +23,7 @@ from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError
 from ravenjax.numbers import lazy
 from ravenjax.numbers.setup import Precision
+from ravenjax.store import files
 
 VARIABLE = "RAVENJAX_CACHE"
 """Environment variable with the path of the cache folder, or "off"."""
@@ -83,20 +84,12 @@ def object_cache() -> MutableMapping[str, bytes] | None:
     Return None if the cache is off. Raise UserError if the configured size is not a number.
     """
     folder = cache_folder("objects")
-    return None if folder is None else Objects(folder, _size_mb() * 1_000_000)
-
-
-def _size_mb() -> int:
-    # Returns the largest size of the cache, which the user may set in an environment variable.
-    text = os.environ.get(SIZE_VARIABLE, "").strip()
-    if not text:
-        return SIZE_MB
-    if not text.isdecimal() or int(text) == 0:
-        raise UserError(
-            f"{SIZE_VARIABLE}={text!r}: expected a whole number of MB, 1 or more; to turn the cache"
-            f" off, set {VARIABLE}=off"
-        )
-    return int(text)
+    if folder is None:
+        return None
+    size_mb = files.megabytes(
+        SIZE_VARIABLE, SIZE_MB, f"; to turn the cache off, set {VARIABLE}=off"
+    )
+    return Objects(folder, size_mb * 1_000_000)
 
 
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
@@ -165,13 +158,13 @@ class Objects(MutableMapping[str, bytes]):
 
         Another process may do the same at the same time.
         """
-        files = []
+        entries = []
         for path in self._place.glob("*"):
             with contextlib.suppress(OSError):
                 status = path.stat()
-                files.append((status.st_mtime_ns, status.st_size, path))
-        excess = sum(size for _, size, _ in files) - self._most
-        for _, size, path in sorted(files):
+                entries.append((status.st_mtime_ns, status.st_size, path))
+        excess = sum(size for _, size, _ in entries) - self._most
+        for _, size, path in sorted(entries):
             if excess <= 0:
                 break
             with contextlib.suppress(OSError):

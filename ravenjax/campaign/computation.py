@@ -21,13 +21,7 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.campaign import outcomes
-from ravenjax.campaign.golden_runs import (
-    Branches,
-    Computed,
-    FastForwardPlan,
-    GoldenRuns,
-    join_computed,
-)
+from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, GoldenRuns
 from ravenjax.campaign.memory_windows import (
     Columns,
     Pair,
@@ -247,7 +241,7 @@ class Computation:
             kept = earlier if there.any() else None
             golden_runs = GoldenRuns(
                 numbers,
-                pool.submit(join_computed, parts, kept and kept.computed, numbers),
+                pool.submit(Computed.join, parts, kept and kept.computed, numbers),
                 {n: b for n, b in kept.branches.items() if n in numbers} if kept else {},
             )
         for number, row in zip(numbers.tolist(), rows, strict=True):

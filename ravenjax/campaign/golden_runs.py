@@ -7,7 +7,6 @@ the checkpoints. If each run has a different golden run, checkpoints would save 
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import Future
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,8 +23,7 @@ Numbers that the lanes of a group share must also be computed again, so the rati
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Computed:
+class Computed(NamedTuple):
     """Computed golden runs, in ascending order of their numbers."""
 
     numbers: np.ndarray  # int [golden runs], as in Plan.golden
@@ -37,6 +35,35 @@ class Computed:
         mask = np.isin(self.numbers, numbers)
         outcomes = take_rows(self.outcomes, mask)
         return Computed(self.numbers[mask], self.reference[:, :, mask], outcomes)
+
+    @staticmethod
+    def join(
+        parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
+    ) -> Computed:
+        """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
+
+        `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied,
+        so that memory of the large time series is released early.
+        """
+        some = [part.result() for part in parts]
+        parts.clear()
+        if earlier is not None:
+            some.append(earlier.result().select_lanes(numbers))
+        if len(some) == 1:
+            return some[0]
+        first = some[0]
+        reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
+        outcomes = {
+            name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()
+        }
+        del first
+        while some:
+            computed = some.pop()
+            places = np.searchsorted(numbers, computed.numbers)
+            reference[:, :, places] = computed.reference
+            for name, values in computed.outcomes.items():
+                outcomes[name][places] = values
+        return Computed(numbers, reference, outcomes)
 
 
 class Branches(NamedTuple):
@@ -54,35 +81,6 @@ class GoldenRuns(NamedTuple):
     numbers: np.ndarray  # numbers of golden runs, ascending
     computed: Future[Computed]
     branches: dict[int, Future[Branches]]
-
-
-def join_computed(
-    parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
-) -> Computed:
-    """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
-
-    `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied, so
-    that memory of the large time series is released early.
-    """
-    some = [part.result() for part in parts]
-    parts.clear()
-    if earlier is not None:
-        some.append(earlier.result().select_lanes(numbers))
-    if len(some) == 1:
-        return some[0]
-    first = some[0]
-    reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
-    outcomes = {
-        name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()
-    }
-    del first
-    while some:
-        computed = some.pop()
-        places = np.searchsorted(numbers, computed.numbers)
-        reference[:, :, places] = computed.reference
-        for name, values in computed.outcomes.items():
-            outcomes[name][places] = values
-    return Computed(numbers, reference, outcomes)
 
 
 class FastForwardPlan:

@@ -18,8 +18,7 @@ from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of, validate_tables
-from ravenjax.campaign.file.section import model_at, models_in
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, format_error, format_value, model_at, models_in, suggest_name
 from ravenjax.hazards import expansion
 from ravenjax.store import manifest
 
@@ -201,16 +200,12 @@ def _message(model: type[CampaignConfig], error: Any) -> str:
                 f" [[{'.'.join(path)}]], in double brackets"
             )
         return f"got {format_value(error['input'])}, expected a list"
-    table = model_at(model, error["loc"][:-1])
-    hint = ""
-    if error["type"] == "extra_forbidden" and not suggest_name(
-        error["loc"][-1], table.model_fields
-    ):
-        homes = [
-            path for path, t in tables_of(model) if path and error["loc"][-1] in t.model_fields
-        ]
+    table, hint = model_at(model, error["loc"][:-1]), ""
+    name = error["loc"][-1] if error["loc"] else ""
+    if error["type"] == "extra_forbidden" and not suggest_name(name, table.model_fields):
+        homes = [path for path, t in tables_of(model) if path and name in t.model_fields]
         hint = f". It is a key of {' and '.join(map(table_header, homes))}" if homes else ""
-    return location.format_error(error, table, hint)
+    return format_error(error, table, hint)
 
 
 def tables_of(

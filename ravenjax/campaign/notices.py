@@ -32,17 +32,12 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
     declared = list(of_config(plan.config))
     if plan.operator is not None:
         declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
-    of_runs = plan.config.notices_of_runs(plan)
+    declared += _of_parameters(plan)
+    of_runs = *plan.config.notices_of_runs(plan), *_of_pedal(plan), *_of_faults(plan)
     declared += [
         f"{key}: {words}: {_counted(plan, which)}" for key, which, words in of_runs if which.any()
     ]
-    return (
-        *declared,
-        *_of_parameters(plan),
-        *_of_pedal(plan),
-        *_of_faults(plan),
-        *_of_copies(plan),
-    )
+    return (*declared, *_of_copies(plan))
 
 
 def of_config(config: CampaignConfig) -> Iterator[str]:
@@ -173,19 +168,22 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         yield "campaign.observe_ms: has no effect, because all runs last for campaign.duration_s"
 
 
-def _of_pedal(plan: Plan) -> Iterator[str]:
+OfRuns = Iterator[tuple[str, np.ndarray, str]]
+"""(key, bool [runs], notice); of faults bool [runs, slots]."""
+
+
+def _of_pedal(plan: Plan) -> OfRuns:
     # Yields a notice if runs end before the pedal is down.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
-        never = clocks.first_down(plan.program.ticks) >= plan.program.ticks
-        if never.any():
-            yield (
-                "campaign.duration_s: the run ends before the robot is in pedal-down, so no"
-                f" instrument follows the operator: {_counted(plan, never)}"
-            )
+        yield (
+            "campaign.duration_s",
+            clocks.first_down(plan.program.ticks) >= plan.program.ticks,
+            "the run ends before the robot is in pedal-down, so no instrument follows the operator",
+        )
 
 
-def _of_faults(plan: Plan) -> Iterator[str]:
+def _of_faults(plan: Plan) -> OfRuns:
     if not plan.faults["code"].any():
         return
     faults, ticks = plan.faults, plan.program.ticks
@@ -235,23 +233,19 @@ def _of_faults(plan: Plan) -> Iterator[str]:
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
         ("site", twice, "the run has the same fault twice"),
     ):
-        for slot in np.flatnonzero(which.any(axis=0)):
-            yield f"fault[{slot}].{key}: {words}: {_counted(plan, which[:, slot])}"
+        yield from (
+            (f"fault[{slot}].{key}", of_slot, words) for slot, of_slot in enumerate(which.T)
+        )
 
 
-def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
-    """Yield (key, faults, notice) about faults that move a parameter out of its range.
-
-    faults: bool [runs, slots].
-    """
-    value, length = _values_and_lengths(plan)
-    x = _usual(plan)
+def _beyond_range(plan: Plan) -> OfRuns:
+    """Yield (key, faults, notice) about faults that move a parameter out of its range."""
+    value, length, x = _numbers(plan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         reached = {
-            "offset": x + value,
-            "latch_offset": x + value,
+            **dict.fromkeys(("offset", "latch_offset"), x + value),
             "scale": x * value,
             "drift": x + value * length,
             "periodic": np.where(x - limits.low < limits.high - x, x - abs(value), x + abs(value)),
@@ -272,8 +266,7 @@ def _beyond_range(plan: Plan) -> Iterator[tuple[str, np.ndarray, str]]:
 @np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
     # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
-    value, length = _values_and_lengths(plan)
-    usual = _usual(plan)
+    value, length, usual = _numbers(plan)
     least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
     least = np.array([0.0, *least])[plan.faults["code"]]
 
@@ -291,8 +284,7 @@ def _idle(plan: Plan) -> np.ndarray:
         "stuck": usual == usual,
         # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
         "periodic": small(value) | (plan.faults["period"] <= 2),
-        "random": (value == 0) & (usual == 0),
-        "toggle": (value == 0) & (usual == 0),
+        **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
     return _by_effect(plan, idle, False)
@@ -304,21 +296,18 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
     return [(site, plan.config.robot.sites[site].channel(name)) for site, _, name in targets]
 
 
-def _usual(plan: Plan) -> np.ndarray:
-    """Return the usual value of each fault's signal, [runs, slots]; NaN if unknown."""
+def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the value of each fault, the ticks in which it may act, and the usual value of its
+    signal (NaN if unknown), [runs, slots].
+    """
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         number = np.nan if channel.usual is None else channel.usual
         if site == PARAMETER:
             number = plan.numbers(channel.name)[:, None]
         usual = np.where(plan.faults["code"] == code, number, usual)
-    return usual
-
-
-def _values_and_lengths(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-    """Return the value of each fault, and the ticks in which it may act, [runs, slots]."""
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
-    return plan.faults["value"].astype(np.float64), ticks
+    return plan.faults["value"].astype(np.float64), ticks, usual
 
 
 def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.ndarray:

@@ -101,9 +101,10 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarra
     the time, ms. Both are -1 if all numbers are finite.
 
     The columns about this are removed from `measures`. A robot's additional outcomes are not
-    checked in each tick, so a run with a NaN in these fails at its end.
+    checked in each tick. A run in which one of these is infinite or NaN fails at its end.
     """
     first = measures.pop("failed_ms")
+    # A robot without the column `failed_signal` checks only the tip.
     signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
     invalid = np.zeros(len(first), bool)
     for name, values in measures.items():

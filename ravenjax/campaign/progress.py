@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from ravenjax.errors import StoreError
 from ravenjax.store import files, manifest
 
 FILE = "progress.json"
@@ -153,7 +154,7 @@ class ProgressFile:
                 "host": socket.gethostname(),
             }
             # A full disk must not end the campaign.
-            with contextlib.suppress(OSError):
-                files.replace_file(self._path, json.dumps(content, indent=1) + "\n")
+            with contextlib.suppress(StoreError):
+                files.write_text(self._path, json.dumps(content, indent=1) + "\n", waits=False)
         if self._then is not None:
             self._then(status)

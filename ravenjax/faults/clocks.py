@@ -9,7 +9,6 @@ A window opens when its clock reaches `start`. From then on, take the reading mi
 `window`). The functions use NumPy and do not depend on the robot.
 """
 
-import dataclasses
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -56,8 +55,7 @@ class Arrivals(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PedalPhases:
+class PedalPhases(NamedTuple):
     """Times at which the pedal is down in a run, unless a check stops the robot."""
 
     begins: np.ndarray  # int64 [phases], ticks in which the pedal clock is 0, ascending
@@ -77,8 +75,7 @@ class PedalPhases:
         return after
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Clocks:
+class Clocks(NamedTuple):
     """The packet and pedal clocks of the runs of a campaign."""
 
     arrivals: Arrivals | None  # None: a fault may stop the packets

@@ -13,20 +13,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
-from ravenjax.numbers import (
-    Scalar,
-    Vec,
-    as_int,
-    first_tick,
-    jnp,
-    lax,
-    paths,
-    replace,
-    to_int32,
-    wrap16,
-)
+from ravenjax.numbers import Scalar, Vec, as_int, first_tick, jnp, lax, paths
 from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.setup import Setup, SiteUse
+from ravenjax.numbers.vec import replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import ARM, PARAMETER

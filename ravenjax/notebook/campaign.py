@@ -13,10 +13,10 @@ from ravenjax.campaign import loading, population, writing
 from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
-from ravenjax.campaign.file.section import models_in, toml_value
+from ravenjax.campaign.file.section import toml_value
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError, format_value
+from ravenjax.errors import UserError, format_value, models_in
 from ravenjax.store import files
 from ravenjax.store.folder import Results
 
@@ -210,15 +210,16 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}
 
-    def entered(place: tuple[str, ...], value: Any) -> Any:
+    def change_texts(place: tuple[str, ...], value: Any) -> Any:
         # Returns the tables with `changed` applied to every text at one of the paths in `places`.
+        # An item of a list has the path of the list.
         if isinstance(value, dict):
-            return {key: entered((*place, key), one) for key, one in value.items()}
+            return {key: change_texts((*place, key), one) for key, one in value.items()}
         if isinstance(value, list):
-            return [entered(place, one) for one in value]
+            return [change_texts(place, one) for one in value]
         return changed(value) if place in places and isinstance(value, str) and value else value
 
-    return {key: entered((key,), value) for key, value in tables.items()}
+    return {key: change_texts((key,), value) for key, value in tables.items()}
 
 
 def run_config(

@@ -6,12 +6,13 @@ A user's file is a Python file that a campaign names. It has these functions:
     params()                    return a record of numbers that a campaign may vary, each with a
                                 Quantity; optional
     init(params)                return the state before the first millisecond, a record; optional
-    step(params, state, view)   compute one millisecond of one arm; return (state, score)
+    step(params, state, view)   compute one millisecond of one arm; return (state, score), or
+                                (state, score, values) if a check limits a signal to `values`
 
-Without `params` or `init`, `step` gets None in their place, and returns None as the state. Every
-number is a single number: loops over joints are Python loops, choices are `jnp.where`, and no
-Python `if` depends on a value. `view` depends on the robot: for a Raven-II it is
-`ravenjax.robots.raven2.loop.user_files.View`.
+Without `params` or `init`, `step` gets None in their place, and returns None as the state. Numbers
+in records and views are scalars, never arrays. Write loops over joints as Python loops, and choices
+as `jnp.where`. No Python `if` may depend on a value. `view` depends on the robot: for a
+Raven-II it is `ravenjax.robots.raven2.loop.user_files.View`.
 
 The content of a user's file includes the modules in its folder that it imports, and the arrays in
 its folder that it loads. If this content changes, the campaign is a different campaign.

@@ -221,7 +221,11 @@ def _keys(table: ResultTable) -> tuple[str, str]:
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
-    """Create `judged_<side>`: each run's fault (`key`) and outcome by its own campaign's rules."""
+    """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
+
+    key: SQL expression that is equal for equal faults. Column `counts` is true for valid runs with
+    a fault.
+    """
     names = list(table.types(f"runs_{side}"))
     happened = {
         name: f"coalesce(({events.event_sql(name, record.rules)})::BOOLEAN, false)"

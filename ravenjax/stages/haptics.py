@@ -90,13 +90,7 @@ def params(setup: Setup) -> HapticParams:
 def init(setup: Setup, params: HapticParams) -> HapticState:
     """Return the state before the first tick."""
     zero = jnp.int32(0)
-    fresh = CueState(
-        first_tick=jnp.int32(-1),
-        peak_force=jnp.asarray(0.0, setup.precision.real),
-        ticks_active=zero,
-        impulses=zero,
-        active=zero,
-    )
+    fresh = CueState(jnp.int32(-1), jnp.asarray(0.0, setup.precision.real), zero, zero, zero)
     return HapticState(tick=zero, cues=(fresh,) * setup.cues)
 
 

@@ -20,19 +20,10 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ravenjax.bundled import resources
-from ravenjax.numbers import Setup, cast_to_real, describe_fields, finite, harm, jnp, per_arm
+from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, finite, harm, jnp
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.vec import (
-    Scalar,
-    Vec,
-    as_int,
-    earliest_tick,
-    first_tick,
-    largest,
-    record,
-    replace,
-    where,
-)
+from ravenjax.numbers.setup import Setup, cast_to_real, per_arm
+from ravenjax.numbers.vec import earliest_tick, first_tick, largest, record, replace, where
 from ravenjax.outcomes.verdict import LIMIT_MM
 
 UM = 1e-6
@@ -147,10 +138,7 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     return MonitorState(
         arms=per_arm(setup, arm_state),
         tip_distance=cast_to_real(setup, jnp.inf),
-        diverged=never,
-        unintended=never,
-        loss=never,
-        false_report=never,
+        **dict.fromkeys((*HAZARDS, "diverged"), never),
         halted=jnp.int32(0),
         finite=finite.init(),
         ticks=jnp.int32(0),

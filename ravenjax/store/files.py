@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+KEPT = (
+    ". Complete files are kept. Free space or make the folder writable, then start the same command"
+    " again."
+)
+
+
 @contextlib.contextmanager
 def disk_errors(begin: str, end: str = "") -> Iterator[None]:
     """Convert an OSError to a StoreError with the message: `begin` (reason) `end`."""
@@ -28,29 +34,29 @@ def disk_errors(begin: str, end: str = "") -> Iterator[None]:
         raise StoreError(f"{begin} ({error.strerror or error}){end}") from error
 
 
-def write_aside(path: Path, write: Callable[[Path], object]) -> None:
+def write_aside(path: Path, write: Callable[[Path], object], waits: bool = True) -> None:
     """Write a file atomically: `write` fills a temporary file, which is then renamed to `path`.
 
     After a crash there is the old file or the new file, and at most one hidden temporary file,
-    which the next call overwrites. Raise StoreError if the file cannot be written.
+    which the next call overwrites. waits: wait for the disk; otherwise a power failure may lose the
+    content, but no reader sees an incomplete file. Raise StoreError if the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    kept = (
-        ". Existing files are unchanged. Free space or make the folder writable, then start the"
-        " same command again."
-    )
-    with disk_errors(f"{path}: cannot be written", kept):
+    with disk_errors(f"{path}: cannot be written", KEPT):
         try:
             # The temporary file could be a link to a file outside of the folder.
             temporary.unlink(missing_ok=True)
             write(temporary)
-            with open(temporary, "rb+") as file:
-                os.fsync(file.fileno())
+            if waits:
+                with open(temporary, "rb+") as file:
+                    os.fsync(file.fileno())
             os.replace(temporary, path)
         except OSError:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
+    if not waits:
+        return
     # The new name is on the disk only after the folder is flushed.
     with contextlib.suppress(OSError), contextlib.ExitStack() as closing:
         descriptor = os.open(path.parent, os.O_RDONLY)
@@ -58,21 +64,9 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
         os.fsync(descriptor)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, waits: bool = True) -> None:
     """Write a text file in UTF-8 atomically, as `write_aside` does."""
-    write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Replace the content of a file atomically, without waiting for the disk.
-
-    A power failure may lose the content, but no reader sees an incomplete file. Raise OSError if
-    the file cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.unlink(missing_ok=True)
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"), waits)
 
 
 def parse_json(text: str) -> Any:
@@ -200,12 +194,12 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
     headed = not all(_NUMBER.fullmatch(cell.strip()) for cell in first if cell.strip())
     if not headed and names is None:
         raise UserError(
-            f"{path}: the first line holds numbers: the table has no header line. It has"
+            f"{path}: the first line contains numbers, so the table has no header line. It has"
             f" {len(first)} columns; write a line such as {header}"
         )
     if names is not None and (headed or len(names) != len(first)):
         got = "a header line" if headed else f"{len(first)} columns"
-        raise UserError(f"{path}: has {got}; expected numbers in the {len(names)} columns given")
+        raise UserError(f"{path}: has {got}; expected only numbers, in {len(names)} columns")
     comma = re.search(r'"-?\d+,\d+"' if separator == "," else r"\d,\d", sample)
     table = pd.read_csv(
         io.StringIO("".join(lines)),
@@ -230,6 +224,17 @@ def hash_file(path: Path) -> str:
     """Return the sha256 of a file's content as hex digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def megabytes(variable: str, usual: int, advice: str = ", such as 4000") -> int:
+    """Return the number of MB in an environment variable; `usual` if it is not set.
+
+    Raise UserError, whose message ends with `advice`.
+    """
+    text = os.environ.get(variable, "").strip() or f"{usual}"
+    if not text.isdecimal() or not int(text):
+        raise UserError(f"{variable}={text}: expected a whole number of MB, 1 or more{advice}")
+    return int(text)
 
 
 def require_writable(folder: Path) -> None:

@@ -30,7 +30,7 @@ from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
-from ravenjax.store.files import disk_errors, path_inside, read_json, write_text
+from ravenjax.store.files import KEPT, disk_errors, path_inside, read_json, write_text
 from ravenjax.store.motion.summary import MotionSummary
 from ravenjax.store.parts import Part, require_version
 from ravenjax.vocabulary.checks import built_in_column
@@ -273,11 +273,7 @@ def record_part(folder: Path, part: Part) -> None:
     StoreError if the line cannot be written.
     """
     path = folder / PARTS_FILE
-    kept = (
-        ". Complete files are kept. Free space or make the folder writable, then start the same"
-        " command again."
-    )
-    with disk_errors(f"{path}: cannot be written", kept), open(path, "ab") as file:
+    with disk_errors(f"{path}: cannot be written", KEPT), open(path, "ab") as file:
         file.write(f"{part.model_dump_json()}\n".encode())
 
 

@@ -6,13 +6,12 @@ slots, cues, checks, arms, varied parameters) depend on a `Shape`, which counts 
 """
 
 import csv
-import dataclasses
 import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -36,8 +35,7 @@ Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
 """Columns by name, arrays [rows]."""
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """One column of the result table."""
 
     name: str
@@ -91,9 +89,7 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
             [Column(name, *others)]
             if others
             else [
-                dataclasses.replace(
-                    one, name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}"
-                )
+                one._replace(name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}")
                 for one in rows
                 if kept_of_golden(one.name)
             ]

@@ -179,6 +179,7 @@ class PathTask(Task):
             return
         lap = self._at // POINTS
         self._at += ahead
+        # The next lap is for the other arm, which must first reach the line.
         if self._at // POINTS > lap and len(self._arms) > 1:
             self._on = False
         self.target = self._at % POINTS

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.errors import UserError
 
 COLUMNS = ("cable_load", "cable_overload_first_ms", "cable_overload")
-FAULT = {
-    "site": "usb_out",
-    "channel": ["shoulder", "elbow"],
-    "effect": "overwrite",
-    "value": [-30000, 2000, 14000, 30000],
-    "start_ms": 320,
-    "duration_ms": 250,
-}
+FAULT = fault(
+    "usb_out",
+    ["shoulder", "elbow"],
+    "overwrite",
+    [-30000, 2000, 14000, 30000],
+    320,
+    duration_ms=250,
+)
 
 
 def tables(duration_s: float = 0.65, **campaign) -> dict:

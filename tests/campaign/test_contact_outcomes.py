@@ -5,19 +5,14 @@ from C++ as CUDA.
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
 
-FAULT = {
-    "site": "usb_out",
-    "arm": "gold",
-    "channel": "insertion",
-    "effect": "overwrite",
-    "value": [-14000, 14000],
-    "start_ms": 320,
-    "duration_ms": 100,
-}
+FAULT = fault(
+    "usb_out", "insertion", "overwrite", [-14000, 14000], 320, arm="gold", duration_ms=100
+)
 
 
 def config(contact: bool, arms=("gold",)):

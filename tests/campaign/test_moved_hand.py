@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -16,14 +17,7 @@ from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
-DRIFT = {
-    "site": "packet",
-    "channel": "delx",
-    "effect": "offset",
-    "value": 40,
-    "start_ms": 300,
-    "duration_ms": 200,
-}
+DRIFT = fault("packet", "delx", "offset", 40, 300, duration_ms=200)
 STEP = {**DRIFT, "value": 8000, "duration_ms": "end"}  # of a console of positions
 STRONG = 66.0
 TICKS = 900

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -52,20 +53,8 @@ def step(params, state, view):
         score = jnp.maximum(score, jnp.abs(now - before) / params.counts)
     return state, score{more}
 """
-FAULT = {
-    "site": "usb_out",
-    "channel": "elbow",
-    "effect": "overwrite",
-    "value": [200, 14000],
-    "start_ms": 700,
-}
-EARLY = {
-    "site": "current_cmd",
-    "channel": "elbow",
-    "effect": "offset",
-    "value": [6000, 22000],
-    "start_ms": 700,
-}
+FAULT = fault("usb_out", "elbow", "overwrite", [200, 14000], 700)
+EARLY = fault("current_cmd", "elbow", "offset", [6000, 22000], 700)
 
 
 def tables(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -48,13 +49,7 @@ def step(params, state, view):
         to_int32(params.share * t * a * c) for t, a, c in zip(view.tau_d, view.amps_per_torque, view.counts_per_amp)
     )
 """  # noqa: E501
-FAULT = {
-    "site": "tau_d",
-    "channel": "elbow",
-    "effect": "offset",
-    "value": [0.05, 0.4],
-    "start_ms": 500,
-}
+FAULT = fault("tau_d", "elbow", "offset", [0.05, 0.4], 500)
 
 
 def tables(folder: Path, arms: tuple[str, ...] = ("gold", "green"), **stages: str) -> dict:
@@ -100,10 +95,10 @@ def test_its_parameters_are_swept_and_matter(tmp_path):
 
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
-    "array": (STEP + "state, jnp.ones(7)", r"gives .* for current_cmd, expected 7 numbers"),
+    "array": (STEP + "state, jnp.ones(7)", r"returns .* for current_cmd, expected .* of 7 numbers"),
     "kind": (
         STEP + "state, view.tau_d",
-        r"gives a float for current_cmd\[0\], expected int: take to_int32",
+        r"returns a float for current_cmd\[0\], expected int: write to_int32",
     ),
 }
 

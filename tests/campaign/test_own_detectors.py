@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -52,13 +53,7 @@ def step(params, state, view):
         score = jnp.maximum(score, jnp.float32(jnp.abs(now - before)) / params.counts)
     return Last(Vec(view.boards_cmd[:3])), score
 """
-FAULT = {
-    "site": "usb_out",
-    "channel": "elbow",
-    "effect": "overwrite",
-    "value": [200, 14000],
-    "start_ms": 700,
-}
+FAULT = fault("usb_out", "elbow", "overwrite", [200, 14000], 700)
 
 
 def tables(folder: Path, text: str, *detectors: dict, **campaign) -> dict:

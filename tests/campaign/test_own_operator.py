@@ -12,6 +12,7 @@ from branching_cases import require_same
 from branching_cases import tables as computed
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -99,14 +100,7 @@ TIRED = """
 def step(params, state, view):
     return state, {"pedal": (view.tick < 620) | (view.tick >= 660)}
 """
-FAULT = {
-    "site": "packet",
-    "channel": "delx",
-    "effect": "offset",
-    "value": [20, 40],
-    "start_ms": 550,
-    "arm": "gold",
-}
+FAULT = fault("packet", "delx", "offset", [20, 40], 550, arm="gold")
 
 
 def tables(folder: Path, text: str = "", **more) -> dict:

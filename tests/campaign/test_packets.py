@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
+from tiny_campaign import fault
 
 import ravenjax as rj
 from ravenjax.campaign import loading, plan
@@ -15,13 +16,7 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.program import PACKET_KEY
 from ravenjax.vocabulary import packets
 
-FAULT = {
-    "site": "usb_out",
-    "channel": "shoulder",
-    "effect": "offset",
-    "value": [2000, 14000],
-    "start_ms": 250,
-}
+FAULT = fault("usb_out", "shoulder", "offset", [2000, 14000], 250)
 TICKS = 400
 
 

@@ -83,8 +83,7 @@ def test_limits_are_those_of_the_campaign(hands):
     bounds = operator_bounds(config)
     assert (bounds.lower[2], bounds.upper[2]) == (0.3, 0.402)
     with pytest.raises(
-        UserError,
-        match=r"insertion of gold would be at 40\d.* limits less a margin 302.00 to 400.00 mm",
+        UserError, match=r"insertion of gold would be at 40\d.* within 302.00 to 400.00 mm"
     ):
         plan.make_plan(config)
     fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])

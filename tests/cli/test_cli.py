@@ -62,7 +62,7 @@ def test_a_page_of_a_campaign_with_noise_is_refused(command_line, tmp_path):
         "[[group]]\nname = 'a'\n[group.parameters]\nplant.gold.encoder_noise = 2\n"
     )
     code, _, err = command_line("explore", file, "-o", page)
-    assert code == 2 and "campaign.noise" in err and not page.exists()
+    assert code == 2 and "set campaign.noise to false" in err and not page.exists()
 
 
 def test_interrupt_says_how_to_go_on(command_line, monkeypatch):
@@ -94,7 +94,7 @@ def test_faults_as_json(command_line):
     assert [one["id"] for one in told["hazards"]] == ["B11", "B24", "B25", "B26", "B27"]
     assert as_json(command_line, "faults", "parameter")[1]["channels"][0]["channel"] == "PATH"
     _, told = as_json(command_line, "faults", "--robot", "planar_arm", "--trust")
-    assert [one["site"] for one in told["sites"]][1:3] == ["packet", "encoder"]
+    assert [one["site"] for one in told["sites"]][:3] == ["parameter", "packet", "encoder"]
     assert "hazards" not in told
     _, told = as_json(command_line, "parameters", "--robot", "planar_arm", "--trust")
     assert "kp" in [one["path"] for one in told["parameters"]]

@@ -15,18 +15,16 @@ from ravenjax.stats.intervals import wilson_interval
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
-SAID, EARLY = detectors.knowledge_sql(RUNS), detectors.knowledge_sql(RUNS, leading=True)
-KNOWN, TOLD = (
-    RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
-    for sql in (SAID, EARLY)
-)
+KNOWN = RUNS.table.frame(f"SELECT {detectors.knowledge_sql(RUNS)} AS ms FROM facts ORDER BY row")[
+    "ms"
+].to_numpy()
 FAULTY = (FRAME["fault0_site"] != "").to_numpy()
 VALID = FAULTY & (FRAME["failed"] == "").to_numpy()
-UNTOLD = VALID & FRAME["response"].isin(["silent", "limited"]).to_numpy()
+UNKNOWN = VALID & FRAME["response"].isin(["silent", "limited"]).to_numpy()
 MOTION_MS = FRAME["unintended_first_ms"].to_numpy()
 MOVED = VALID & (MOTION_MS >= 0)
 LOST = VALID & ~MOVED & naive_facts.hazard(FRAME).eq("loss of motion").to_numpy()
-EVADING = MOVED & UNTOLD
+EVADING = MOVED & UNKNOWN
 
 
 def naive_known(index):
@@ -51,38 +49,11 @@ def test_first_possible_knowledge():
     assert [KNOWN[index] for index in chosen] == [naive_known(index) for index in chosen]
 
 
-def naive_told(index):
-    """The same without the cue of 3 mm, which is the limit of hazards here, and without a tip
-    error of as much.
-    """
-    row = FRAME.loc[index]
-    quiet = [
-        d
-        for d in (0, 1)
-        if MANIFEST.detectors[d].kind != "tip_error" or MANIFEST.detectors[d].thresholds[0] < 3
-    ]
-    times = [row["told_ms"], *(row[f"detector{d}_threshold0_first_ms"] for d in quiet)]
-    return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
-
-
-def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
-    chosen = FRAME.index[MOVED][:200]
-    assert [TOLD[index] for index in chosen] == [naive_told(index) for index in chosen]
-    deaf = FRAME.assign(**{name: -1 for name in FRAME if name.startswith("detector")})
-    runs = Runs.of(synthetic.judged(deaf), MANIFEST)
-    known, told = (
-        runs.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
-        for sql in (SAID, EARLY)
-    )
-    assert (told == FRAME["told_ms"])[MOVED].all() and (known != told)[MOVED].any()
-
-
 def test_time_to_know_is_of_unintended_motions_and_censored():
     found = answers.detection_answers(RUNS)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
     assert (found.delay.n, found.delay.events) == (MOVED.sum(), (known >= 0).sum())
-    told = TOLD[MOVED]
-    assert found.before == wilson_interval(int(((told >= 0) & (told < motion)).sum()), len(known))
+    assert found.before == wilson_interval(int(((known >= 0) & (known < motion)).sum()), len(known))
     times = (
         np.where(known >= 0, known, MANIFEST.duration_ms)
         - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
@@ -102,7 +73,7 @@ def test_classes_against_a_plain_count(kind, column):
         assert row.evaded == wilson_interval(int((EVADING & mine).sum()), n)
         assert row.unintended == wilson_interval(int((MOVED & mine).sum()), n)
         assert row.loss == wilson_interval(int((LOST & mine).sum()), n)
-        before = MOVED & mine & (TOLD >= 0) & (TOLD < MOTION_MS)
+        before = MOVED & mine & (KNOWN >= 0) & (KNOWN < MOTION_MS)
         assert (row.before.k, row.before.n) == (int(before.sum()), int((MOVED & mine).sum()))
         far, off = (FRAME.loc[mine, f"unintended_{name}"] for name in ("mm", "off_mm"))
         quantiles = [np.quantile(far, q) for q in (0.5, 0.95, 1.0)]

@@ -41,8 +41,8 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(
-            f"two campaigns are named {', '.join(twice)}: the pages of a gallery need"
-            " different names; leave one campaign out"
+            f"more than one campaign has the name {', '.join(twice)}: the pages of a gallery need"
+            " different names; leave out all but one"
         )
     folder.mkdir(parents=True, exist_ok=True)
     cards = [_card(config, folder) for config in configs]

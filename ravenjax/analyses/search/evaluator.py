@@ -84,6 +84,7 @@ class Evaluator:
             # If the process was killed, two files may contain the same runs.
             new = np.flatnonzero(self._known.get_indexer(ids) < 0)
             self._learn(ids[new], [rows.take(new)])
+        # `expected` is approximate, so the progress must not start complete.
         self.progress = self._progress(
             expected, on_progress, min(self.held, expected - 1), journal.notes
         )

@@ -16,8 +16,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ravenjax import interruption
 from ravenjax.campaign import memory_windows, outcomes
@@ -38,8 +37,7 @@ WAITING_CALLS = 4
 """Largest number of calls that wait for a thread in a BackgroundQueue."""
 
 
-@dataclass(frozen=True, eq=False)
-class FinishedChunk:
+class FinishedChunk(NamedTuple):
     """A chunk whose rows are all computed."""
 
     rows: range
@@ -47,8 +45,7 @@ class FinishedChunk:
     failures: dict[str, int]  # number of runs without a valid outcome, by cause
 
 
-@dataclass(frozen=True, eq=False)
-class Work:
+class Work(NamedTuple):
     """The rows to compute, and where to deliver them."""
 
     plan: Plan

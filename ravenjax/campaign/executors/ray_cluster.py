@@ -21,18 +21,13 @@ import socket
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ravenjax import consent, interruption
 from ravenjax.campaign import compile_cache, memory_windows
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.executors.protocol import (
-    BackgroundQueue,
-    FinishedChunk,
-    Pack,
-    Work,
-    finish_chunk,
-)
+from ravenjax.campaign.executors import protocol
+from ravenjax.campaign.executors.protocol import FinishedChunk, Pack, Work
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
@@ -58,8 +53,7 @@ _workers: dict[str, Worker] = {}
 """In a Ray worker process: the compiled Worker of the current campaign, by key."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Head:
+class Head(NamedTuple):
     """The settings that all chunks of a campaign share."""
 
     plan: Plan  # without rows
@@ -67,7 +61,7 @@ class Head:
     pack: Pack
     largest_chunk: int  # largest number of rows of a chunk
     cores: int  # number of cores of a task
-    computed_by: Mapping[str, str]  # code, device and versions of the coordinator
+    computed_by: dict[str, str]  # code, device and versions of the coordinator
 
 
 def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
@@ -114,12 +108,11 @@ class Worker:
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
 
 
-def _require_same(here: Mapping[str, str], there: Mapping[str, str]) -> None:
+def _require_same(here: dict[str, str], there: dict[str, str]) -> None:
     # Results must not depend on the machine, so other versions or devices are refused.
     different = [
         f"{name}: {here.get(name)} on the worker, {there.get(name)} on the machine of the command"
-        for name in sorted(here.keys() | there.keys())
-        if here.get(name) != there.get(name)
+        for name, _, _ in manifest.find_changes(here, there)
     ]
     if different:
         raise UserError(
@@ -136,7 +129,7 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
         _workers.clear()
         _workers[key] = Worker(head)
     worker = _workers[key]
-    finished = finish_chunk(*worker.compute(rows), head.pack)
+    finished = protocol.finish_chunk(*worker.compute(rows), head.pack)
     return worker.progress.status.compile_s, finished
 
 
@@ -185,7 +178,7 @@ class Ray:
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
-        with interruption.held_back(), BackgroundQueue(WRITERS) as queue:
+        with interruption.held_back(), protocol.BackgroundQueue(WRITERS) as queue:
             try:
                 while waiting or under_way:
                     interruption.check_interruption()

@@ -14,14 +14,7 @@ import numpy as np
 
 from ravenjax.campaign.file.axis import END, UNTIL_END, Axis
 from ravenjax.campaign.file.group import Fault
-from ravenjax.vocabulary.effects import (
-    EFFECTS,
-    FIELDS,
-    NETWORK_EFFECTS,
-    TRIGGERS,
-    WITH_PERIOD,
-    WITHOUT_VALUE,
-)
+from ravenjax.vocabulary import effects
 from ravenjax.vocabulary.legal import legal_values
 from ravenjax.vocabulary.robot import Robot
 
@@ -36,8 +29,8 @@ def words_of(robot: Robot) -> dict[str, tuple[str, ...]]:
         "site": ("", *robot.sites),
         "arm": ("", *robot.arms),
         "channel": ("", *channels),
-        "effect": ("", *EFFECTS),
-        "trigger": ("", *TRIGGERS),
+        "effect": ("", *effects.EFFECTS),
+        "trigger": ("", *effects.TRIGGERS),
     }
 
 
@@ -65,7 +58,8 @@ def fill_slot(
     word = {name: codes(name, axes[name].values)[places[name]] for name in words if name != "site"}
     effect = word["effect"]
     # A network effect determines its channel.
-    acts_on = [NETWORK_EFFECTS[e].channel if e in NETWORK_EFFECTS else "" for e in words["effect"]]
+    network = effects.NETWORK_EFFECTS
+    acts_on = [network[e].channel if e in network else "" for e in words["effect"]]
     acts = codes("channel", (c if c in words["channel"] else "" for c in acts_on))[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
     value = axes["value"].at(places["value"])
@@ -77,21 +71,21 @@ def fill_slot(
             rounded[at] = legal_values(channel, name).rounded
         whole = axes["value"].at(places["value"], whole=True)
         value = np.where(rounded[word["channel"], effect], whole, value)
-    value = np.where(np.isin(words["effect"], WITHOUT_VALUE)[effect], np.nan, value)
-    columns = {"site": np.int8(words["site"].index(fault.site)), **word, "value": value}
-    periodic = np.isin(words["effect"], WITH_PERIOD)[effect]
-    for name in TIMES:
-        columns[name] = _times(
-            name, axes[name].at(places[name], whole=True), axes[name], periodic
-        ).astype(np.int32)
-    return {name: columns[name] for name in FIELDS}
+    value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
+    periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
+    times = {
+        name: _times(name, axes[name].at(places[name], whole=True), axes[name], periodic)
+        for name in TIMES
+    }
+    columns = {"site": codes("site", [fault.site])[0], **word, "value": value, **times}
+    return {name: columns[name] for name in effects.FIELDS}
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
     """Return valid times, at least 0 or 1. Only the word END in a file means UNTIL_END."""
+    times = np.maximum(drawn, 1 if name in ("period_ms", "duration_ms") else 0)
     if name == "period_ms":
-        return np.where(periodic, np.maximum(drawn, 1), 0)
-    if name != "duration_ms":
-        return np.maximum(drawn, 0)
-    endless = (drawn == UNTIL_END) & (END in axis.listed)
-    return np.where(endless, UNTIL_END, np.maximum(drawn, 1))
+        times = np.where(periodic, times, 0)
+    elif name == "duration_ms":
+        times = np.where((drawn == UNTIL_END) & (END in axis.listed), UNTIL_END, times)
+    return times.astype(np.int32)

@@ -76,27 +76,27 @@ def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndar
     """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
 
     code, effect and trigger are int32; value is float32. start, duration, every and period are
-    int32 in ticks of 1 ms; start counts packets with trigger "packet". key is uint32: the
-    random-number stream of that run and slot.
+    int32 in ticks of 1 ms; with trigger "packet", start is a number of packets instead. key is
+    uint32: the random-number stream of that run and slot.
     """
     code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, count_slots(table))):
-        number, combinations = _word_groups(table, slot)
+        combination_of_run, combinations = _word_groups(table, slot)
         # Code, effect, trigger and value of each combination; NaN: the value is in the table.
-        meant = np.zeros((len(combinations), 4))
+        codes_of_combination = np.zeros((len(combinations), 4))
         for place, (site, arm, channel, effect, trigger) in enumerate(combinations):
             if site:
                 _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
                 code = code_of[site, arm, channel]
-                meant[place] = (
+                codes_of_combination[place] = (
                     *(code, EFFECT_CODES[plain], TRIGGER_CODES[trigger]),
                     math.nan if value is None else value,
                 )
-        *codes, of_effect = meant[number].T
+        *codes, fixed_value = codes_of_combination[combination_of_run].T
         for name, code in zip(("code", "effect", "trigger"), codes, strict=True):
             out[name][:, slot] = code
-        value = np.where(np.isnan(of_effect), table[f"fault{slot}_value"].to_numpy(), of_effect)
+        value = np.where(np.isnan(fixed_value), table[f"fault{slot}_value"].to_numpy(), fixed_value)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
         for name in ("start", "duration", "every", "period"):
             out[name][:, slot] = table[f"fault{slot}_{name}_ms"].to_numpy()

@@ -8,7 +8,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
@@ -153,8 +153,7 @@ def fixed_axis(value: Any) -> Axis:
     return Axis("fixed", (value,))
 
 
-@dataclasses.dataclass(frozen=True)
-class OneValue:
+class OneValue(NamedTuple):
     """Defines the possible values of a key, and which tables may replace a value."""
 
     expected: str  # the possible values as text, for messages
@@ -241,13 +240,13 @@ class OneValue:
         ]
 
 
+def _is_number(raw: Any) -> TypeGuard[int | float]:
+    return isinstance(raw, int | float) and not isinstance(raw, bool)
+
+
 def _number(raw: Any) -> int | float:
     # Checks that a value from a file is a finite number.
-    if (
-        isinstance(raw, bool)
-        or not isinstance(raw, int | float)
-        or not abs(raw) <= sys.float_info.max
-    ):
+    if not _is_number(raw) or not abs(raw) <= sys.float_info.max:
         raise ValueError(f"got {format_value(raw)}, expected a number that is finite")
     return raw
 
@@ -263,7 +262,7 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
         # Reads one value of an axis of whole numbers, or the word for the end of the run.
         if endless and raw in (END, UNTIL_END):
             return END
-        if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1:
+        if not _is_number(raw) or raw % 1:
             raise ValueError(
                 f"got {format_value(raw)}, expected {expected}, a list or a distribution"
             )
@@ -291,8 +290,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
 
 NUMBER = OneValue("a number", _number, {"type": "number"})
 _ONSET = time_axis(0)
-_MOMENTS = dataclasses.replace(
-    _ONSET,
+_MOMENTS = _ONSET._replace(
     parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
     schema={"anyOf": [_ONSET.schema, _TABLES["place"]]},
 )
@@ -321,19 +319,18 @@ def _is_place(raw: Any) -> bool:
 def _moment(raw: Mapping[str, Any]) -> Moment:
     # Reads a moment that is given as a phase and a share of this phase.
     phase, share = raw.get(PHASE), raw.get(SHARE)
-    if isinstance(share, bool) or not isinstance(share, int | float):
-        share = math.nan
-    if len(raw) != 2 or not isinstance(phase, str) or not 0.0 <= share <= 1.0:
+    known = len(raw) == 2 and _is_number(share) and 0.0 <= share <= 1.0
+    if not isinstance(phase, str) or not known:
         raise ValueError(
             f"got {format_value(dict(raw))}, expected a table such as"
             f' {{{PHASE} = "fast", {SHARE} = 0.5}}, in which {SHARE} is a number from 0 to 1'
         )
-    return Moment(phase, float(share))
+    return Moment(phase, float(raw[SHARE]))
 
 
 if TYPE_CHECKING:
     Number = Value = Onset = Axis
 else:
-    Number = dataclasses.replace(NUMBER, forms=(*DISTRIBUTIONS, LIST)).annotation()
+    Number = NUMBER._replace(forms=(*DISTRIBUTIONS, LIST)).annotation()
     Value = NUMBER.annotation()
     Onset = _MOMENTS.annotation(_onset)

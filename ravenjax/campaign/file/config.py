@@ -13,22 +13,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator
 
 from ravenjax import robots
-from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.axis import Axis, Number
-from ravenjax.campaign.file.group import Cross, Fault, Group, Run, Section, flatten_parameters
+from ravenjax.campaign.file import own_part, sections
+from ravenjax.campaign.file.axis import Axis
+from ravenjax.campaign.file.group import Cross, Fault, Group, Parameters, Run, Section
 from ravenjax.campaign.file.location import Complaint, Key
-from ravenjax.campaign.file.sections import (
-    CampaignSection,
-    Detector,
-    Haptics,
-    Outcomes,
-    OwnCheck,
-    OwnHarm,
-    Stop,
-)
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
 from ravenjax.parts import part
@@ -42,32 +33,27 @@ from ravenjax.vocabulary.sites import PARAMETER, Channel
 class CampaignConfig(Section):
     """A checked campaign with all keys and defaults."""
 
-    campaign: CampaignSection
-    parameters: dict[str, Number] = Field(default_factory=dict)
+    campaign: sections.CampaignSection
+    parameters: Parameters = Field(default_factory=dict)
     """path = value, list or distribution; from = a file of robots"""
     cross: Cross = Field(default_factory=dict)
     """path = list: every run is repeated with each value and equal random numbers, for paired
     comparisons"""
-    haptics: Haptics = Haptics()
-    detector: tuple[Detector, ...] = ()
+    haptics: sections.Haptics = sections.Haptics()
+    detector: tuple[sections.Detector, ...] = ()
     """detectors, which observe the runs"""
-    check: tuple[OwnCheck, ...] = ()
+    check: tuple[sections.OwnCheck, ...] = ()
     """your own checks in the control loop"""
-    harm: tuple[OwnHarm, ...] = ()
+    harm: tuple[sections.OwnHarm, ...] = ()
     """harms that you define"""
-    outcomes: Outcomes = Outcomes()
-    stop: Stop | None = None
+    outcomes: sections.Outcomes = sections.Outcomes()
+    stop: sections.Stop | None = None
     """rule to stop early; without it all runs are computed"""
     group: tuple[Group, ...] = Field(min_length=1)
     """groups of runs"""
     _source: Path | None = PrivateAttr(None)
     _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
     _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
-
-    @model_validator(mode="before")
-    @classmethod
-    def _flat(cls, raw: Any) -> Any:
-        return flatten_parameters(raw)
 
     @field_validator("group", "detector", "check", "harm")
     @classmethod

@@ -8,8 +8,9 @@ import itertools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import (
     END,
     FORMS,
@@ -30,20 +31,7 @@ ALL = "*"
 """Value of `channel` for every channel of the site."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
-DESIGNS: dict[Design, str] = {
-    "grid": (
-        "every combination of the lists; the last key varies fastest. Distributions are drawn once"
-        " per run"
-    ),
-    "zip": "one run for each position in the lists, which have the same length or one value",
-    "list": "one run for each [[group.run]], with the group's values for all other keys",
-    "random": "`runs` independent random draws from every list and distribution",
-    "lhs": "`runs` draws as a Latin hypercube: the values of each key are evenly spread",
-    "sobol": (
-        "`runs` draws as a scrambled Sobol sequence: all keys together are evenly spread; `runs`"
-        " should be a power of two"
-    ),
-}
+DESIGNS: dict[Design, str] = resources.read_tables(__file__, "axis.toml")["designs"]
 """Designs: how lists and distributions become runs."""
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
@@ -53,16 +41,13 @@ PATHS = ("parameters", "cross")
 """Tables of a file whose keys are paths of parameters."""
 
 
-def flatten_parameters(raw: Any) -> Any:
-    """Convert the nested tables of PATHS into dotted paths. Distributions stay tables."""
-    if not isinstance(raw, dict):
-        return raw
-    tables = {name: raw[name] for name in PATHS if isinstance(raw.get(name), dict)}
-    return {**raw, **{name: flatten_table(table) for name, table in tables.items()}}
+def flatten_table(table: Any, above: str = "") -> Any:
+    """Join the nested keys of a table of parameters into dotted paths. Distributions stay tables.
 
-
-def flatten_table(table: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Join the nested keys of a table of parameters into dotted paths."""
+    Anything else than a table is returned unchanged.
+    """
+    if not isinstance(table, Mapping):
+        return table
     out: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_distribution(value):
@@ -83,7 +68,8 @@ def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
     return axes
 
 
-Cross = Annotated[dict[str, Number], AfterValidator(parse_crossed_axes)]
+Parameters = Annotated[dict[str, Number], BeforeValidator(flatten_table)]
+Cross = Annotated[Parameters, AfterValidator(parse_crossed_axes)]
 
 
 _MISSPELT = 0.7
@@ -188,13 +174,8 @@ class Run(Section):
         dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...
     ] = ()
     """for each fault of the group, the keys to replace"""
-    parameters: dict[str, Number] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
     """path = value"""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _flat(cls, raw: Any) -> Any:
-        return flatten_parameters(raw)
 
 
 class Group(Section):
@@ -212,21 +193,21 @@ class Group(Section):
     """faults that act in the same run; without faults the runs are fault-free"""
     run: tuple[Run, ...] = ()
     """runs of design list"""
-    parameters: dict[str, Number] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
     """as [parameters], only for this group"""
     cross: Cross = Field(default_factory=dict)
     """as [cross], only for this group"""
 
     @model_validator(mode="before")
     @classmethod
-    def _flat(cls, raw: Any) -> Any:
+    def _without_hazards(cls, raw: Any) -> Any:
         # In a file, groups that name hazards were replaced by ordinary groups before this check.
         if isinstance(raw, dict) and "hazards" in raw:
             raise ValueError(
                 'in Python, write a group that names hazards as a dict: {"name": .., "hazards":'
                 " [..]}"
             )
-        return flatten_parameters(raw)
+        return raw
 
     @model_validator(mode="after")
     def _design(self) -> Group:

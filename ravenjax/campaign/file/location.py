@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, format_value, suggest_name
 
@@ -89,37 +87,6 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
 
-def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """Return the message for a pydantic error in a table of this model.
-
-    hint: text about the table to which an unknown key belongs.
-    """
-    kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
-    if kind == "extra_forbidden":
-        keys = list(model.model_fields)
-        return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
-    if kind == "missing":
-        field = model.model_fields.get(key)
-        return "missing" + (
-            f": {field.description}" if field is not None and field.description else ""
-        )
-    if kind in ("too_short", "too_long"):
-        context = error["ctx"]
-        bound = (
-            f"at least {context['min_length']}"
-            if kind == "too_short"
-            else f"at most {context['max_length']}"
-        )
-        return f"got {format_value(error['input'])}, expected a list of {bound}"
-    text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
-    if kind == "value_error":
-        return text
-    return (
-        f"got {format_value(error['input'])}, expected"
-        f" {text.removeprefix('Input should be ').replace('String', 'text')}"
-    )
-
-
 def format_key(key: Key) -> str:
     """Return a key as text, such as `group[0].fault[1].site`.
 
@@ -157,10 +124,8 @@ def key_lines(text: str) -> dict[str, int]:
 
 def nearest_line(found: dict[str, int], key: Key) -> int | None:
     """Return the line of `key`, or of the innermost table or key that contains it."""
-    for length in range(len(key), 0, -1):
-        if format_key(key[:length]) in found:
-            return found[format_key(key[:length])]
-    return None
+    names = (format_key(key[:length]) for length in range(len(key), 0, -1))
+    return next((found[name] for name in names if name in found), None)
 
 
 def _parts(dotted: str) -> Key:

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from ravenjax.campaign.file.group import PATHS, flatten_parameters
+from ravenjax.campaign.file.group import PATHS, flatten_table
 from ravenjax.campaign.file.location import Key
 from ravenjax.errors import UserError, format_value, suggest_name
 
@@ -57,7 +57,7 @@ def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[A
         return [*table[:index], entry, *table[index + 1 :]], (index, *key)
     if not isinstance(table, dict):
         raise UserError(f"--set {override}: {format_value(table)} is a value without key {head!r}")
-    table = flatten_parameters(table)
+    table = table | {name: flatten_table(table[name]) for name in PATHS if name in table}
     # Paths of parameters contain dots.
     if head in PATHS and rest:
         rest = [".".join(rest)]

@@ -3,14 +3,14 @@ also construct."""
 
 import dataclasses
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, get_args
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema
 
 from ravenjax.campaign.file import location
-from ravenjax.errors import describe_unknown_name, format_value
+from ravenjax.errors import describe_unknown_name, format_error, format_value, model_at
 
 
 class _SectionClass(type(BaseModel)):
@@ -27,7 +27,7 @@ class _SectionClass(type(BaseModel)):
                 raise location.Where(None, {}, []).error(
                     (
                         (cls.__name__, *problem["loc"]),
-                        location.format_error(problem, model_at(cls, problem["loc"][:-1])),
+                        format_error(problem, model_at(cls, problem["loc"][:-1])),
                     )
                     for problem in error.errors()
                 ) from None
@@ -96,22 +96,6 @@ def toml_value(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
         return [toml_value(item) for item in value]
     return value
-
-
-def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table at `key`, starting from a table of `model`."""
-    for part in key:
-        if isinstance(part, str) and part in model.model_fields:
-            model = next(models_in(model.model_fields[part].annotation), model)
-    return model
-
-
-def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the models of tables that an annotation names."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for inner in get_args(annotation):
-        yield from models_in(inner)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
+import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax import robots
@@ -123,11 +124,7 @@ class Haptics(Section):
                 "combine = 'zip' needs lists of one length (or single numbers), got lengths"
                 f" {lengths}"
             )
-        sets = (
-            max(lengths.values(), default=1)
-            if self.combine == "zip"
-            else math.prod(lengths.values())
-        )
+        sets = (max if self.combine == "zip" else math.prod)((1, *lengths.values()))
         if sets > MOST_CUES:
             raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
         return self
@@ -138,13 +135,9 @@ class Haptics(Section):
     def cues(self) -> tuple[CueSet, ...]:
         """Return all haptic sets. The last list varies fastest."""
         lists = list(self._lists().values())
+        rows: Any = itertools.product(*lists)
         if self.combine == "zip":
-            longest = max(len(values) for values in lists)
-            rows = zip(
-                *(values * longest if len(values) == 1 else values for values in lists), strict=True
-            )
-        else:
-            rows = itertools.product(*lists)
+            rows = np.transpose(np.broadcast_arrays(*lists)).tolist()
         return tuple(
             CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows
         )
@@ -225,8 +218,7 @@ class Detector(Section):
                     self.acts == "stop",
                 ),
             )
-            for fusion in self.fusion
-            for count in self.consecutive
+            for fusion, count in itertools.product(self.fusion, self.consecutive)
         )
 
     @property

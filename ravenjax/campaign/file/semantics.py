@@ -69,7 +69,10 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
     runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
-            for name, message in _fault(config, group, fault):
+            if not (wrong := [*_fault(config, group, fault)]):
+                unfit = find_unfit_values(config, group, fault, config.says_beyond(fault))
+                wrong = [("value", message) for message in itertools.islice(unfit, 1)]
+            for name, message in wrong:
                 yield (*key, "fault", f, name), message
     axes = {**config.parameters, **group.parameters}
     drawn = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
@@ -85,35 +88,30 @@ def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
 
 
 def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
-    # Yields mistakes of one fault, as (key, message).
+    # Yields mistakes of one fault, as (key, message), except values that its channel cannot have.
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
         return
     paired = group.design == "zip"
-    wrong = [*_place(config, fault, site, paired), *_onset(config, fault)]
+    yield from _place(config, fault, site, paired)
+    yield from _onset(config, fault)
     effects = fault.effect.listed
     valued = [effect for effect in effects if effect not in WITHOUT_VALUE]
     if fault.value is None and valued:
-        wrong.append(
-            ("value", f"missing: effect {valued[0]!r} needs a value ({EFFECTS[valued[0]].meaning})")
-        )
+        meaning = EFFECTS[valued[0]].meaning
+        yield "value", f"missing: effect {valued[0]!r} needs a value ({meaning})"
     if fault.value is not None and not valued:
-        wrong.append(("value", f"effect {effects[0]!r} has no value: remove the key"))
+        yield "value", f"effect {effects[0]!r} has no value: remove the key"
     if "periodic" in effects and 0 in fault.period_ms.values:
-        wrong.append(("period_ms", "effect 'periodic' needs a period of at least 1 ms"))
+        yield "period_ms", "effect 'periodic' needs a period of at least 1 ms"
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
-        wrong.append(("period_ms", f"effect {effects[0]!r} has no period: remove the key"))
+        yield "period_ms", f"effect {effects[0]!r} has no period: remove the key"
     for length, every in _combinations((fault.duration_ms, fault.every_ms), paired):
         if every and (length == END or every < length):
             needed = "a window that opens again needs a duration_ms of at most every_ms"
-            wrong.append(("every_ms", f"got {every} with duration_ms {length}: {needed}"))
+            yield "every_ms", f"got {every} with duration_ms {length}: {needed}"
             break
-    yield from wrong
-    if not wrong:
-        beyond = config.says_beyond(fault)
-        if message := next(find_unfit_values(config, group, fault, beyond), None):
-            yield "value", message
 
 
 def _place(

@@ -22,61 +22,17 @@ right within a factor of two if the load of the machine stays the same.
 import math
 import os
 import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax import threads
+from ravenjax.bundled import resources
 from ravenjax.campaign.memory_windows import SHARED
 
-NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
-"""Core time per simulated tick, ns: for one arm with one fault site, and for the second arm."""
-NS_SITE = 2.2
-"""Added core time per tick, ns, for each further fault site of an arm."""
-NS_CUE, NS_THRESHOLD = 0.8, 0.4
-"""Added core time per tick, ns, for each further haptic set, and for each detector threshold."""
-NS_SUBSTEP = 25.0
-"""Added core time per tick, ns, for each further integration step of one arm's dynamics."""
-UNSHARED = 2.6
-"""Factor on the core time if runs computed in one SIMD vector share no golden run, or if the
-operator reacts to each fault.
-"""
-NS_RUN = 12_000.0
-"""Core time per run, ns, for preparing its input and writing its row of the result table."""
-PASSES_PER_S, MEASURED_S = 90_000.0, 0.2
-"""Loop passes of `measure_speed` per second on one core of the machine that the model was fitted
-on, and length of the measurement, s.
-"""
-
-START_S, SITE_S, BRANCH_S = 3.1, 0.03, 0.3
-"""Time before the first run, s: imports, planning and compiling; addition for each fault site;
-compiling the code that starts runs in the middle of a golden run. The values lie between those
-with a filled and with an empty compile cache.
-"""
-
-CUDA_TICKS_PER_S = 3.2e9
-SLOWER = {"xla": 200.0, "mjx": 400.0}
-"""Time of these engines relative to engine simd on the same CPU."""
-
-MIB_BASE, MIB_SITE = 500.0, 1.5
-"""Memory, MiB: of the process with its imported packages; of each compiled fault site."""
-BYTES_RUN, BYTES_SLOT = 60.0, 35.0
-"""Bytes of the planned fault table per run, and per fault of a run. The sum was measured as 91
-bytes for runs with one fault (`analysis/scale`).
-"""
-BYTES_SERIES = 24
-"""Bytes of a golden run's time series per arm and tick."""
-MOST_SERIES_MIB = 1536.0
-"""Largest memory of golden runs' time series, MiB; twice that with a GPU.
-
-`campaign.computation` keeps the series of two memory windows, and a copy if no two runs share a
-golden run.
-"""
-
-BASIS = (
-    "model fitted on an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by the"
-    " speed of this machine now; right within a factor of two at the same load"
-)
+_MODEL = SimpleNamespace(**resources.read_tables(__file__, "estimate.toml"))
+BASIS: str = _MODEL.basis
 
 
 class CostFactors(NamedTuple):
@@ -113,43 +69,47 @@ def measure_speed() -> float:
     """
 
     def count_passes(_: int) -> int:
-        # Counts how often this thread repeats an array computation in MEASURED_S.
+        # Counts how often this thread repeats an array computation in the time of the measurement.
         numbers, count = np.arange(2**14, dtype=np.float32), 0
-        end = time.perf_counter() + MEASURED_S
+        end = time.perf_counter() + _MODEL.measured_s
         while time.perf_counter() < end:
             np.sqrt(numbers * numbers + numbers)
             count += 1
         return count
 
     counts = threads.map_in_threads(count_passes, range(len(os.sched_getaffinity(0))))
-    return sum(counts) / MEASURED_S / PASSES_PER_S
+    return sum(counts) / _MODEL.measured_s / _MODEL.passes_per_s
 
 
 def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
     """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if engine == "cuda":
-        compute_s = ticks * tick_ns(work) / NS_ARM / CUDA_TICKS_PER_S
+        compute_s = ticks * tick_ns(work) / _MODEL.ns_arm / _MODEL.cuda_ticks_per_s
     else:
-        compute_s = ticks * tick_ns(work) * 1e-9 * SLOWER.get(engine, 1.0) / speed
+        compute_s = ticks * tick_ns(work) * 1e-9 * _MODEL.slower.get(engine, 1.0) / speed
     copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
-    series = copies * work.golden_runs * work.ticks * BYTES_SERIES * work.arms / 2**20
-    most = MOST_SERIES_MIB * (2 if engine == "cuda" else 1)
-    plan = work.runs * (BYTES_RUN + BYTES_SLOT * work.slots) / 2**20
+    series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
+    most = _MODEL.most_series_mib * (2 if engine == "cuda" else 1)
+    plan = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
     return CostEstimate(
-        start_s=(START_S + SITE_S * work.sites) / min(1.0, speed),
-        run_s=compute_s + work.runs * NS_RUN * 1e-9 / speed + BRANCH_S / min(1.0, speed),
-        memory_mib=MIB_BASE + MIB_SITE * work.sites + plan + min(series, most),
+        start_s=(_MODEL.start_s + _MODEL.site_s * work.sites) / min(1.0, speed),
+        run_s=compute_s
+        + work.runs * _MODEL.ns_run * 1e-9 / speed
+        + _MODEL.branch_s / min(1.0, speed),
+        memory_mib=_MODEL.base_mib + _MODEL.site_mib * work.sites + plan + min(series, most),
     )
 
 
 def tick_ns(work: CostFactors) -> float:
     """Return the core time for one tick of one run, ns."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
-    ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
-    ns += (NS_SITE * max(0, work.sites - 1) + NS_SUBSTEP * (work.substeps - 1)) * work.arms
-    ns += NS_CUE * max(0, work.cues - 1) + NS_THRESHOLD * work.thresholds
-    return ns if shared else ns * UNSHARED
+    ns = _MODEL.ns_arm + _MODEL.ns_further_arm * (work.arms - 1)
+    ns += (
+        _MODEL.ns_site * max(0, work.sites - 1) + _MODEL.ns_substep * (work.substeps - 1)
+    ) * work.arms
+    ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
+    return ns if shared else ns * _MODEL.unshared
 
 
 def format_estimate(seconds: float) -> str:

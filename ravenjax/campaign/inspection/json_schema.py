@@ -7,6 +7,7 @@ ranges of parameters.
 
 import copy
 import re
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
@@ -63,29 +64,30 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
 
 def tidy_schema(node: Any) -> None:
     """Remove pydantic's titles, and `minLength` where a value may also be no text, in place."""
-    if isinstance(node, dict):
-        if isinstance(node.get("title"), str):
-            del node["title"]
-        if "anyOf" in node:
-            node.pop("minLength", None)
-        if isinstance(text := node.get("description"), str):
+    for table in _tables(node):
+        if isinstance(table.get("title"), str):
+            del table["title"]
+        if "anyOf" in table:
+            table.pop("minLength", None)
+        if isinstance(text := table.get("description"), str):
             # The description may be a docstring of several lines.
-            node["description"] = " ".join(text.split())
-        for inner in node.values():
-            tidy_schema(inner)
-    elif isinstance(node, list):
-        for inner in node:
-            tidy_schema(inner)
+            table["description"] = " ".join(text.split())
 
 
 def _restrict_words(node: Any, words: Any) -> None:
     # Restricts every text value in a schema to these words, in place.
+    for table in _tables(node):
+        if table.get("type") == "string":
+            table["enum"] = list(words)
+
+
+def _tables(node: Any) -> Iterator[Schema]:
+    """Yield each table in a schema, before the tables in it. The caller may change it."""
     if isinstance(node, dict):
-        if node.get("type") == "string":
-            node["enum"] = list(words)
+        yield node
         node = list(node.values())
     for inner in node if isinstance(node, list) else ():
-        _restrict_words(inner, words)
+        yield from _tables(inner)
 
 
 # --- parameters

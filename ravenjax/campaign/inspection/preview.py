@@ -12,13 +12,7 @@ from ravenjax.campaign import notices
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.estimate import (
-    BASIS,
-    CostEstimate,
-    CostFactors,
-    estimate_cost,
-    measure_speed,
-)
+from ravenjax.campaign.inspection import estimate
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.runner import make_manifest
 from ravenjax.engines.interface import Block
@@ -58,7 +52,7 @@ def preview_campaign(
         for group in config.group
     }
     every = list(itertools.chain(*faults.values()))
-    work = CostFactors(
+    work = estimate.CostFactors(
         runs=due,
         ticks=config.campaign.ticks,
         golden_runs=golden_runs,
@@ -70,7 +64,7 @@ def preview_campaign(
         substeps=config.substeps,
         reacts=config.reacts,
     )
-    cost = estimate_cost(work, backend.name, measure_speed())
+    cost = estimate.estimate_cost(work, backend.name, estimate.measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)
     names = dict.fromkeys(phase for fault in every for phase in fault.start_ms.phases)
     phases = Moments(config).phases if names else {}
@@ -168,26 +162,26 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
 
 
 def _of_folder(
-    folder: Path, config: CampaignConfig, engine: str, cost: CostEstimate, runs: int
-) -> tuple[CostEstimate, str, str]:
+    folder: Path, config: CampaignConfig, engine: str, cost: estimate.CostEstimate, runs: int
+) -> tuple[estimate.CostEstimate, str, str]:
     """Return (expected cost, basis of this expectation, description of the folder's content).
 
     If the folder contains a part of the same campaign, the run time follows from the speed of the
     last start.
     """
     if not (folder / manifest.FILE).exists():
-        return cost, BASIS, "no result yet"
+        return cost, estimate.BASIS, "no result yet"
     try:
         record = manifest.read_manifest(folder)
     except StoreError:
-        return cost, BASIS, "a result that this version cannot read"
+        return cost, estimate.BASIS, "a result that this version cannot read"
     content = (
         f"{record.done} of {record.runs} runs of campaign {record.campaign}; if this campaign is"
         " the same, `ravenjax run` continues it"
     )
     campaign = config.campaign.name, engine, config.campaign.ticks
     if not record.runs_per_s or campaign != (record.campaign, record.engine, record.duration_ms):
-        return cost, BASIS, content
+        return cost, estimate.BASIS, content
     left = max(0, runs - record.done)
     basis = (
         f"{record.runs_per_s:.0f} runs/s, measured at the folder's last start; {left} of"

@@ -1,9 +1,8 @@
 """Computes single runs again, with all signals of the tick as time series."""
 
-import dataclasses
 import numbers
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -25,8 +24,7 @@ the number of runs in a block.
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Replay:
+class Replay(NamedTuple):
     """One run, computed again."""
 
     # The run's row of the result table, computed again.
@@ -82,7 +80,7 @@ class Replayer(PlannedCampaign):
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
         self._robot = config.robot.part("campaign")
-        self._bases = self._robot.bases(program.setup) if hasattr(self._robot, "bases") else {}
+        self._bases = getattr(self._robot, "bases", lambda _: {})(program.setup)
 
     def replay(self, run: Any) -> Replay:
         """Compute one run again; see `index` for `run`. Raises UserError."""

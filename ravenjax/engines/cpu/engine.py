@@ -90,7 +90,8 @@ class SimdKernel(traced.PrintedKernel):
     def _run(
         self, block: Block, motion: Motion, progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        # Lanes that share inputs form a group. Groups are computed one after the other.
+        # Returns the results of a block, and the raw outputs [ticks, outputs, lanes]. Lanes that
+        # share inputs form a group. Groups are computed one after the other.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
@@ -100,6 +101,7 @@ class SimdKernel(traced.PrintedKernel):
         outcomes: list[np.ndarray] = []
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
+            # The last vector is filled by repeating the last lane.
             vector_lanes = members[np.minimum(np.arange(self.size(len(members))), len(members) - 1)]
             course = self._course(block, vector_lanes, grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)

@@ -235,6 +235,7 @@ class _Run:
         session.launch(finish, self.blocks, self.threads, session.main, *buffers, self.total)
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)
+        # Some threads compute no lane, so the result of each lane is taken from its thread.
         return [
             typed_column(row[self.places.thread], dtype)
             for row, dtype in zip(block, types, strict=True)

@@ -23,7 +23,7 @@ from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
 from ravenjax.store.access.query import RESULTS, ResultTable, quote_name
-from ravenjax.store.manifest import DetectorRecord, Manifest
+from ravenjax.store.manifest import Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
 """SQL condition of the runs whose times are reported: one run of each fault that caused an
@@ -86,12 +86,6 @@ class Runs:
         if question not in self._answers:
             self._answers[question] = question(self)
         return self._answers[question]
-
-    @property
-    def cue_leads(self) -> bool:
-        """Whether the cue can come before an unintended motion; see the function `cue_leads`."""
-        manifest = self.manifest
-        return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
     def count(self, condition: str) -> int:
         """Return the number of rows that fulfil a condition."""
@@ -209,23 +203,6 @@ def after_onset(event: str) -> str:
     Such an event has another cause than the fault.
     """
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
-
-
-def cue_leads(manifest: Manifest, number: int) -> bool:
-    """Return whether a haptic set's cue can come before an unintended motion.
-
-    The cue comes at a distance of the reported tip from the nominal model. An unintended motion
-    begins where the true tip is farther than the limit from that model and from other references.
-    By definition, a cue at the limit or beyond cannot come before the motion. Only for a smaller
-    threshold is it a finding that the cue comes first. A harm of the
-    campaign's own may begin earlier or later. number: index of the haptic set.
-    """
-    return manifest.cues[number].threshold_mm < manifest.limit_mm or bool(manifest.rules.harms)
-
-
-def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
-    """Return whether a detector's alarm can come before an unintended motion, as in `cue_leads`."""
-    return detector.kind != TIP_ERROR or threshold < manifest.limit_mm or bool(manifest.rules.harms)
 
 
 def _more(manifest: Manifest) -> dict[str, str]:

@@ -132,7 +132,7 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
                 _late(differs).argmin(axis=0),
                 _late(leaves).argmin(axis=0),
                 tuple(crossing.channel.name for crossing in crossings),
-                any(crossing.channel.site for crossing in crossings),
+                any(f"{LEAVES}{crossing.name}" in ticks for crossing in crossings),
             )
         )
     return out

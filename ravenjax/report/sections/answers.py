@@ -12,7 +12,7 @@ import numpy as np
 from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction import Difference
 from ravenjax.report.sections.tables import EventTimes, Quantiles
@@ -69,9 +69,6 @@ class Changed(NamedTuple):
     pairs: list[Difference]  # over all faults, one for each reaction
     # Lead of the cue that the verdicts use; None: no cue, or no fault evaded.
     announced: Announced | None
-    # True if that cue can come before the motion, as in `cue_leads`.
-    leads: bool
-    lower: int  # number of haptic sets whose cue can come before the motion
     # The haptic set that warns of most motions without a false cue, if it is better than that of
     # the verdicts.
     better: Announced | None
@@ -80,11 +77,9 @@ class Changed(NamedTuple):
 def detection_answers(runs: Runs) -> EventTimes:
     """Return when the cue, a check or a detector first reported each unintended motion.
 
-    Alarms that by definition cannot come before the motion have no lead (`cue_leads`). Detectors
-    count at their lowest threshold without a false alarm.
+    Detectors count at their lowest threshold without a false alarm.
     """
-    any_ms, leading_ms = (detectors.knowledge_sql(runs, leading) for leading in (False, True))
-    return tables.event_times(runs, any_ms, leading_ms)
+    return tables.event_times(runs, detectors.knowledge_sql(runs))
 
 
 def golden_halts(runs: Runs) -> list[tuple[str, int]]:
@@ -105,11 +100,8 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     """
     off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     delays, lags = (
-        runs.delays(event, start, runs.end, UNINTENDED, kind or None)
-        for event, start in (
-            (detectors.knowledge_sql(runs), "active_ms"),
-            (detectors.knowledge_sql(runs, leading=True), "unintended_ms"),
-        )
+        runs.delays(detectors.knowledge_sql(runs), start, runs.end, UNINTENDED, kind or None)
+        for start in ("active_ms", "unintended_ms")
     )
     columns = (
         *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
@@ -137,16 +129,11 @@ def cue_effects(runs: Runs) -> Changed:
     any_rows = runs.count(condition) and runs.motions().count
     announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if any_rows]
     used = announcements[manifest.verdict_cue] if announcements else None
-    can_lead = [cue_leads(manifest, k) for k in range(len(manifest.cues))]
-    quiet = [
-        cue
-        for cue, leading in zip(announcements, can_lead, strict=False)
-        if leading and not cue.false.k
-    ]
+    quiet = [cue for cue in announcements if not cue.false.k]
     best = max(quiet, key=lambda cue: (cue.times.before, cue.cue.threshold_mm), default=None)
-    better = best and used and (not runs.cue_leads or best.times.before > used.times.before)
+    better = best and used and best.times.before > used.times.before
     comparisons = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]
-    return Changed(comparisons, used, runs.cue_leads, sum(can_lead), best if better else None)
+    return Changed(comparisons, used, best if better else None)
 
 
 def _announced(runs: Runs, k: int, condition: str) -> Announced:

@@ -22,7 +22,7 @@ from ravenjax.document.palette import CUE, SAME
 from ravenjax.report import wording
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
@@ -56,7 +56,6 @@ class CueRow(NamedTuple):
     harmless: Rate
     # True if no other set has both fewer misses and fewer false cues.
     best: bool
-    leads: bool  # True if the cue can come before the motion, as in `cue_leads`
     delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
     # Share of runs with an unintended motion that have the cue before the motion.
     before: Rate
@@ -113,7 +112,6 @@ def cue_rows(runs: Runs) -> list[CueRow]:
                 free.cue_rate(k),
                 tables.fault_share(runs, felt[k], harmless),
                 False,
-                cue_leads(runs.manifest, k),
                 times.half_ms,
                 times.before,
                 times.lead_ms,

@@ -17,7 +17,7 @@ import numpy as np
 from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data.runs import Runs, after_onset, detector_leads
+from ravenjax.report.data.runs import Runs, after_onset
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
@@ -62,7 +62,6 @@ class DetectorThreshold(NamedTuple):
     # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.
     lead_ms: Estimate
     quiet: bool  # lowest threshold without a false alarm on fault-free motion
-    leads: bool  # True if the alarm can come before the motion, as in `detector_leads`
 
 
 class ThresholdAlarms(NamedTuple):
@@ -74,7 +73,6 @@ class ThresholdAlarms(NamedTuple):
     free: int | None  # fault-free motions with an alarm; None: unknown
     false: AlarmRate | None  # first false alarms per hour of fault-free motion; None: unknown
     quiet: bool
-    leads: bool = True  # as in DetectorThreshold
 
 
 class DetectorRow(NamedTuple):
@@ -102,34 +100,28 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
         quiet = min((threshold for threshold, count in thresholds if not count), default=None)
         for k, (threshold, count) in enumerate(thresholds):
             rate = motions.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
-            leads = detector_leads(manifest, detector, threshold)
             column, is_quiet = f"alarm{d}_{k}_ms", threshold == quiet
-            result.append(
-                ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet, leads)
-            )
+            result.append(ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet))
     checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
     result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
     if manifest.cues:
         cues = motions.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = motions.cue_rate(manifest.verdict_cue)
-        result.append(
-            ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads)
-        )
+        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
     return result
 
 
-def knowledge_sql(runs: Runs, leading: bool = False) -> str:
+def knowledge_sql(runs: Runs) -> str:
     """Return SQL for the time in ms at which a run's fault was first reported, -1 if never.
 
     Reports come from the cue, from checks, and from detectors at their lowest threshold without a
-    false alarm. leading: leave out alarms that by definition cannot come before the motion.
+    false alarm.
     """
     trusted = [
         f"({after_onset(alarms.column)})"
         for alarms in runs.once(list_alarms)
         if alarms.quiet or alarms.free is None or math.isnan(alarms.threshold)
-        if alarms.leads or not leading
     ]
     return run_facts.first_sql(*trusted)
 
@@ -168,7 +160,6 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
                 times.before,
                 times.lead_ms,
                 alarms.quiet,
-                alarms.leads,
             )
         )
     return result

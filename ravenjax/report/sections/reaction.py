@@ -311,7 +311,6 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     return {
         "differences": comparisons,
         "whole": [row for row in comparisons if row.among == "all faults"],
-        "leads": runs.cue_leads,
         "interruptions": count_interruptions(sample),
         "reaction_runs": (len(sample), runs.rows),
     }

@@ -36,10 +36,7 @@ class RobotRate(NamedTuple):
 
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
-    """Return the rate of each outcome, over one run of each fault and robot.
-
-    The rate of cues before the motion is left out if definitions alone decide it (`cue_leads`).
-    """
+    """Return the rate of each outcome, over one run of each fault and robot."""
     robots = drawn_whole(runs)
     if not robots:
         return []
@@ -50,7 +47,7 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
         "leads to a loss of motion": ("true", "loss"),
         "has an alarm or stop by a check": ("true", "told"),
     }
-    if runs.cue_leads:
+    if runs.manifest.cues:
         early = "warned_ms >= 0 AND warned_ms < unintended_ms"
         questions["has the cue before the unintended motion"] = ("unintended", early)
     robot = f"hash({', '.join(map(quote_name, robots))})"

@@ -84,16 +84,14 @@ class EventTimes(NamedTuple):
     alarmed: int  # faults with the event
 
 
-def event_times(runs: Runs, event: str, leading: str = "", where: str = UNINTENDED) -> EventTimes:
+def event_times(runs: Runs, event: str, where: str = UNINTENDED) -> EventTimes:
     """Return how long after the fault's first effect an event came, and how long before the motion.
 
-    event: SQL for the time of the event in ms, -1 for never, over columns of facts. leading: the
-    same, for an event that is compared with the motion instead. where: SQL condition of the faults,
-    which have an unintended motion.
+    event: SQL for the time of the event in ms, -1 for never, over columns of facts. where: SQL
+    condition of the faults, which have an unintended motion.
     """
     delay, lag = (
-        runs.delays(sql, start, runs.end, where)[""]
-        for sql, start in ((event, "active_ms"), (leading or event, "unintended_ms"))
+        runs.delays(event, start, runs.end, where)[""] for start in ("active_ms", "unintended_ms")
     )
     delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
     times = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)

@@ -41,7 +41,7 @@ class Arm:
     """
 
     mechanism: Mechanism
-    timestep: float  # s, of the model; a tick has 1 ms
+    options: str  # options of the model that a tick replaces, in words
     tip: str  # name of its site
     kinds: tuple[str, ...]  # position, velocity or motor; "": no actuator
     home: Vec  # of the first keyframe, or of the model
@@ -163,7 +163,11 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
     vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
     bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
-    own = mechanism, model.opt.timestep, tip, tuple(kinds)
+    step, integrator = model.opt.timestep, mujoco.mjtIntegrator(model.opt.integrator)
+    options = [f"time step of {step * 1e3:g} ms"] * (step != TICK_S)
+    if integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+        options.append(f"integrator {integrator.name.removeprefix('mjINT_')}")
+    own = mechanism, " and ".join(options), tip, tuple(kinds)
     return Arm(*own, *vectors, *bounds), tuple(names)
 
 

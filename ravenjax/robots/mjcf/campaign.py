@@ -102,10 +102,11 @@ class Config(CampaignConfig):
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         arm: Any = self.robot
-        if (step := arm.arm.timestep * 1e3) != 1.0:
+        if arm.arm.options:
             yield (
                 ("campaign", "robot"),
-                f"the model's time step of {step:g} ms is not used: an arm moves in steps of 1 ms",
+                f"the model has {arm.arm.options}; this has no effect, because an arm moves in steps"
+                " of 1 ms with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
@@ -235,10 +236,8 @@ def series(
     setup: ArmSetup, signals: dict[str, Any], golden: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the time series of a run; `store.logs.time_series` describes them."""
-    names = {"jpos": "encoder", "jpos_d": "command", "tau_d": "torque"}
-    arm = {own: signals[name][0] for own, name in names.items()} | {
-        name: values for name, values in signals.items() if isinstance(values, Vec)
-    }
+    arm = {signal.field: signals[signal.layer][0] for signal in setup.robot.signals}
+    arm |= {name: values for name, values in signals.items() if isinstance(values, Vec)}
     out = {f"arm/{name}": np.stack(values, axis=-1) for name, values in arm.items()}
     if golden is not None:
         out["arm/golden_tip"] = golden[:, :3]

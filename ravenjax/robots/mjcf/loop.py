@@ -204,13 +204,9 @@ def advance(
         monitor=monitor.step(setup, params.monitor, state.monitor, watched, reference),
         live=state.live + as_int(running),
     )
+    seams = packet, reported, second, command, driven, exerted
     signals = {
-        "packet": (packet,),
-        "encoder": (reported,),
-        "sensor": (second,),
-        "command": (command,),
-        "torque": (driven,),
-        "actuator": (exerted,),
+        **{name: (signal,) for name, signal in zip(setup.robot.seams, seams, strict=True)},
         "runlevel": as_int(running),
         "link_jpos": jpos,
         "link_jvel": jvel,
@@ -319,6 +315,9 @@ def act(
 ) -> tuple[Params, State]:
     """Return parameters and state with the action: the arm stops, or the controller keeps its last
     good set points.
+
+    takes: for each action, whether it is taken in this tick. now and begins: not used; other
+    robots have actions that depend on time.
     """
     stopped = state.stopped | takes["stop"]
     return replace(params, held=(takes["hold"], good)), replace(state, stopped=stopped)

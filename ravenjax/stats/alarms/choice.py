@@ -1,8 +1,8 @@
 """Chooses the best of several alarms, and decides whether the data are sufficient for the choice.
 
-An alarm has two costs: missed hazards and false alarms. Both are estimated with an interval. An
-alarm is excluded if another alarm is better even at the ends of the intervals that favour the other
-alarm least. The remaining alarms may be the best.
+An alarm has two costs: missed hazards and false alarms. Both are estimated with an interval. Alarm
+A is excluded if an alarm B is better even with B's costs at the upper ends of their intervals and
+A's at the lower ends. Any of the remaining alarms may be the best.
 """
 
 from collections.abc import Callable

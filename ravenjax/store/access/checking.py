@@ -151,12 +151,7 @@ def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
     wanted, actual = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
     if actual.equals(wanted):
         return ""
-    odd = [
-        name
-        for name in wanted.names
-        if name not in actual.names or actual.field(name) != wanted.field(name)
-    ]
-    odd += [name for name in actual.names if name not in wanted.names]
+    odd = sorted({field.name for field in {*wanted} ^ {*actual}})
     return (
         f"{path}: has other columns than its campaign:"
         f" {', '.join(odd[:MOST]) or 'in another order'}"

@@ -61,9 +61,8 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
         except StoreError as error:
             excluded.append(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
             continue
-        if why := _difference(campaign, manifest) or (
-            "" if motion_of(manifest) not in motions_so_far else "the same motion"
-        ):
+        known = motion_of(manifest) in motions_so_far
+        if why := _difference(campaign, manifest) or "the same motion" * known:
             excluded.append(f"{path.name}: {why}")
         elif manifest.parts:
             motions_so_far.add(motion_of(manifest))

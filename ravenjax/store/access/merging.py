@@ -94,10 +94,11 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     # Refuses a folder that differs in more than MAY_DIFFER.
     alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
     differences = one.differences(alike)
+    differences = [f"{line.removesuffix(' requested')} there" for line in differences]
     if one.runs != two.runs:
-        differences.append(f"runs: {one.runs} here, {two.runs} requested")
+        differences.append(f"runs: {one.runs} here, {two.runs} there")
     if differences:
-        lines = list_lines([f"{line.removesuffix(' requested')} there" for line in differences])
+        lines = list_lines(differences)
         raise StoreError(
             f"{other}: is no shard of the campaign in {first}. 'Here' is {first}, 'there' is"
             f" {other}:\n{lines}\nNothing was merged. Compute all shards with the same code and the"
@@ -210,6 +211,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
                 if incomplete
                 else max((end for end in finished if end), default=manifests.utc_now())
             ),
+            # How often a process started to compute the campaign.
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,
             "runs_per_s": None,

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.store import parts
+from ravenjax.store.files import megabytes
 from ravenjax.store.folder import PARTS, READERS, read_complete_manifest
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
     """
     import duckdb
 
-    limit_mb = memory_mb or _memory_mb()
+    limit_mb = memory_mb or megabytes("RAVENJAX_QUERY_MB", MEMORY_MB)
     with ResultTable() as closing:
         parent = aside if aside is not None and os.access(aside, os.W_OK) else None
         folder = closing.enter_context(tempfile.TemporaryDirectory(prefix=".query-", dir=parent))
@@ -191,10 +192,3 @@ def enum_type(words: Sequence[str]) -> str:
 def quote_text(word: str) -> str:
     """Return a word as SQL string literal."""
     return "'" + word.replace("'", "''") + "'"
-
-
-def _memory_mb() -> int:
-    megabytes = os.environ.get("RAVENJAX_QUERY_MB", "")
-    if megabytes and not (megabytes.isdecimal() and int(megabytes)):
-        raise StoreError(f"RAVENJAX_QUERY_MB={megabytes}: expected a number of MB, such as 4000")
-    return int(megabytes) if megabytes else MEMORY_MB

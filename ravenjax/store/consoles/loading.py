@@ -7,7 +7,14 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from ravenjax.errors import UserError, format_value, list_lines, suggest_name
+from ravenjax.errors import (
+    UserError,
+    format_error,
+    format_value,
+    list_lines,
+    model_at,
+    suggest_name,
+)
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 
 AUTO = "auto"
@@ -66,19 +73,5 @@ def _checked(where: str, text: str) -> ConsoleProfile:
 
 def _line(fault: ErrorDetails) -> str:
     # Returns one mistake of a profile as a line: key, value, expected values.
-    key = ".".join(map(str, fault["loc"])) or "the file"
-    words = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    if fault["type"] == "extra_forbidden":
-        model: type = ConsoleProfile
-        for table in fault["loc"][:-1]:
-            model = model.model_fields[str(table)].annotation  # type: ignore[attr-defined, assignment]
-        keys = list(model.model_fields)  # type: ignore[attr-defined]
-        return (
-            f"{key}: no such key, expected one of {', '.join(keys)}"
-            f"{suggest_name(fault['loc'][-1], keys)}"
-        )
-    if fault["type"] == "missing":
-        return f"{key}: the key is missing; add it to the file"
-    if fault["type"] == "value_error":
-        return f"{key}: {words}"
-    return f"{key}: got {format_value(fault['input'])}, expected {words}"
+    message = format_error(fault, model_at(ConsoleProfile, fault["loc"][:-1]))
+    return f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {message}"

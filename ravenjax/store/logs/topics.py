@@ -14,7 +14,6 @@ import json
 import re
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -61,8 +60,7 @@ class Base(NamedTuple):
     quaternion: tuple[float, float, float, float]  # x, y, z, w
 
 
-@dataclass(frozen=True, eq=False)
-class Topic:
+class Topic(NamedTuple):
     """One topic, with an encoded message into which times and numbers are written."""
 
     name: str

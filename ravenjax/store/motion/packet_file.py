@@ -328,9 +328,8 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     packets, profile = time_packets(path, console, arms)
     fields, count = packets.fields, len(arms)
     rows = len(fields)
-    delta, grasp = np.zeros((rows, count, 3)), np.zeros((rows, count))
-    quat = np.tile(np.array([0.0, 0.0, 0.0, 1.0]), (rows, count, 1))
-    pedal, counted = np.zeros(rows), np.zeros(rows, bool)
+    still = PacketReading(((0, 0, 0),) * count, ((0.0, 0.0, 0.0, 1.0),) * count, (0,) * count)
+    readings, pedal, counted = [still] * rows, np.zeros(rows), np.zeros(rows, bool)
     reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
     why: Misfit | None = None
     # Time of the last packet that continued the stream.
@@ -347,8 +346,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             reader.follow()
             last, heard_s = number, time_s
             if joined:
-                delta[row], quat[row], grasp[row] = result.delta_um, result.quat, result.grasp_mrad
-                counted[row] = True
+                readings[row], counted[row] = result, True
         pedal[row] = packet[MODE] if counted[row] else pedal[row - 1] if row else 0
     if len(misfits) > MOST_MISFITS * rows:
         others = [other for other in loading.bundled_profiles() if other != profile]
@@ -362,6 +360,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
             f" because of {why}; {advice}"
         )
+    delta, quat, grasp = (np.array(column, float) for column in zip(*readings, strict=True))
     return PacketStream(profile, delta, quat, grasp, pedal, counted, packets)
 
 

@@ -4,7 +4,6 @@ there.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -45,8 +44,7 @@ class Bounds(NamedTuple):
         return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(NamedTuple):
     """Desired tip poses of some arms, one row per millisecond."""
 
     arms: tuple[ArmName, ...]
@@ -60,8 +58,7 @@ class Poses:
         return Poses(self.arms, self.position[rows], self.quat[rows], self.opening_mrad[rows])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class ArmReach:
+class ArmReach(NamedTuple):
     """Joint positions at which the tips of some arms have the desired poses."""
 
     jpos: np.ndarray  # [T, A, 7] rad and m

@@ -6,7 +6,6 @@ The times are those of the file, or follow from a stated rate. A low-pass filter
 import contextlib
 import dataclasses
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -143,7 +142,9 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
     unfiltered, pedal = _evenly(track, time_s, jumps, options, rows)
     gaps = tuple(_gaps(time_s))
     breaks = [(begin, end) for _, begin, end in gaps if end - begin > options.max_gap_s]
-    breaks += [(spike.begin_s, spike.end_s) for spike in refused_jumps(jumps, options)]
+    breaks += [
+        (spike.begin_s, spike.end_s) for spike in spikes.refused_jumps(jumps, options.spikes)
+    ]
     covered = np.ones(rows, bool)
     for begin, end in breaks:
         covered[math.floor(begin / TICK_S + 1e-6) + 1 : _row_at(end)] = False
@@ -172,7 +173,7 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
 
 
 def require_readable(path: Path) -> None:
-    """Raise UserError for a file of an unknown kind."""
+    """Raise UserError if a file is missing, of an unknown kind, or empty."""
     if not path.is_file():
         raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
@@ -238,13 +239,6 @@ def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
         for row, begin, end in stamps.find_gaps(times):
             gaps.setdefault((begin, end), row)
     return sorted(((row, begin, end) for (begin, end), row in gaps.items()), key=lambda gap: gap[1])
-
-
-def refused_jumps(jumps: Sequence[Spike], options: ReplayOptions) -> list[Spike]:
-    """Return the jumps that must not be replayed."""
-    if options.spikes == "replay":
-        return []
-    return [spike for spike in jumps if options.spikes == "refuse" or not spike.rows]
 
 
 def _row_at(time_s: float) -> int:

@@ -18,12 +18,7 @@ from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, reach_poses, unreached_reason
-from ravenjax.store.motion.recording import (
-    HandRecording,
-    load_recording,
-    refused_jumps,
-    require_readable,
-)
+from ravenjax.store.motion.recording import HandRecording, load_recording, require_readable
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, format_spans
 from ravenjax.store.motion.timeline import Timeline
 
@@ -204,17 +199,12 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
     """Raise UserError if the least or greatest of `scales` moves an arm out of its joint limits."""
     begin, end, base = replay.begin, replay.end, replay.scale
     poses = replay.recording.poses.part(begin, end)
-
-    def first_outside(scale: float) -> int | None:
-        # Returns the first row outside the joint limits if the tip moves by another scale.
-        start = poses.position[:1]
-        magnified = dataclasses.replace(
-            poses, position=start + scale / base * (poses.position - start)
-        )
-        return reach_poses(magnified, replay.bounds).first_bad(0, end - begin)
-
+    start = poses.position[:1]
     for scale in (float(np.max(scales)), float(np.min(scales))):
-        if scale == base or (row := first_outside(scale)) is None:
+        if scale == base:
+            continue
+        magnified = poses._replace(position=start + scale / base * (poses.position - start))
+        if (row := reach_poses(magnified, replay.bounds).first_bad(0, end - begin)) is None:
             continue
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
@@ -270,7 +260,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
         s
-        for s in refused_jumps(recording.spikes, recording.options)
+        for s in spikes.refused_jumps(recording.spikes, recording.options.spikes)
         if s.begin_s < last and s.end_s > first
     ]
     if jumps:

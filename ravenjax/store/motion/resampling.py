@@ -12,10 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 TICK_S = 1e-3
-"""Equals TICK_S of raven2.console.motion.
-
-That module imports JAX, which reports do not need.
-"""
+"""Equals TICK_S of raven2.console.motion. That module imports JAX, which reports do not need."""
 
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:

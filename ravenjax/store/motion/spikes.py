@@ -1,6 +1,7 @@
 """Finds samples at which a recorded tip jumps: where, how far, and whether it returns at once."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -100,6 +101,13 @@ def remove_spikes(
         opening_mrad=None if opening is None else opening[stay],
     )
     return some, time_s[stay]
+
+
+def refused_jumps(jumps: Sequence[Spike], treatment: Spikes) -> list[Spike]:
+    """Return the jumps that must not be replayed; treatment: value of the option `spikes`."""
+    if treatment == "replay":
+        return []
+    return [spike for spike in jumps if treatment == "refuse" or not spike.rows]
 
 
 def spike_error(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:

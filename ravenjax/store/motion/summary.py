@@ -4,10 +4,9 @@ report.
 The texts are in summary.j2.
 """
 
-import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -89,8 +88,7 @@ def _rendered_rows(summary: MotionSummary) -> list[tuple[str, str]]:
     return resources.render_rows(Path(__file__).with_suffix(".j2"), s=summary)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TipCourse:
+class TipCourse(NamedTuple):
     """Curves of one arm's tip. Times are seconds in the recording, positions are m in frame 0."""
 
     arm: str

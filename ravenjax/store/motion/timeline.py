@@ -1,9 +1,9 @@
 """Computes which row of a recording applies in each millisecond of a run, and when the pedal is
 down."""
 
-import dataclasses
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ SLOWEST = 100.0
 REST_TICKS, RUN_UP_TICKS = round(MOTION_S / TICK_S), round(RUN_UP_S / TICK_S)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Timeline:
+class Timeline(NamedTuple):
     """The replayed row of the recording, and the state of the pedal, in each tick (1 ms)."""
 
     # [ticks] fractional row of the recording, counted from the first replayed row.

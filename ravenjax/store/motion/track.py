@@ -49,8 +49,7 @@ class ArmTrack:
         return len(self.position)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Track:
+class Track(NamedTuple):
     """All samples of a recording."""
 
     path: Path

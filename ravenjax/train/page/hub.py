@@ -3,7 +3,8 @@
 The roles are operator, instructor and watcher. The hub checks types, ranges and size of every
 message from a browser, and whether the role may send it. Operators receive no data about hazards.
 As at a real console, they learn of a check only if it raises an alarm or stops the robot (event
-"alarm"). No window receives what blinding hides.
+"alarm"). In a blinded session, no window receives data that would show
+the group of the study.
 
 This code runs in the server's event loop. A slow window skips frames and gets the newest frame.
 """

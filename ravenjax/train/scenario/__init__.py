@@ -1,4 +1,4 @@
-"""Reads training scenarios: TOML files that declare a task, hazards and the right responses."""
+"""Reads training scenarios: TOML files with a task, hazards, and what trainees should do."""
 
 # ruff: noqa: F401
 

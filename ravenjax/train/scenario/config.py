@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax.campaign.file.axis import Number
-from ravenjax.campaign.file.group import Fault, Section, flatten_parameters
+from ravenjax.campaign.file.group import Fault, Parameters, Section
 from ravenjax.campaign.file.sections import OneOrMore
 from ravenjax.errors import format_value
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
@@ -318,14 +318,9 @@ class Scenario(Section):
     hazard: tuple[Entry, ...] = ()
     """hazards of the session"""
     harm: Harm = Harm()
-    parameters: dict[str, Number] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
     """path = value, as in campaigns; a session draws one value of a list"""
     robot: RobotSection = RobotSection()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _flat(cls, raw: Any) -> Any:
-        return flatten_parameters(raw)
 
     @field_validator("arms")
     @classmethod

@@ -11,9 +11,8 @@ from pydantic import BaseModel, ValidationError
 
 from ravenjax.bundled import resources
 from ravenjax.campaign.file import location, overriding
-from ravenjax.campaign.file.section import model_at
 from ravenjax.campaign.inspection.json_schema import of_model
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, format_error, format_value, model_at, suggest_name
 from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
@@ -86,7 +85,7 @@ def _message(error: Any) -> str:
     near = ""
     if kind == "literal_error":
         near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
-    return location.format_error(error, _model(error["loc"][:-1])) + near
+    return format_error(error, _model(error["loc"][:-1])) + near
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:

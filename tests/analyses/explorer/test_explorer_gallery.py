@@ -35,7 +35,7 @@ def written(folder, name):
 
 def test_two_campaigns_of_one_name_are_refused(tmp_path):
     path = written(tmp_path, "elbow")
-    with pytest.raises(UserError, match="two campaigns are named elbow"):
+    with pytest.raises(UserError, match="more than one campaign has the name elbow"):
         gallery.build_gallery(tmp_path / "pages", [path, path])
     assert not (tmp_path / "pages").exists()
 

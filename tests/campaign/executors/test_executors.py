@@ -2,7 +2,6 @@
 coordinator.
 """
 
-import dataclasses
 import functools
 import sys
 
@@ -86,9 +85,7 @@ def work():
 def test_a_chunk_elsewhere_is_the_chunk_here(work):
     """Rows of a chunk alone, through the same kernel."""
     here = {}
-    Local().run(
-        dataclasses.replace(work, deliver=lambda done: here.update({done.rows: done})), CHUNKS
-    )
+    Local().run(work._replace(deliver=lambda done: here.update({done.rows: done})), CHUNKS)
     head = ray_cluster.make_head(work, CHUNKS, 1)
     assert head.plan.runs == 0
     worker = ray_cluster.Worker(head)
@@ -108,6 +105,6 @@ def test_a_chunk_elsewhere_is_the_chunk_here(work):
 )
 def test_a_worker_that_would_compute_something_else_refuses(work, name, value, message):
     head = ray_cluster.make_head(work, CHUNKS, 1)
-    head = dataclasses.replace(head, computed_by={**head.computed_by, name: value})
+    head = head._replace(computed_by={**head.computed_by, name: value})
     with pytest.raises(UserError, match=f"would compute other results: .*{message}"):
         ray_cluster.Worker(head)

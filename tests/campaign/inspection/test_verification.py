@@ -114,19 +114,19 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
             "response_ms",
             999_999,
             "ranges",
-            "response_ms: is outside -1 to 300 ms in 1 row, the first is 13",
+            "response_ms: is outside -1 to 300 ms in 1 run, first in run 13",
         ),
         (
             "unintended_mm",
             np.inf,
             "finite numbers",
-            "unintended_mm: is not finite in 1 row, the first is 13",
+            "unintended_mm: is not finite in 1 run, first in run 13",
         ),
         (
             "verdict",
             "stopped/none/cue",
             "verdicts",
-            "verdict: does not follow from response, hazard and cue in 1 row",
+            "verdict: does not follow from response, hazard and cue in 1 run",
         ),
         (
             "run_id",

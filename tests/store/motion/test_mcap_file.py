@@ -1,7 +1,5 @@
 """Recordings in MCAP: whose times count, and that they are no less checked than tables."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from recorded_hands import HOME_MM, circle, play, refused, tip_mm
@@ -21,7 +19,7 @@ def write(path, poses):
         for (arm, name), (log, header, place) in poses.items():
             topic = topics.tip_topic(arm, name)
             values = np.concatenate([place, np.zeros((len(place), 4))], axis=1)
-            every_tick = dataclasses.replace(topic, schema="")
+            every_tick = topic._replace(schema="")
             for tick, data in every_tick.encode(header, values).items():
                 writer._add(topic.name, int(log[tick]), data, tick)
         writer.finish()

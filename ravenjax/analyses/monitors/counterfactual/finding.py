@@ -187,11 +187,11 @@ def find_checks(
 
 def _require_cover(grounds: Grounds, members: list[int]) -> None:
     # Without faults in both halves, or without a candidate in time, there is no set to select.
-    for half, rows in (("select", grounds.selection_half), ("test", grounds.statement_half)):
+    for task, rows in (("select", grounds.selection_half), ("test", grounds.statement_half)):
         if not rows.any():
             raise UserError(
                 f"only {grounds.hazards.count} faults evade the robot's checks, too few to"
-                f" {half} a set of checks: compute more runs"
+                f" {task} a set of checks: compute more runs"
             )
     if not members:
         raise UserError(

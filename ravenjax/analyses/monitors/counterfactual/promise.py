@@ -168,12 +168,12 @@ def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     (k + r) / (n + 1) is at most the target per motion. If motions are exchangeable, one more motion
     then has at most that many alarms on average over calibrations, for any distribution of scores.
     The rate with the margin of one calibration may be higher. If no margin keeps the target, the
-    result is the smallest margin with the lowest rate, which is then only an estimate.
+    result is the smallest margin with the lowest rate. This rate is then an estimate, not a bound.
     """
-    motions_there, runs = motions.peaks.shape
+    motion_count, runs = motions.peaks.shape
     hours = float(motions.hours.sum(axis=1).mean())
     alarms = [int((motions.peaks > np.float32(margin)).sum()) for margin in MARGINS]
-    bounds = [(k + runs) / (motions_there + 1) / hours for k in alarms]
+    bounds = [(k + runs) / (motion_count + 1) / hours for k in alarms]
     limit = max(per_hour, min(bounds))
     index = next(index for index, bound in enumerate(bounds) if bound <= limit * (1 + 1e-12))
     return Margin(index, alarms[index], bounds[index])

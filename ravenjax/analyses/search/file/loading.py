@@ -15,7 +15,7 @@ from ravenjax.analyses.search.file.config import KINDS, Search, SearchConfig
 from ravenjax.campaign import loading
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError, format_value, suggest_name
+from ravenjax.errors import UserError, format_error, format_value, suggest_name
 
 SECTION = "search"
 FOLDER = "campaigns/searches"
@@ -78,6 +78,5 @@ def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
         return KINDS[kind].model_validate(table), []
     except ValidationError as error:
         return None, [
-            ((SECTION, *one["loc"]), location.format_error(one, KINDS[kind]))
-            for one in error.errors()
+            ((SECTION, *one["loc"]), format_error(one, KINDS[kind])) for one in error.errors()
         ]

@@ -398,7 +398,10 @@ class RavenConfig(CampaignConfig):
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings that affect all runs, without defaults. Run ids depend on them."""
+        """Return the settings that affect all runs, on which run ids depend.
+
+        Defaults are left out, except for tools and limits.
+        """
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # same as without the key

@@ -456,7 +456,7 @@ class OwnStages(Section):
             yield stage, own_part.part_source(stage, file, self.sha256.get(stage), "stage")
 
     def located(self, folder: Path) -> OwnStages:
-        """Return the section with its files taken from `folder` and their content read."""
+        """Return the section with its files in `folder`, and the SHA-256 of the content of each."""
         there = self.model_copy(
             update={stage: folder.absolute() / file for stage, file in self.files()}
         )

@@ -1,5 +1,5 @@
-"""Converts a packet's fields into increments of the tips, or names the rule of the profile that
-they break.
+"""Converts a packet's fields into increments of the tips, or names the broken rule of the console's
+packet format (its *profile*).
 
 Positions of jaws, and orientations of hands, become differences between consecutive packets.
 Therefore the robot does not follow motion before the first packet or during lost packets.

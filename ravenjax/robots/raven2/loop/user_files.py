@@ -235,20 +235,24 @@ class UserFiles:
         """Run one check in this millisecond, and store its state and history.
 
         place: index of the check. crossing: signal at the check's seam, one Vec per arm. Returns
-        for each arm whether the check trips, and the signal that replaces it if the check limits.
+        for each arm whether the check trips, and the signal after the check: `crossing`, or the
+        values of the check if it limits.
         """
         assert self._checks is not None
-        use, width = self._setup.checks[place], self._setup.precision.real
+        use, real = self._setup.checks[place], self._setup.precision.real
         code, params = part.load_part(use.part), self._checks.own[place]
-        threshold, views = self._checks.threshold[place], self.views(use.at, width)
+        threshold, views = self._checks.threshold[place], self.views(use.at, real)
         arms, trips, margins, values = [], [], [], list(crossing)
         for i, before in enumerate(self.state.checks[place]):
-            examples: dict[str, Any] = {"score": part.SCORE}
+            # The form that the results of the user's `step` must have.
+            expected: dict[str, Any] = {"score": part.SCORE}
             if use.acts == "limit" and crossing[i]:
-                examples["values"] = crossing[i]
-            after, score, *limited = code.step(params, before.own, views[i], width, **examples)
-            values[i : i + 1] = limited or [crossing[i]]
-            score = jnp.where(score == score, score, 0.0)  # NaN is above no threshold
+                expected["values"] = crossing[i]
+            after, score, *limited = code.step(params, before.own, views[i], real, **expected)
+            values[i] = limited[0] if limited else crossing[i]
+            # Thresholds are not negative, so a score that is NaN never trips.
+            score = jnp.where(score == score, score, 0.0)
+            # A check trips if all of its last scores exceed the threshold.
             lowest = reduce(jnp.minimum, [score, *before.recent])
             arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
             trips.append(lowest > threshold)

@@ -10,6 +10,10 @@ of the links:
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
     w = (momentum + coupling * T q') * inverse
 
+Here `inverse` is 1 over the implicit inertia of the shaft, `momentum` holds the known terms,
+`coupling` is the factor of the link's speed, and `reaction_scale` is the authors' factor of the
+cable's torque on the motor. `lambda` and `T` are defined below.
+
 **Encoders** have 4000 counts per turn on every motor (raven2: defines.h). The motor angle is stored
 as whole counts (int32) plus a fraction of a count, so the reading is exact. An angle near 900 rad
 in float32 would lose increments below 3e-5 rad per millisecond.

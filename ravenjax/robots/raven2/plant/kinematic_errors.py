@@ -141,7 +141,7 @@ def in_registered_frame(frame: Registration, point: Vec) -> Vec:
 
 def fit_registration(arm: str, true: list[Vec]) -> Registration:
     """Return the registration from true tips (m) at POSES."""
-    reported, solve = _normal_equations(arm)
+    reported, solve = _solve_registration(arm)
     frame = _no_motion()
     for _ in range(STEPS):
         residual = Vec(
@@ -165,8 +165,10 @@ def _no_motion() -> Registration:
 
 
 @functools.cache
-def _normal_equations(arm: str) -> tuple[list[list[float]], list[list[float]]]:
-    """Return reported tips (m) at POSES, and the matrix [6, 3 poses] of residuals."""
+def _solve_registration(arm: str) -> tuple[list[list[float]], list[list[float]]]:
+    """Return the reported tips (m) at POSES, and the matrix [6, 3 * poses] that turns residuals of
+    tips into the rotation (rad) and translation (m) of the least-squares fit.
+    """
     with at_once():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))

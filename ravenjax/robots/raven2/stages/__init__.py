@@ -1,3 +1,3 @@
-"""Computes the stages of the control software and the PLC, one file per stage, with the robot's
-names.
+"""Computes the stages of the control software and the PLC, one file per stage. Signals have the
+names of raven2's source code.
 """

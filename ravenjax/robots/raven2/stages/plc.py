@@ -1,8 +1,8 @@
 """Simulates the programmable logic controller (PLC) between computer and motor power.
 
-The PLC's program is not published. It contains start and E-stop buttons, brake relays and the
-watchdog's time-out. The following rules are implied by the control software (raven2: defines.h,
-state_machine.cpp, update_atmel_io.cpp), or are *assumed*.
+The PLC's program is not published. The PLC reads the start and E-stop buttons, switches the brake
+relays, and times the watchdog. The following rules are implied by the control software (raven2:
+defines.h, state_machine.cpp, update_atmel_io.cpp), or are *assumed*.
 
 - The PLC writes a run level to its pins PS0 and PS1, bits 6 and 7 of the input byte. The bits are
   read as a number.
