@@ -282,7 +282,7 @@ def compare(context: study.Context) -> study.Findings:
         lines += _lines(name, judged[name], logged.log.joints)
         printed.append(_following(judged[name], logged.log.joints, name))
         fit = logged.calibrated(sets[OURS], select_unknowns(FITTED[name], FITTED_KINDS))
-        rows = tables.tabulate_parameters("", fit).cells
+        rows = tables.tabulate_parameters(fit)
         printed.append(read_table(NAME, "fitted", rows, name=name))
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()

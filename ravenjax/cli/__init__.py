@@ -4,28 +4,25 @@ Each command imports slow modules only when it runs.
 """
 
 import os
+import pkgutil
 import sys
 
 from cyclopts import App, CycloptsError
 
-from ravenjax.cli import (
-    catalogue,
-    console,
-    covering,
-    deadlines,
-    explaining,
-    exporting,
-    gating,
-    machine,
-    monitors,
-    motion,
-    results,
-    running,
-    training,
-)
+from ravenjax.cli import console
 
 USER_ERROR, INTERRUPTED = 2, 130
 """Exit codes for bad input and for Ctrl-C."""
+
+COMMANDS = """
+    running:run running:check running:fault_free results:report explaining:trace explaining:explain
+    deadlines:deadline exporting:explore monitors:counterfactual results:verify results:compare
+    gating:gate covering:coverage results:merge machine:evidence monitors:monitor running:search
+    machine:reproduce machine:credibility motion:motion motion:calibrate training:train
+    training:robot training:play training:study training:log exporting:export catalogue:campaigns
+    catalogue:faults catalogue:parameters exporting:schema machine:bench machine:doctor
+"""
+"""Module and name of each command, in the order of the reference."""
 
 app = App(
     name="ravenjax",
@@ -37,42 +34,8 @@ app = App(
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
 )
-for _command in (
-    running.run,
-    running.check,
-    running.fault_free,
-    results.report,
-    explaining.trace,
-    explaining.explain,
-    deadlines.deadline,
-    exporting.explore,
-    monitors.counterfactual,
-    results.verify,
-    results.compare,
-    gating.gate,
-    covering.coverage,
-    results.merge,
-    machine.evidence,
-    monitors.monitor,
-    running.search,
-    machine.reproduce,
-    machine.credibility,
-    motion.motion,
-    motion.calibrate,
-    training.train,
-    training.robot,
-    training.play,
-    training.study,
-    training.log,
-    exporting.export,
-    catalogue.campaigns,
-    catalogue.faults,
-    catalogue.parameters,
-    exporting.schema,
-    machine.bench,
-    machine.doctor,
-):
-    app.command(_command)
+for _command in COMMANDS.split():
+    app.command(pkgutil.resolve_name(f"ravenjax.cli.{_command}"))
 app.register_install_completion_command(
     help="Install completion of commands, options and files for this shell (bash, zsh, fish)."
 )

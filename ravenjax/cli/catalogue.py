@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ravenjax import robots
 from ravenjax.cli import console
@@ -24,18 +24,13 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario
 
-    every = {
-        "campaigns": {
-            path.name: loading.load_campaign(path)
-            for path in resources.list_resources("campaigns", "*.toml")
-        },
-        "searches": {
-            path.name: searches.load_search(path)
-            for path in resources.list_resources("campaigns/searches", "*.toml")
-        },
-        "scenarios": {
-            path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()
-        },
+    kinds = {
+        "campaigns": (loading.load_campaign, resources.list_resources("campaigns", "*.toml")),
+        "searches": (searches.load_search, resources.list_resources(searches.FOLDER, "*.toml")),
+        "scenarios": (scenario.load_scenario, scenario.bundled_scenarios()),
+    }
+    every: dict[str, Any] = {
+        kind: {path.name: load(path) for path in paths} for kind, (load, paths) in kinds.items()
     }
     listings = console.fill_listings("campaigns.j2", count_rows=design.count_rows, **every)
     console.print_tables(listings, as_json)
@@ -46,15 +41,12 @@ def faults(
 ) -> None:
     """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
-    Parameters
-    ----------
-    word
-        Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard (C09),
-        or one of the lists layers, sites, effects, triggers, phases (of an operation), classes
-        (of outcomes), hazards.
-    robot
-        raven2, or the Python module that declares another robot; the hazard library is for
-        raven2 only
+    Args:
+        word: Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard
+            (C09), or one of the lists layers, sites, effects, triggers, phases (of an operation),
+            classes (of outcomes), hazards.
+        robot: raven2, or the Python module that declares another robot; the hazard library is for
+            raven2 only
     """
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
@@ -128,15 +120,11 @@ def parameters(
     A path names one number, or a vector with one number per joint or axis. PATH.elbow names
     the number of the elbow.
 
-    Parameters
-    ----------
-    file
-        Campaign file; its software, arms and tools determine the parameters. Default: one arm
-        with the software raven2.
-    path
-        only paths that contain this text, such as plant or kp
-    robot
-        another robot than the campaign's: raven2, or the Python module that declares it
+    Args:
+        file: Campaign file; its software, arms and tools determine the parameters. Default: one arm
+            with the software raven2.
+        path: only paths that contain this text, such as plant or kp
+        robot: another robot than the campaign's: raven2, or the Python module that declares it
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds

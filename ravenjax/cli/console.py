@@ -79,13 +79,10 @@ def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
         print_table(listing.title, listing.columns, listing.rows)
 
 
-def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """Print a table."""
-    out.print(make_table(title, columns, rows))
-
-
-def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
-    """Return a table of text for the terminal.
+def print_table(
+    title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], to: Console | None = None
+) -> None:
+    """Print a table of text; to: None for standard output.
 
     Names in the first column are not wrapped, so that they can be copied.
     """
@@ -96,7 +93,7 @@ def make_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, .
     # Rich would read text in square brackets as markup.
     for row in rows:
         grid.add_row(*(_CONTROL.sub("", cell).replace("[", r"\[") for cell in row))
-    return grid
+    (to or out).print(grid)
 
 
 def emit_json(value: Any) -> None:
@@ -111,6 +108,24 @@ def print_text(text: object, to: Console | None = None, style: str | None = None
     # A terminal would obey control characters of a foreign file.
     plain = _CONTROL.sub("", str(text))
     (to or out).print(plain, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def print_findings(
+    sentences: Sequence[str],
+    as_json: bool,
+    tables: Iterable[tuple[str, Sequence[tuple[str, ...]]]] = (),
+    files: Sequence[Path] = (),
+    **content: Any,
+) -> None:
+    """Print sentences, tables and the paths of written files, or sentences, files and `content` as
+    JSON. tables: title and rows, of which the first has the headings.
+    """
+    if as_json:
+        return emit_json(content | {"sentences": sentences, "files": files})
+    print_text("\n".join(sentences))
+    for title, (columns, *rows) in tables:
+        print_table(title, columns, rows)
+    return print_written(files)
 
 
 def print_written(paths: Iterable[Path]) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
 
-if TYPE_CHECKING:
-    from ravenjax.report.data.runs import Runs
+HEADINGS = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
+"""Headings of the list of harmful runs."""
 
 
 def coverage(
@@ -30,18 +30,14 @@ def coverage(
     counts the faults that are detected at all, and those that are detected before the harm. If
     `ravenjax deadline` has computed deadlines, it also counts detections in time for a stop.
 
-    Parameters
-    ----------
-    of
-        instead, list the harmful runs with the time at which this check or set of checks detects
-        the fault
-    pairs
-        instead, compare runs with two faults with runs that have only one of them
-    most
-        with --pairs: number of pairs of each kind to list; default 5
-    out
-        folder of the files; default FOLDER/coverage
+    Args:
+        of: instead, list the harmful runs with the time at which this check or set of checks
+            detects the fault
+        pairs: instead, compare runs with two faults with runs that have only one of them
+        most: with --pairs: number of pairs of each kind to list; default 5
+        out: folder of the files; default FOLDER/coverage
     """
+    from ravenjax.analyses.coverage import pairs as double_faults
     from ravenjax.analyses.deadline import read_deadlines
     from ravenjax.errors import UserError
     from ravenjax.report.data.runs import Runs
@@ -56,39 +52,32 @@ def coverage(
     out_folder = out or files.path_inside(folder, "coverage")
     with contextlib.closing(Runs.open(folder, manifest.read_manifest(folder))) as runs:
         if pairs:
-            return _pairs(runs, out_folder, most or 5, as_json)
-        found = checks.measure_coverage(runs, read_deadlines(folder))
-        if of is not None:
-            columns = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
-            listing = Listing("runs", f"Harmful runs: {of}", columns, found.list_runs(of, runs))
-            return console.print_tables([listing], as_json)
+            found = double_faults.measure_pairs(runs)
+        else:
+            found = checks.measure_coverage(runs, read_deadlines(folder))
+            if of is not None:
+                listing = Listing(
+                    "runs", f"Harmful runs: {of}", HEADINGS, found.list_runs(of, runs)
+                )
+                return console.print_tables([listing], as_json)
     files.require_writable(out_folder)
-    table = found.harmful.drop(columns=["row", "distinct"]).map(files.without_formula)
-    files.write_text(out_folder / "coverage.csv", table.to_csv(index=False))
+    if isinstance(found, double_faults.DoubleFaults):
+        paths = double_faults.write_pairs(found, out_folder)
+        content = {
+            "counts": found.counts,
+            "cut_sets_of_order_1": found.cut_sets()[0],
+            "pairs": [pair.cells() for pair in found.pairs],
+        }
+    else:
+        paths = [out_folder / "coverage.csv"]
+        table = found.harmful.drop(columns=["row", "distinct"]).map(files.without_formula)
+        files.write_text(paths[0], table.to_csv(index=False))
+        content = {"rows": found.rows, "smallest": found.smallest}
     if as_json:
-        content = {key: getattr(found, key) for key in ("rows", "smallest", "notices")}
-        return console.emit_json({**content, "files": [out_folder / "coverage.csv"]})
-    names = {"everything": checks.EVERYTHING, "every_site": tables.EVERY_SITE}
-    console.print_tables(console.fill_listings("coverage.j2", found=found, **names), as_json)
-    for notice in found.notices:
-        console.print_note(notice)
-    return console.print_written([out_folder / "coverage.csv"])
-
-
-def _pairs(runs: Runs, out_folder: Path, most: int, as_json: bool) -> None:
-    # Prints which single faults and pairs of faults cause harm, and writes files about them.
-    from ravenjax.analyses.coverage import pairs
-    from ravenjax.store import files
-
-    found = pairs.measure_pairs(runs)
-    files.require_writable(out_folder)
-    paths = pairs.write_pairs(found, out_folder)
-    if as_json:
-        singles = found.cut_sets()[0]
-        listed = {"cut_sets_of_order_1": singles, "pairs": [pair.cells() for pair in found.pairs]}
-        content = {"counts": found.counts, **listed, "notices": found.notices, "files": paths}
-        return console.emit_json(content)
-    console.print_tables(console.fill_listings("pairs.j2", found=found, most=most), as_json)
+        return console.emit_json(content | {"notices": found.notices, "files": paths})
+    names = {"everything": checks.EVERYTHING, "every_site": tables.EVERY_SITE, "most": most or 5}
+    template = "pairs.j2" if pairs else "coverage.j2"
+    console.print_tables(console.fill_listings(template, found=found, **names), as_json)
     for notice in found.notices:
         console.print_note(notice)
     return console.print_written(paths)

@@ -22,10 +22,8 @@ def deadline(
     compared with the time at which a signal first shows the fault. The tables are in
     FOLDER/deadline and in the next report of the folder.
 
-    Parameters
-    ----------
-    group
-        only faults of this group
+    Args:
+        group: only faults of this group
     """
     import contextlib
 
@@ -44,20 +42,11 @@ def deadline(
     table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
         words = "No fault causes harm, so there is no deadline to find."
-        return (
-            console.emit_json({"harmful": 0, "sentences": [words]})
-            if as_json
-            else console.print_text(words)
-        )
+        return console.print_findings([words], as_json, harmful=0)
     explained.write_rows(path, table, record)
     paths = [path, path.with_suffix(".csv")]
     files.write_text(paths[1], table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
-    sentences = section.deadline_sentences(summary)
-    if as_json:
-        return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})
-    console.print_text("\n".join(sentences))
-    for title, (columns, *rows) in section.deadline_tables(summary):
-        console.print_table(title, columns, rows)
-    return console.print_written(paths)
+    sentences, found = section.deadline_sentences(summary), section.deadline_tables(summary)
+    return console.print_findings(sentences, as_json, found, paths, **summary._asdict())

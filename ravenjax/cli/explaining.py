@@ -14,9 +14,8 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.inspection.explain import Explained, Explainer
+    from ravenjax.campaign.inspection.explain import Explained
     from ravenjax.campaign.inspection.replay import Replay
-    from ravenjax.report.run.chain import Chain
     from ravenjax.store.manifest import Manifest
 
 
@@ -31,12 +30,9 @@ def trace(
 ) -> None:
     """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
-    Parameters
-    ----------
-    worst
-        trace the N worst runs instead of runs that you name
-    out
-        folder of the traces; default FOLDER/traces
+    Args:
+        worst: trace the N worst runs instead of runs that you name
+        out: folder of the traces; default FOLDER/traces
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
@@ -84,48 +80,20 @@ def _write(
     # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
+    from ravenjax.store import manifest
     from ravenjax.store.logs import time_series
     from ravenjax.store.logs.trace import log as trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
-    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write_trace(
-        log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
-    )
-    time_series.write_csv(table, series, record.robot)
-    named = {
-        "fault": "first_active_ms",
-        "cue": f"cue{rules.cue}_first_ms",
-        str(row["response"]): "response_ms",
-    }
-    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
-    trace_plot(
-        series,
-        plot,
-        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
-        f"{row['group']}: {wording.describe_fault(row, record.robot)}",
-        threshold_mm=rules.threshold_mm,
-        cue=rules.cue,
-        robot=record.robot,
-        events={name: float(row[column]) for name, column in named.items()},
-    )
-    return [log, table, plot]
-
-
-def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
-    # Returns the description of a run that is stored in the header of its trace.
-    from ravenjax.report import wording
-    from ravenjax.store import manifest
-
-    row = again.row.to_dict()
-    values = {
+    described = wording.describe_fault(row, record.robot)
+    metadata = {
         name: value
         for name, value in row.items()
         if isinstance(value, str)
         or name in ("index", "seed")
         or (name.startswith(("fault", "param:")) and value == value)
     } | {
-        "fault": wording.describe_fault(row, record.robot),
+        "fault": described,
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,
@@ -138,7 +106,27 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
         "campaign_version": record.versions.get("ravenjax", ""),
         "campaign_code_hash": record.code_hash,
     }
-    return {name: str(value) for name, value in values.items()}
+    header = {name: str(value) for name, value in metadata.items()}
+    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
+    trace_log.write_trace(log, series, header, bases=again.bases, events=events, robot=record.robot)
+    time_series.write_csv(table, series, record.robot)
+    named = {
+        "fault": "first_active_ms",
+        "cue": f"cue{rules.cue}_first_ms",
+        str(row["response"]): "response_ms",
+    }
+    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
+    trace_plot(
+        series,
+        plot,
+        title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
+        f"{row['group']}: {described}",
+        threshold_mm=rules.threshold_mm,
+        cue=rules.cue,
+        robot=record.robot,
+        events={name: float(row[column]) for name, column in named.items()},
+    )
+    return [log, table, plot]
 
 
 def explain(
@@ -157,16 +145,13 @@ def explain(
     Without run ids, --worst and --group, all runs with a fault are explained and summarised, if
     any fault evades the checks.
 
-    Parameters
-    ----------
-    worst
-        explain the N worst runs instead of runs that you name
-    group
-        summarise all runs with a fault of this group
-    out
-        folder for the written files; default FOLDER/explained
+    Args:
+        worst: explain the N worst runs instead of runs that you name
+        group: summarise all runs with a fault of this group
+        out: folder for the written files; default FOLDER/explained
     """
     from ravenjax.campaign.inspection.explain import Explainer
+    from ravenjax.cli import terminal
     from ravenjax.errors import UserError
     from ravenjax.report.run import ranking
     from ravenjax.store import files, manifest
@@ -183,20 +168,18 @@ def explain(
     together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
     if together == []:
         words = "No fault evades the checks, so there is nothing to explain."
-        return (
-            console.emit_json({"evading": 0, "sentences": [words]})
-            if as_json
-            else console.print_text(words)
-        )
+        return console.print_findings([words], as_json, evading=0)
     out_folder = out or files.path_inside(folder, explained.FOLDER)
     files.require_writable(out_folder)
     explainer = Explainer.of_folder(folder, engine)
-    rows = (
+    rows: Any = (
         list(dict.fromkeys(explainer.index(run) for run in run_ids))
         or [run.row for run in ranked]
         or together
     )
-    explanation = _compute(explainer, rows, quiet=as_json)
+    quiet = as_json or len(rows) < 100
+    with contextlib.nullcontext() if quiet else terminal.Watch(console.err) as watch:
+        explanation = explainer.explain(rows, watch)
     explained.add_explained(out_folder, explanation.ticks, record)
     if others := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
@@ -211,19 +194,9 @@ def explain(
     return None
 
 
-def _compute(explainer: Explainer, rows: Any, quiet: bool) -> Explained:
-    # Explains runs, and shows the progress if there are many.
-    from ravenjax.cli import terminal
-
-    if quiet or len(rows) < 100:
-        return explainer.explain(rows)
-    with terminal.Watch(console.err) as watch:
-        return explainer.explain(rows, watch)
-
-
 def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
     # Prints how the fault spread in each run, and writes a table and a figure per run.
-    from ravenjax.report import downloads
+    from ravenjax.report import downloads, wording
     from ravenjax.report.drawing import save_figure
     from ravenjax.report.run import chain, chain_words
     from ravenjax.store.files import write_text
@@ -240,26 +213,16 @@ def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_j
             save_figure(figure, plot)
             paths.append(plot)
         records.append(explained._asdict() | {"visible": explained.first, "files": paths})
-        if not as_json:
-            _print(explained, paths)
+        if as_json:
+            continue
+        names = ("links.txt.j2", "near_checks.txt.j2")
+        tables = [("", wording.fill_table(name, chain=explained)) for name in names]
+        words = [chain_words.chain_title(explained), *chain_words.chain_sentences(explained)]
+        text = "\n  ".join(words)
+        console.print_findings([text], as_json, [table for table in tables if table[1][1:]], paths)
+        console.print_text("")
     if as_json:
         console.emit_json(records)
-
-
-def _print(explained: Chain, paths: list[Path]) -> None:
-    # Prints how the fault spread in one run. paths: files that were written about it.
-    from ravenjax.report import wording
-    from ravenjax.report.run import chain_words
-
-    console.print_text(
-        "\n  ".join([chain_words.chain_title(explained), *chain_words.chain_sentences(explained)])
-    )
-    for template in ("links.txt.j2", "near_checks.txt.j2"):
-        columns, *rows = wording.fill_table(template, chain=explained)
-        if rows:
-            console.print_table("", columns, rows)
-    console.print_written(paths)
-    console.print_text("")
 
 
 def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -> None:
@@ -280,11 +243,6 @@ def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -
         write_text(paths[-1], text)
     if chains.draw_charts(summary, out_folder / "signals.svg"):
         paths.append(out_folder / "signals.svg")
-    if as_json:
-        sentences = chains.chain_sentences(summary)
-        return console.emit_json(summary._asdict() | {"sentences": sentences, "files": paths})
-    console.print_text("\n".join(chains.chain_sentences(summary)))
-    if summary.carriers:
-        columns, *rows = wording.fill_table("carriers.txt.j2", all=summary)
-        console.print_table("", columns, rows)
-    return console.print_written(paths)
+    table = wording.fill_table("carriers.txt.j2", all=summary)
+    tables, sentences = [("", table)] if table[1:] else [], chains.chain_sentences(summary)
+    console.print_findings(sentences, as_json, tables, paths, **summary._asdict())

@@ -4,7 +4,6 @@ They write a page that simulates faults in a browser, a robot as a C library, an
 campaign files.
 """
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Literal
@@ -29,53 +28,36 @@ def explore(
     The page contains the robot, its control software and its checks as WebAssembly. It is one
     file and needs no network. The page of a result folder also shows the runs of the folder.
 
-    Parameters
-    ----------
-    sources
-        Campaign file, the name of a bundled campaign (see `ravenjax campaigns`), or a result
-        folder that `ravenjax run` wrote.
-    out
-        file of the page; default NAME.explore.html, or DIR/explore.html
-    gallery
-        folder for the pages of several campaigns and an index; default all bundled campaigns
+    Args:
+        sources: Campaign file, the name of a bundled campaign (see `ravenjax campaigns`), or a
+            result folder that `ravenjax run` wrote.
+        out: file of the page; default NAME.explore.html, or DIR/explore.html
+        gallery: folder for the pages of several campaigns and an index; default all bundled
+            campaigns
     """
+    from ravenjax.analyses.explorer import gallery as galleries
+    from ravenjax.analyses.explorer import page
+
     if gallery is not None:
-        _gallery(gallery, sources, out, as_json)
-        return
+        if out is not None:
+            raise UserError(
+                "got --out and --gallery; leave out --out, because the pages of a gallery are named"
+                " after their campaigns"
+            )
+        cards, index = galleries.build_gallery(gallery, sources), gallery / galleries.INDEX
+        if as_json:
+            return console.emit_json({"index": index, "campaigns": [vars(card) for card in cards]})
+        for card in cards:
+            console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
+        return console.print_text(index)
     if len(sources) != 1:
         raise UserError(
             f"got {len(sources)} campaigns, expected one; for several pages write --gallery DIR"
         )
-    from ravenjax.analyses.explorer import page
-
     path = page.build_page(sources[0], out)
     if as_json:
-        console.emit_json({"page": path, "bytes": path.stat().st_size})
-        return
-    console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-
-
-def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
-    # Writes a page for each campaign, and a page that links them.
-    if out is not None:
-        raise UserError(
-            "got --out and --gallery; leave out --out, because the pages of a gallery are named"
-            " after their campaigns"
-        )
-    from ravenjax.analyses.explorer import gallery
-
-    cards = gallery.build_gallery(folder, sources)
-    if as_json:
-        console.emit_json(
-            {
-                "index": folder / gallery.INDEX,
-                "campaigns": [dataclasses.asdict(card) for card in cards],
-            }
-        )
-        return
-    for card in cards:
-        console.print_text(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")
-    console.print_text(folder / gallery.INDEX)
+        return console.emit_json({"page": path, "bytes": path.stat().st_size})
+    return console.print_text(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def export(
@@ -96,22 +78,14 @@ def export(
     allocates no memory and gives the same bits as `rj.ControlSoftware` and `rj.VirtualRobot`. Only
     the shared library needs a C compiler.
 
-    Parameters
-    ----------
-    folder
-        Folder to write into; files of an earlier export there are replaced.
-    arms
-        gold, green or both
-    tools
-        one for each arm
-    policy
-        no_regulation, soft_regulation or hard_regulation
-    level
-        level of the overdrive check: beginner, moderate, advanced
-    parameter_set
-        mechanics of the virtual robot
-    cpu
-        portable: any CPU of this architecture; native: this CPU. Results have the same bits
+    Args:
+        folder: Folder to write into; files of an earlier export there are replaced.
+        arms: gold, green or both
+        tools: one for each arm
+        policy: no_regulation, soft_regulation or hard_regulation
+        level: level of the overdrive check: beginner, moderate, advanced
+        parameter_set: mechanics of the virtual robot
+        cpu: portable: any CPU of this architecture; native: this CPU. Results have the same bits
     """
     from ravenjax.analyses.export import c_folder
     from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
@@ -147,12 +121,9 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     Editors with Taplo use the schema if the first line of the TOML file is `#:schema
     campaign.schema.json`.
 
-    Parameters
-    ----------
-    kind
-        Kind of file that the schema describes.
-    out
-        file to write; default: print the schema
+    Args:
+        kind: Kind of file that the schema describes.
+        out: file to write; default: print the schema
     """
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import files

@@ -25,20 +25,14 @@ def gate(
     margin, and 1 if a result does. It is 2 if there are too few faults to decide, or if the input
     is wrong.
 
-    Parameters
-    ----------
-    second
-        Result folder of the changed robot, check or software, with the same faults.
-    margin
-        largest accepted change. "evades +0.5 points": the share of faults that evade may rise by
-        half a percentage point. "stopped -2 points": the share of stopped runs may fall by 2.
-        "false cues +2/h": per hour without a fault. Repeat the option for several margins
-    most
-        number of most changed runs to list
-    markdown
-        also write a summary for a pull request
-    junit
-        also write JUnit XML
+    Args:
+        second: Result folder of the changed robot, check or software, with the same faults.
+        margin: largest accepted change. "evades +0.5 points": the share of faults that evade may
+            rise by half a percentage point. "stopped -2 points": the share of stopped runs may fall
+            by 2. "false cues +2/h": per hour without a fault. Repeat the option for several margins
+        most: number of most changed runs to list
+        markdown: also write a summary for a pull request
+        junit: also write JUnit XML
     """
     from ravenjax.analyses import gate as gates
     from ravenjax.document.html import markdown_table

@@ -31,20 +31,14 @@ def bench(
     Each measurement runs in its own process. Measurements for which the time is too short are
     left out, and the output names them. The exit code is 1 if nothing could be measured.
 
-    Parameters
-    ----------
-    json
-        print every number as JSON
-    quick
-        only the short measurements: half a minute instead of minutes
-    markdown
-        also write the tables to this file
-    only
-        only these measurements
-    seconds
-        approximate limit of the total time, s; default: 160, or 35 with --quick
-    price
-        price of this machine in dollars an hour; adds the cost of a million runs of 10 s in cents
+    Args:
+        json: print every number as JSON
+        quick: only the short measurements: half a minute instead of minutes
+        markdown: also write the tables to this file
+        only: only these measurements
+        seconds: approximate limit of the total time, s; default: 160, or 35 with --quick
+        price: price of this machine in dollars an hour; adds the cost of a million runs of 10 s in
+            cents
     """
     suite = load_module("bench.suite")
     return suite.bench(json, quick, markdown, only or (), seconds, price)
@@ -60,14 +54,10 @@ def reproduce(
 ) -> None:
     """Repeat a published experiment, or run a study, and compare the results with the publication.
 
-    Parameters
-    ----------
-    name
-        Name of the study, or "all". Default: list all studies.
-    out
-        folder for the results; each study gets its own folder in it
-    keep
-        also copy the findings, without pictures, into this folder
+    Args:
+        name: Name of the study, or "all". Default: list all studies.
+        out: folder for the results; each study gets its own folder in it
+        keep: also copy the findings, without pictures, into this folder
     """
     load_module("studies.commands").reproduce(name, out, engine, keep, as_json)
 
@@ -75,12 +65,9 @@ def reproduce(
 def credibility(folder: Path = Path("results/reproduce"), *, out: Path | None = None) -> None:
     """Print the evidence for each claim of the studies, in the order of FDA's guidance of 2023.
 
-    Parameters
-    ----------
-    folder
-        Folder with findings of `ravenjax reproduce`, from its option --out or --keep.
-    out
-        file to write; default: print the evidence
+    Args:
+        folder: Folder with findings of `ravenjax reproduce`, from its option --out or --keep.
+        out: file to write; default: print the evidence
     """
     load_module("studies.commands").credibility(folder, out)
 
@@ -99,19 +86,13 @@ def evidence(
     with any standard. With --check the exit code is 1 if a statement is no longer true; the
     argument shows such statements in red.
 
-    Parameters
-    ----------
-    folders
-        One or several result folders that `ravenjax run` wrote.
-    out
-        folder to write into; default FOLDER/evidence of a single result folder
-    check
-        compute the checksums of the evidence in this folder again, and write nothing new
-    xlsx
-        also write the tables as one workbook (extra: xlsx)
-    credibility
-        folder with findings of `ravenjax reproduce`; adds the evidence for the simulator's
-        credibility
+    Args:
+        folders: One or several result folders that `ravenjax run` wrote.
+        out: folder to write into; default FOLDER/evidence of a single result folder
+        check: compute the checksums of the evidence in this folder again, and write nothing new
+        xlsx: also write the tables as one workbook (extra: xlsx)
+        credibility: folder with findings of `ravenjax reproduce`; adds the evidence for the
+            simulator's credibility
     """
     commands = load_module("evidence.commands")
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)
@@ -120,12 +101,9 @@ def evidence(
 def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
     """Check this installation: versions, devices, CPU, memory, and a test of each part.
 
-    Parameters
-    ----------
-    realtime
-        instead, measure how punctually this machine computes one tick per millisecond
-    seconds
-        duration of each of the two measurements of --realtime, s
+    Args:
+        realtime: instead, measure how punctually this machine computes one tick per millisecond
+        seconds: duration of each of the two measurements of --realtime, s
     """
     from ravenjax.cli import terminal
 

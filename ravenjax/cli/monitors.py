@@ -10,15 +10,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cyclopts import App
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Switch, Words
-
-if TYPE_CHECKING:
-    from ravenjax.analyses.monitors.calibration import Calibrated
 
 monitor = App(
     name="monitor",
@@ -51,34 +47,24 @@ def calibrate(
     packets. An interrupted command continues. The command writes monitor.toml, monitor.py,
     detector.toml (a [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign. Only its robot is used, not its faults.
-    out
-        folder to write; default results/monitors/NAME of the campaign
-    signals
-        signals to monitor, as `ravenjax monitor signals` lists them; * stands for any letters;
-        default tip_error_bound boards_cmd_rate*
-    segments
-        a signal and its limits between segments with different thresholds, such as
-        tick=1000,5000 or surgeon_mode=1
-    false_alarms_per_hour
-        largest rate of false alarms
-    confidence
-        probability that the rate is not exceeded
-    hours
-        simulated hours in total; default enough for the rate and the confidence
-    length_s
-        duration of an operation, s
-    robots
-        number of operations of each operator, each with a different robot
-    motions
-        generated motions of operators; default all motions that depend on the seed
-    seed
-        seed of operators and robots
+    Args:
+        file: Campaign file, or the name of a bundled campaign. Only its robot is used, not its
+            faults.
+        out: folder to write; default results/monitors/NAME of the campaign
+        signals: signals to monitor, as `ravenjax monitor signals` lists them; * stands for any
+            letters; default tip_error_bound boards_cmd_rate*
+        segments: a signal and its limits between segments with different thresholds, such as
+            tick=1000,5000 or surgeon_mode=1
+        false_alarms_per_hour: largest rate of false alarms
+        confidence: probability that the rate is not exceeded
+        hours: simulated hours in total; default enough for the rate and the confidence
+        length_s: duration of an operation, s
+        robots: number of operations of each operator, each with a different robot
+        motions: generated motions of operators; default all motions that depend on the seed
+        seed: seed of operators and robots
     """
     from ravenjax.analyses.monitors import calibrate as calibration
+    from ravenjax.analyses.monitors import writing
     from ravenjax.campaign import loading
 
     config = loading.load_campaign(file, overrides or ())
@@ -96,7 +82,15 @@ def calibrate(
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
         result = calibration.calibrate_monitor(request, place, hours, engine, progress)
-    _print_calibration(place, result, as_json)
+    _, record = writing.read_monitor(place)
+    if as_json:
+        return console.emit_json({"folder": place, **record})
+    terms = zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
+    console.print_tables(console.fill_listings("terms.j2", terms=terms), as_json)
+    words = record["promise"]["words"]
+    return console.print_text(
+        console.render_template("monitor.j2", words=words, result=result, place=place)
+    )
 
 
 @monitor.command
@@ -114,16 +108,11 @@ def operate(
 
     The operators differ from those of the calibration. With --set the robot differs as well.
 
-    Parameters
-    ----------
-    folder
-        Folder that `ravenjax monitor calibrate` wrote.
-    out
-        folder for the operations
-    hours
-        simulated hours in total
-    robots
-        number of operations of each operator; default as in the calibration
+    Args:
+        folder: Folder that `ravenjax monitor calibrate` wrote.
+        out: folder for the operations
+        hours: simulated hours in total
+        robots: number of operations of each operator; default as in the calibration
     """
     from ravenjax.analyses.monitors.calibrate import operate_afresh
 
@@ -145,37 +134,22 @@ def check(
     The exit code is 1 if the distribution of scores has shifted. Only the first operation of each
     operator, result folder or log counts.
 
-    Parameters
-    ----------
-    folder
-        Folder that `ravenjax monitor calibrate` wrote.
-    sources
-        Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
-        detector, or logs: CSV files with the columns of test_vector.csv.
-    level
-        probability of reporting a shift although nothing changed
-    seed
-        seed with which ties between scores are broken
+    Args:
+        folder: Folder that `ravenjax monitor calibrate` wrote.
+        sources: Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
+            detector, or logs: CSV files with the columns of test_vector.csv.
+        level: probability of reporting a shift although nothing changed
+        seed: seed with which ties between scores are broken
     """
     from ravenjax.analyses.monitors import checking
 
     result = checking.check_exchangeability(folder, sources, level, seed)
-    shifted, about = bool(result["shifted"].any()), result.attrs
+    shifted, about, rows = bool(result["shifted"].any()), result.attrs, result.to_dict("records")
     if as_json:
-        console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
+        console.emit_json({"signals": rows, **about, "shifted": shifted})
         return int(shifted)
-    rows = result.to_dict("records")
     console.print_tables(console.fill_listings("shift.j2", rows=rows), as_json)
-    console.print_text(
-        f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
-        f" {about['alarms']} with an alarm"
-    )
-    console.print_text(
-        f"SHIFT at level {level:g}: the new operations have another distribution of scores than the"
-        " calibration, so its false-alarm rate is not valid for them. Calibrate on such operations"
-        if shifted
-        else f"no shift found at level {level:g}; with so few units a small shift stays undetected"
-    )
+    console.print_text(console.render_template("shifted.j2", about=about, shifted=shifted))
     return int(shifted)
 
 
@@ -183,10 +157,8 @@ def check(
 def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
     """List the signals that a monitor can use.
 
-    Parameters
-    ----------
-    file
-        campaign file that selects the robot; default the Raven-II
+    Args:
+        file: campaign file that selects the robot; default the Raven-II
     """
     from ravenjax import robots
     from ravenjax.analyses.monitors.scores import list_candidates
@@ -224,26 +196,16 @@ def counterfactual(
     the same runs. The command selects checks with half of the faults and measures their coverage
     with the other half. It measures false alarms on other motions.
 
-    Parameters
-    ----------
-    file
-        Campaign file, the name of a bundled campaign, or a result folder.
-    out
-        folder to write; default results/NAME_counterfactual
-    false_alarms_per_hour
-        largest false-alarm rate of all selected checks together
-    lead_ms
-        smallest time between an alarm and the harm for the alarm to count, ms
-    hours
-        hours of fault-free motion to compute
-    most
-        largest number of checks to select
-    group
-        use only the faults of these groups
-    seed
-        seed with which the faults are divided into halves
-    confirm
-        also run the selected checks as detectors, with another seed of the faults
+    Args:
+        file: Campaign file, the name of a bundled campaign, or a result folder.
+        out: folder to write; default results/NAME_counterfactual
+        false_alarms_per_hour: largest false-alarm rate of all selected checks together
+        lead_ms: smallest time between an alarm and the harm for the alarm to count, ms
+        hours: hours of fault-free motion to compute
+        most: largest number of checks to select
+        group: use only the faults of these groups
+        seed: seed with which the faults are divided into halves
+        confirm: also run the selected checks as detectors, with another seed of the faults
     """
     from ravenjax.analyses.monitors.counterfactual import finding, output
     from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Question
@@ -270,38 +232,13 @@ def counterfactual(
             else None
         )
     sentences = [*output.finding_sentences(found), *([sure.sentence] if sure else [])]
-    if as_json:
-        plain = {
-            "sentences": sentences,
-            "checks": [row for row in output.candidate_table(found) if row["chosen"]],
-        }
-        return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
-    text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
-    console.print_text("\n".join([text, *sentences]))
-    return console.print_written(paths)
-
-
-def _print_calibration(place: Path, result: Calibrated, as_json: bool) -> None:
-    # Prints the limits of a calibrated monitor and its guaranteed false-alarm rate.
-    from ravenjax.analyses.monitors import writing
-
-    _, record = writing.read_monitor(place)
-    if as_json:
-        return console.emit_json({"folder": place, **record})
-    rows = [
-        (term.name, ", ".join(f"{limit:.4g}" for limit in limits), term.units[0])
-        for term, limits in zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
-    ]
-    console.print_tables(
-        [Listing("terms", "Alarm above these limits", ("score", "limit", "unit"), rows)], False
-    )
-    words = record["promise"]["words"]
-    return console.print_text(
-        console.render_template(
-            "monitor.j2", words=words, own=result.threshold, tested=result.test, place=place
+    checks = [row for row in output.candidate_table(found) if row["chosen"]]
+    if not as_json:
+        console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
+        console.print_text(
+            console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
         )
-    )
+    console.print_findings(sentences, as_json, files=paths, checks=checks)
 
 
 @contextlib.contextmanager

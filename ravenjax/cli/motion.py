@@ -13,12 +13,8 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Words
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rich.console import Console
 
-    from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
-    from ravenjax.analyses.calibration.position_loop import LoopParams
     from ravenjax.campaign.file.config import CampaignConfig
     from ravenjax.robots.raven2.campaign.config import RavenConfig
     from ravenjax.store.motion.summary import MotionSummary
@@ -44,17 +40,13 @@ def motion(
     replayed, the exit code is 2 and the message states what to change. The command draws the
     recording even then.
 
-    Parameters
-    ----------
-    file
-        Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
-    campaign
-        campaign file whose robot, limits and duration are used
-    arms
-        arms to replay; default all arms of the recording
-    out
-        folder for the picture, SVG and PNG
-    """  # noqa: E501
+    Args:
+        file: Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a
+            console's packets: .parquet, .pcap or .pcapng.
+        campaign: campaign file whose robot, limits and duration are used
+        arms: arms to replay; default all arms of the recording
+        out: folder for the picture, SVG and PNG
+    """
     import numpy as np
 
     from ravenjax.errors import UserError
@@ -126,7 +118,7 @@ def _config(
 def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax.store.motion.summary import table_rows
 
-    to.print(console.make_table("Recorded operator", ("property", "value"), table_rows(summary)))
+    console.print_table("Recorded operator", ("property", "value"), table_rows(summary), to)
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
@@ -158,34 +150,22 @@ def calibrate(
     does not determine keep their prior distribution. A campaign with `[parameters] from =
     "my_robot.toml"` then draws a robot for each run.
 
-    Parameters
-    ----------
-    log
-        Desired and measured joint positions: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
-        ravenstate or CRTK's measured_js and setpoint_js. Or a table, text or .parquet, with
-        columns such as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_ and mpos_,
-        or mpos_ and dac_.
-    out
-        file to write, for campaigns; pictures are written beside it
-    arm
-        arm whose joints are in the log
-    tool
-        tool of the arm; default the tool of the software
-    software
-        software of the robot; it determines the direction of the first jaw's cable
-    gains
-        PID gains of the robot; default those of its software
-    period_ms
-        time between samples, instead of the times in the log
-    columns
-        names of the columns of a table without a header line, in order and separated by commas;
-        or NAME=THEIRS for each column with another name than expected
-    topics
-        namespace of the arm's joints in a bag, such as /lab/arm1
-    ask
-        groups of parameters to estimate, separated by commas
-    draws
-        number of robots to draw from the fit and write
+    Args:
+        log: Desired and measured joint positions: a bag of ROS 1 or ROS 2 or an MCAP file with
+            raven2's ravenstate or CRTK's measured_js and setpoint_js. Or a table, text or .parquet,
+            with columns such as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_
+            and mpos_, or mpos_ and dac_.
+        out: file to write, for campaigns; pictures are written beside it
+        arm: arm whose joints are in the log
+        tool: tool of the arm; default the tool of the software
+        software: software of the robot; it determines the direction of the first jaw's cable
+        gains: PID gains of the robot; default those of its software
+        period_ms: time between samples, instead of the times in the log
+        columns: names of the columns of a table without a header line, in order and separated by
+            commas; or NAME=THEIRS for each column with another name than expected
+        topics: namespace of the arm's joints in a bag, such as /lab/arm1
+        ask: groups of parameters to estimate, separated by commas
+        draws: number of robots to draw from the fit and write
     """
     from ravenjax.analyses.calibration import joint_log, parameters, position_loop, tables
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
@@ -216,7 +196,21 @@ def calibrate(
         logged.log.joints, [word.strip() for word in ask.split(",")]
     )
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
-    _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
+    models = {"before": calibrated.base, "calibrated": calibrated.robot}
+    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
+    for place, part in zip(where, logged.halves, strict=True):
+        title = f"Following error {place}: rms (times the log's), off by"
+        errors = logged.following_errors(part, models)
+        console.print_table(title, *tables.by_joint(errors, logged.log.joints))
+    fitted = tables.tabulate_parameters(calibrated)
+    console.print_table("Estimated parameters", tables.PARAMETER_COLUMNS, fitted)
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and controller.ki[unknown.joint or 0] > 0.0
+    ]
+    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
+        console.print_text(text)
     values = parameters.values_by_path(
         calibrated.base, calibrated.unknowns, calibrated.draws(draws)
     )
@@ -229,25 +223,3 @@ def calibrate(
     tables.draw_intervals(pictures[1], calibrated)
     console.print_text(f'robots: {out}; use it in a campaign: [parameters] from = "{out.name}"')
     console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")
-
-
-def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
-    # Prints the calibration of one log: following errors before and after, and the parameters.
-    from ravenjax.analyses.calibration import tables
-
-    joints = logged.log.joints
-    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
-    titles = (f"Following error {place}: rms (times the log's), off by" for place in where)
-    error_tables = [
-        tables.by_joint(title, logged.following_errors(part, robots), joints)
-        for title, part in zip(titles, logged.halves, strict=True)
-    ]
-    for rows in (*error_tables, tables.tabulate_parameters("Estimated parameters", calibrated)):
-        console.print_table(*rows)
-    integrated = [
-        unknown.path
-        for unknown in calibrated.unknowns
-        if unknown.name == "offset" and logged.controller.ki[unknown.joint or 0] > 0.0
-    ]
-    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
-        console.print_text(text)

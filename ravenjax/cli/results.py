@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, ResultFolder, SameEngine
 
-if TYPE_CHECKING:
-    from ravenjax.report.comparison import FolderComparison
-
 
 def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
     """Write report.html into a result folder.
 
-    Parameters
-    ----------
-    figures
-        also draw the main figures into this folder, SVG and PDF
+    Args:
+        figures: also draw the main figures into this folder, SVG and PDF
     """
     write_report(folder)
     if figures is not None:
@@ -44,12 +38,9 @@ def verify(
     The exit code is 1 if something is wrong. Runs on another engine may differ; the command
     states by how much.
 
-    Parameters
-    ----------
-    sample
-        number of runs to compute again; 0 for none
-    seed
-        seed with which these runs are drawn
+    Args:
+        sample: number of runs to compute again; 0 for none
+        seed: seed with which these runs are drawn
     """
     from ravenjax.campaign.inspection import verification
 
@@ -90,14 +81,10 @@ def merge(
     Parts are linked or copied, and checked. The shards stay unchanged. You can run it again
     after an interruption, or with further shards.
 
-    Parameters
-    ----------
-    out
-        Folder to merge into.
-    shards
-        Result folders of the same campaign, as `ravenjax run --shard` wrote them.
-    partial
-        merge although runs are missing
+    Args:
+        out: Folder to merge into.
+        shards: Result folders of the same campaign, as `ravenjax run --shard` wrote them.
+        partial: merge although runs are missing
     """
     from ravenjax.store.access import merging, query
 
@@ -128,13 +115,10 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
     Differences are second minus first. If the faults were drawn at random, they have 95 %
     intervals over the faults.
 
-    Parameters
-    ----------
-    second
-        Result folder of another campaign with the same faults, or of the same campaign with other
-        settings or code.
-    most
-        number of most changed runs to list
+    Args:
+        second: Result folder of another campaign with the same faults, or of the same campaign with
+            other settings or code.
+        most: number of most changed runs to list
     """
     from ravenjax.report import comparison
 
@@ -148,19 +132,12 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
         return
     for sentence in result.sentences():
         console.print_text(sentence)
-    console.print_tables(list(_comparison_tables(result)), as_json)
-
-
-def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
-    # Yields the tables of a comparison of two result folders.
     changes = [
         (change.path, change.first or "–", change.second or "–")
-        for change in (*found.configuration, *found.environment)
+        for change in (*result.configuration, *result.environment)
     ]
-    yield Listing(
-        "configuration",
-        "Differences in configuration, code and machine",
-        ("key", "first", "second"),
-        changes,
+    title = "Differences in configuration, code and machine"
+    differences = Listing("configuration", title, ("key", "first", "second"), changes)
+    console.print_tables(
+        [differences, *console.fill_listings("comparison.j2", found=result)], False
     )
-    yield from console.fill_listings("comparison.j2", found=found)

@@ -9,7 +9,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ravenjax import interruption
 from ravenjax.cli import console
@@ -46,26 +46,16 @@ def run(
     full disk, workers that die. Signals end the command with 130 (Ctrl-C), 143 (SIGTERM) or 129
     (SIGHUP). Finished runs are always kept, and the same command continues.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
-    out
-        result folder; default results/NAME of the campaign
-    chunk
-        number of runs in each file of the result
-    limit
-        compute only the first runs
-    executor
-        local (this process) or ray (a cluster)
-    workers
-        number of parallel Ray tasks; default one for each GPU, or one for some cores
-    ray_address
-        address of a running Ray cluster; default a new cluster on this machine
-    shard
-        i/N: compute only the i-th of N shares, for batch schedulers
-    report
-        write report.html at the end
+    Args:
+        file: Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
+        out: result folder; default results/NAME of the campaign
+        chunk: number of runs in each file of the result
+        limit: compute only the first runs
+        executor: local (this process) or ray (a cluster)
+        workers: number of parallel Ray tasks; default one for each GPU, or one for some cores
+        ray_address: address of a running Ray cluster; default a new cluster on this machine
+        shard: i/N: compute only the i-th of N shares, for batch schedulers
+        report: write report.html at the end
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.executors import choose_executor, shards
@@ -83,7 +73,8 @@ def run(
         share.folder if share is not None else ""
     )
 
-    from ravenjax.campaign.stop import adaptive
+    from ravenjax.campaign.stop import adaptive, decisions
+    from ravenjax.store import manifest
 
     screen = console.err if as_json else console.out
     show_operator(config, screen)
@@ -91,20 +82,29 @@ def run(
         results = adaptive.run_adaptively(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
+    if not as_json:
+        _summary(folder, results)
+    page = write_report(folder, prints=not as_json) if report and share is None else None
     if as_json:
-        page = write_report(folder, prints=False) if report and share is None else None
-        console.emit_json(
-            _outcome(folder, results)
-            | {"report": page, "shard": None if share is None else str(share)}
-        )
-        return
-    _summary(folder, results)
-    if share is not None:
+        record = manifest.read_manifest(folder)
+        names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
+        content = {name: getattr(record, name) for name in names.split()} | {
+            "folder": folder,
+            "finished": record.done,
+            "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
+            "runs_without_valid_outcome": record.failures,
+            "verdicts_of_faults_that_changed_no_bit": (
+                results.verdicts(acted=False) if record.done else {}
+            ),
+            "stop_rule": decisions.describe_stop(folder) or None,
+            "report": page,
+            "shard": None if share is None else str(share),
+        }
+        console.emit_json(content)
+    elif share is not None:
         console.print_text(
             f"this is one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all shards"
         )
-    elif report:
-        write_report(folder)
 
 
 def check(
@@ -120,14 +120,10 @@ def check(
 
     The command simulates nothing. The exit code is 2 if `ravenjax run` would refuse the file.
 
-    Parameters
-    ----------
-    file
-        Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
-    out
-        planned result folder; default results/NAME
-    limit
-        only the first runs, as for `ravenjax run`
+    Args:
+        file: Campaign file, or the name of a bundled campaign (see `ravenjax campaigns`).
+        out: planned result folder; default results/NAME
+        limit: only the first runs, as for `ravenjax run`
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.inspection.estimate import format_estimate
@@ -155,25 +151,6 @@ def check(
         console.print_text(f"note: {notice}")
 
 
-def _outcome(folder: Path, results: Results) -> dict[str, Any]:
-    # Returns what `ravenjax run --json` prints at its end.
-    from ravenjax.campaign.stop import decisions
-    from ravenjax.store import manifest
-
-    record = manifest.read_manifest(folder)
-    names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
-    return {name: getattr(record, name) for name in names.split()} | {
-        "folder": folder,
-        "finished": record.done,
-        "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
-        "runs_without_valid_outcome": record.failures,
-        "verdicts_of_faults_that_changed_no_bit": (
-            results.verdicts(acted=False) if record.done else {}
-        ),
-        "stop_rule": decisions.describe_stop(folder) or None,
-    }
-
-
 def fault_free(
     folder: ResultFolder,
     hours: float,
@@ -189,15 +166,12 @@ def fault_free(
     Hours that were computed before count, and an interrupted command continues. Exit codes are
     those of `ravenjax run`.
 
-    Parameters
-    ----------
-    hours
-        Total hours of fault-free motion in pedal-down, including existing hours. The report states
-        how many hours it needs.
-    engine
-        auto, cuda, simd, xla or mjx; auto is a CPU engine, because motions run one at a time
-    report
-        write report.html of FOLDER again at the end
+    Args:
+        hours: Total hours of fault-free motion in pedal-down, including existing hours. The report
+            states how many hours it needs.
+        engine: auto, cuda, simd, xla or mjx; auto is a CPU engine, because motions run one at a
+            time
+        report: write report.html of FOLDER again at the end
     """
     from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.cli import terminal
@@ -229,24 +203,20 @@ def _summary(folder: Path, results: Results) -> None:
     from ravenjax.store import manifest
 
     record = manifest.read_manifest(folder)
-    counted = results.verdicts() if record.done else {}
-    valid = sum(count for verdict, count in counted.items() if verdict)
-    if rows := terminal.share_rows(counted, valid):
-        columns = ("response / hazard / cue", "runs", "share")
-        named = [(events.name_harm(name, record.rules), *row) for name, *row in rows]
-        console.print_table("Runs with a fault", columns, named)
+    counted, idle = (results.verdicts(acted) if record.done else {} for acted in (True, False))
+    verdicts = terminal.share_rows(counted, sum(n for name, n in counted.items() if name))
+    content = {
+        "record": record,
+        "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
+        "failures": terminal.share_rows(record.failures, record.done),
+        "idle": sum(idle.values()),
+        "why": decisions.describe_stop(folder),
+    }
+    console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)
+    if verdicts:
         own = record.rules.harm if record.rules.harms else ""
         console.print_text(terminal.count_evading(counted, record.limit_mm, own))
-    if record.done and (idle := sum(results.verdicts(acted=False).values())):
-        console.print_text(f"Runs whose fault never changed a bit, not counted above: {idle}.")
-    if rows := terminal.share_rows(record.failures, record.done):
-        console.print_table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
-    if why := decisions.describe_stop(folder):
-        console.print_text(why)
-    if record.shard is None and not why and record.due < record.runs:
-        rest = "the same command without --limit, or with a larger limit, continues"
-        console.print_text(f"computed {record.due} of the campaign's {record.runs} runs; {rest}")
-    console.print_text(f"results: {folder}")
+    console.print_text(console.render_template("ended.j2", folder=folder, **content))
 
 
 @contextlib.contextmanager
@@ -275,12 +245,9 @@ def search(
     Finished runs are always kept, and the same command continues. Exit codes are those of
     `ravenjax run`.
 
-    Parameters
-    ----------
-    file
-        Search file, or the name of a bundled search (see `ravenjax campaigns`).
-    out
-        folder to write; default results/NAME of the search
+    Args:
+        file: Search file, or the name of a bundled search (see `ravenjax campaigns`).
+        out: folder to write; default results/NAME of the search
     """
     from ravenjax.analyses.search import runner
     from ravenjax.analyses.search.file import loading

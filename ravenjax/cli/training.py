@@ -51,49 +51,28 @@ def train(
     """Train on one robot in real time, in the browser: move it, respond to a hazard, and read the
     debrief.
 
-    Parameters
-    ----------
-    scenario
-        Scenario file, or the name of a bundled scenario (see `ravenjax campaigns`).
-    out
-        session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED
-    seed
-        seed of the times of hazards; default the scenario's
-    participant
-        code of the participant of a study
-    group
-        group of the study
-    cue
-        whether the operator feels the force of the cue; default the scenario's
-    blinded
-        hide the group from everybody; default the scenario's
-    script
-        name of a scripted operator who moves the robot, or a recorded FILE.jsonl
-    page
-        serve the page in the browser
-    headless
-        simulate as fast as possible, without clock and page
-    linger
-        time in s for which the page stays after the end; default until Ctrl-C
-    host
-        address to listen on; addresses that other machines can reach need a token
-    port
-        TCP port of the page; 0: any free port
-    token
-        token that the page requires; default a new token if one is needed
-    instructor_token
-        token of the instructor; default a new token for each session
-    itp_port
-        also accept an ITP console on this UDP port (36000)
-    console_profile
-        packets of the ITP console: raven, dv_trainer, a .toml file, or auto
-    console_host
-        the only host whose ITP console may move the robot; default any
-    robot
-        use a robot on another machine: HOST[:ITP_PORT[:JOINT_PORT]]; JOINT_PORT may be ros1 or
-        ros2
-    crtk
-        also use CRTK: ros2 (DDS) or ros1 (rospy)
+    Args:
+        scenario: Scenario file, or the name of a bundled scenario (see `ravenjax campaigns`).
+        out: session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED
+        seed: seed of the times of hazards; default the scenario's
+        participant: code of the participant of a study
+        group: group of the study
+        cue: whether the operator feels the force of the cue; default the scenario's
+        blinded: hide the group from everybody; default the scenario's
+        script: name of a scripted operator who moves the robot, or a recorded FILE.jsonl
+        page: serve the page in the browser
+        headless: simulate as fast as possible, without clock and page
+        linger: time in s for which the page stays after the end; default until Ctrl-C
+        host: address to listen on; addresses that other machines can reach need a token
+        port: TCP port of the page; 0: any free port
+        token: token that the page requires; default a new token if one is needed
+        instructor_token: token of the instructor; default a new token for each session
+        itp_port: also accept an ITP console on this UDP port (36000)
+        console_profile: packets of the ITP console: raven, dv_trainer, a .toml file, or auto
+        console_host: the only host whose ITP console may move the robot; default any
+        robot: use a robot on another machine: HOST[:ITP_PORT[:JOINT_PORT]]; JOINT_PORT may be ros1
+            or ros2
+        crtk: also use CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.errors import UserError
 
@@ -188,27 +167,17 @@ def robot(
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can move.
 
-    Parameters
-    ----------
-    scenario
-        Scenario with the robot and its hazards. `ravenjax train SCENARIO --robot HOST` connects a
-        session to it.
-    seed
-        seed with which hazards are drawn; default the scenario's
-    host
-        address to listen on
-    itp_port
-        UDP port of the console; 0: any free port
-    joint_port
-        TCP port of the joint state; 0: any free port
-    token
-        token that commands from other machines must contain
-    console_host
-        the only host that may move the robot; default any
-    console_profile
-        packets of the ITP console: raven, dv_trainer, a .toml file, or auto
-    crtk
-        also use CRTK: ros2 (DDS) or ros1 (rospy)
+    Args:
+        scenario: Scenario with the robot and its hazards. `ravenjax train SCENARIO --robot HOST`
+            connects a session to it.
+        seed: seed with which hazards are drawn; default the scenario's
+        host: address to listen on
+        itp_port: UDP port of the console; 0: any free port
+        joint_port: TCP port of the joint state; 0: any free port
+        token: token that commands from other machines must contain
+        console_host: the only host that may move the robot; default any
+        console_profile: packets of the ITP console: raven, dv_trainer, a .toml file, or auto
+        crtk: also use CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.train import scenario as scenarios
     from ravenjax.train.robot_link import process
@@ -233,15 +202,12 @@ def play(
     Before the first packet the pedal is up for 0.4 s, because a robot accepts a pressed pedal only
     after the pedal was up.
 
-    Parameters
-    ----------
-    packets
-        A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
-    to
-        HOST:PORT of the robot, or of the session (its --itp-port)
-    console_profile
-        format of the packets: raven, dv_trainer, a .toml file, or auto
-    """  # noqa: E501
+    Args:
+        packets: A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture:
+            .pcap, .pcapng.
+        to: HOST:PORT of the robot, or of the session (its --itp-port)
+        console_profile: format of the packets: raven, dv_trainer, a .toml file, or auto
+    """
     from ravenjax.store.motion import packet_file
     from ravenjax.train.robot_link import player
 
@@ -261,14 +227,10 @@ def compare(
 
     The comparison has effect sizes and confidence intervals.
 
-    Parameters
-    ----------
-    folders
-        Session folders, or folders of session folders.
-    out
-        folder of the comparison
-    unblind
-        show the groups' names instead of A and B
+    Args:
+        folders: Session folders, or folders of session folders.
+        out: folder of the comparison
+        unblind: show the groups' names instead of A and B
     """
     studies = load_module("training.study")
     result = studies.write_study(folders, out, unblind)
@@ -285,12 +247,9 @@ def assign(
 ) -> None:
     """Assign participants to groups at random, balanced in blocks, and print the result as CSV.
 
-    Parameters
-    ----------
-    participants
-        Codes of the participants, in the order of their sessions.
-    groups
-        names of the groups
+    Args:
+        participants: Codes of the participants, in the order of their sessions.
+        groups: names of the groups
     """
     from ravenjax.train.recording.reader import as_csv
 
@@ -309,14 +268,10 @@ def plan(
 ) -> None:
     """Show what a study can prove: the smallest p-value, and the number of participants needed.
 
-    Parameters
-    ----------
-    participants
-        Total number of participants.
-    paired
-        each participant trains under both conditions; --parallel: under one of them
-    effect
-        standardised difference that the study must find with a power of 0.8
+    Args:
+        participants: Total number of participants.
+        paired: each participant trains under both conditions; --parallel: under one of them
+        effect: standardised difference that the study must find with a power of 0.8
     """
     studies = load_module("training.study")
     console.print_text(studies.describe_plan(studies.plan_study(participants, paired, effect)))
@@ -326,12 +281,9 @@ def plan(
 def recover(file: Path, *, out: Path | None = None) -> None:
     """Repair a recording that is truncated or damaged.
 
-    Parameters
-    ----------
-    file
-        session.mcap of a session whose process was killed.
-    out
-        repaired file; default FILE.recovered.mcap
+    Args:
+        file: session.mcap of a session whose process was killed.
+        out: repaired file; default FILE.recovered.mcap
     """
     from ravenjax.errors import UserError
     from ravenjax.store.logs import mcap_records as store
@@ -348,14 +300,10 @@ def recover(file: Path, *, out: Path | None = None) -> None:
 def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> None:
     """Convert the recording of a session, or the trace of a run, to a ROS bag.
 
-    Parameters
-    ----------
-    recording
-        session.mcap, the folder of a session, or the .mcap of a traced run.
-    ros
-        1: a .bag file, 2: a folder of ROS 2 (SQLite)
-    out
-        the bag; default beside the recording, as NAME.bag or NAME_ros2
+    Args:
+        recording: session.mcap, the folder of a session, or the .mcap of a traced run.
+        ros: 1: a .bag file, 2: a folder of ROS 2 (SQLite)
+        out: the bag; default beside the recording, as NAME.bag or NAME_ros2
     """
     from ravenjax.store.logs import bags
 
@@ -366,10 +314,8 @@ def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> 
 def debrief(folder: Path) -> None:
     """Write the debrief of a session, even if the session was interrupted.
 
-    Parameters
-    ----------
-    folder
-        Folder of the session, such as results/sessions/dac_burst-20260101-120000.
+    Args:
+        folder: Folder of the session, such as results/sessions/dac_burst-20260101-120000.
     """
     from ravenjax.train.debrief import page
 

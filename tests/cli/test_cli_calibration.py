@@ -76,15 +76,11 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
     base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
     friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
     assert friction.nunique() > 30
-    for path in (
-        "usb.command_delay",
-        "plant.gold.cable_stiffness.elbow",
-        "plant.gold.actuators.gain.insertion",
-    ):
+    others = ("usb.command_delay", "plant.gold.cable_stiffness.elbow")
+    for path in (*others, "plant.gold.actuators.gain.insertion"):
         assert rows[f"param:{path}"].notna().all()
-    assert friction.median() == pytest.approx(
-        float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5), rel=0.05
-    )
+    hidden = float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5)
+    assert friction.median() == pytest.approx(hidden, rel=0.05)
     assert offset.median() == pytest.approx(float(base.actuators.bias[0]) - 0.6 * 0.02, abs=0.002)
 
 

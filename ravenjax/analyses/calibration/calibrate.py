@@ -107,12 +107,9 @@ class Calibration:
         return np.sqrt(np.diag(self.fit.covariance))
 
     def _moved(self, steps: np.ndarray) -> np.ndarray:
-        # Returns the value of each unknown parameter after its step. steps: in the fit's own scale.
-        values = (
-            parameters.moved_by(self.before[k], one, steps[k])
-            for k, one in enumerate(self.unknowns)
-        )
-        return np.array([float(value) for value in values])
+        # Returns the values of the unknowns after `steps`, in prior standard deviations.
+        moved = parameters.apply_steps(self.base, self.unknowns, steps)
+        return parameters.prior_values(moved, self.unknowns)
 
 
 @dataclasses.dataclass(frozen=True)

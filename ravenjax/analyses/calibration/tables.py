@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,16 +22,15 @@ its prior standard deviation.
 """
 
 
-class Rows(NamedTuple):
-    """A table."""
-
-    title: str
-    columns: tuple[str, ...]
-    cells: list[tuple[str, ...]]
+PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left")
+"""Headings of the rows of `tabulate_parameters`."""
 
 
-def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """Return one row per joint: the root mean square following error of the log and of each model.
+def by_joint(
+    rows: Sequence[FollowingError], joints: Sequence[int]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings, and one row per joint: the root mean square following error of the log and
+    of each model.
 
     A model's cell also contains the ratio of its error to the log's error, and the distance of the
     model from the log.
@@ -51,10 +49,10 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
         )
         for j in joints
     ]
-    return Rows(title, ("joint", *(one.model for one in rows)), cells)
+    return ("joint", *(one.model for one in rows)), cells
 
 
-def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
+def tabulate_parameters(calibrated: Calibration) -> list[tuple[str, ...]]:
     """Return one row for each estimated parameter.
 
     A row contains the value before and after the fit, the ends of the 90 % interval, and the
@@ -63,7 +61,7 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
     """
     fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.spread_ratio)
     rows = zip(calibrated.unknowns, *fitted, strict=True)
-    cells = [
+    return [
         (
             unknown.path,
             f"{before:.4g}",
@@ -74,8 +72,6 @@ def tabulate_parameters(title: str, calibrated: Calibration) -> Rows:
         )
         for unknown, before, after, lower, upper, spread_left in rows
     ]
-    columns = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left")
-    return Rows(title, columns, cells)
 
 
 def draw_errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:

@@ -28,17 +28,8 @@ from ravenjax.store import manifest
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 from ravenjax.vocabulary.reactions import NONE
 
-COLUMNS = (
-    "run",
-    "action",
-    "deadline_ms",
-    "effect_ms",
-    "visible_ms",
-    "margin_ms",
-    "monotone",
-    "harms_alone",
-)
-"""Columns of the table."""
+COLUMNS = "run action deadline_ms effect_ms visible_ms margin_ms monotone harms_alone"
+"""Columns of the table, separated by spaces."""
 REACTION_MS = 250
 """Assumed time from the cue to an operator's action, for a robot without section [reaction]."""
 HORIZON_MS = 300
@@ -235,4 +226,4 @@ def find_deadlines(
     seen = whole["visible"]
     whole["visible_ms"] = (seen - whole["effect_ms"]).where(seen >= 0)
     whole["margin_ms"] = whole["deadline_ms"] - whole["visible_ms"]
-    return whole.reindex(columns=list(COLUMNS))
+    return whole.reindex(columns=COLUMNS.split())

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes, plan
@@ -102,6 +103,9 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
     tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     shared = len(program.varied)
     actions, acted = _acted_program(ready)
+    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
+    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    examples: pd.DataFrame = faulty[list(names)].rename(columns=names)
     return {
         "actions": actions,
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
@@ -112,7 +116,12 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "observe_ms": config.campaign.observe_ms,
         "slots": program.setup.injection.slots,
         "channels": _channels(ready),
-        "effects": _effects(),
+        # A network effect is another effect on one channel.
+        "effects": {
+            name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
+            for name, effect in EFFECTS.items()
+            for channel, plain, constant in [effect.network or (None, name, None)]
+        },
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
         "fields": {
             field.name: str(np.dtype(table.ARRAYS[field.name]))
@@ -121,13 +130,12 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "forever": table.FOREVER_TICKS,
         **list_motions(ready),
         "programs": {
-            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH)
-            | {"outputs": []},
+            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH),
             "replay": _replay_program(ready, tick, shared),
             **acted,
         },
         "verdict": _verdict(config, tick),
-        "examples": _examples(ready),
+        "examples": examples.to_dict("records"),
         "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
 
@@ -214,21 +222,6 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def _effects() -> dict[str, dict[str, Any]]:
-    # Returns the codes of effects. A network effect is another effect on one channel.
-    return {
-        name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
-        for name, effect in EFFECTS.items()
-        for channel, plain, constant in [effect.network or (None, name, None)]
-    }
-
-
-def _examples(ready: Plan) -> list[dict[str, Any]]:
-    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
-    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
-    return faulty[list(names)].rename(columns=names).to_dict("records")  # pyright: ignore[reportReturnType]
-
-
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
     # Returns the names, checks and rules from which the page derives the verdict of a run.
     robot = config.robot
@@ -266,8 +259,8 @@ def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
     faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
     plan = dataclasses.replace(ready, program=program, faults=faults)
     tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
-    printed = _printed(tick, tick.without_signals(), len(program.varied), code.WIDTH)
-    return actions, {"acted": printed | {"outputs": []}}
+    shared = len(program.varied)
+    return actions, {"acted": _printed(tick, tick.without_signals(), shared, code.WIDTH)}
 
 
 def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
@@ -319,6 +312,7 @@ def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[
     # Returns a program as WebAssembly, and the layout of the memory that it reads and writes.
     kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
     return {
+        "outputs": [],
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
         "outcomes": tick.outcomes,

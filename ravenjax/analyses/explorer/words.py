@@ -146,8 +146,8 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     """Return JSON of a result table for a page.
 
     Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
-    in the page, at most MOST), columns (name -> list), evading (see `_evading`). Runs that a page
-    cannot compute are left out (see `_is_computable`).
+    in the page, at most MOST), columns (name -> list), evading (rate of faults that evade). Runs
+    that a page cannot compute are left out (see `_is_computable`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.table_columns(record.shape)]
     columns = {
@@ -163,12 +163,14 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     further = [name for name in names if re.fullmatch(_FURTHER, name)]
     frame = Results(record.shape, folder).frame([*columns.values(), *further])
     first = frame.loc[_is_computable(frame)].head(MOST)
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        evading = tables.headline_counts(runs, record)["evaded"]
     return {
         "folder": folder.name,
         "cue": cue,
         "runs": len(frame),
         "rows": len(first),
-        "evading": _evading(folder, record),
+        "evading": evading._asdict(),
         "columns": {
             name: first[column].tolist()
             if first[column].dtype.kind in "fiub"
@@ -176,11 +178,6 @@ def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
             for name, column in columns.items()
         },
     }
-
-
-def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    with contextlib.closing(Runs.open(folder, record)) as runs:
-        return tables.headline_counts(runs, record)["evaded"]._asdict()
 
 
 def _is_computable(frame: pd.DataFrame) -> pd.Series:

@@ -25,6 +25,7 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram
 from ravenjax.errors import UserError, describe_unknown_name
+from ravenjax.report import wording
 from ravenjax.store.access import fault_free
 
 CALIBRATION, FRESH = 0, 1
@@ -96,39 +97,25 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     """Raise UserError unless `config` can run as fault-free operations of different operators."""
-    operator = config.model_dump(mode="json").get("operator") or {}
-    if operator.get("file"):
-        raise UserError(
-            f"the operator is a recording ({operator['file']}), from which no other motions can be"
-            " drawn: name a campaign whose operator.motion is generated"
-        )
     names = config.generated_motions() or design.motions
-    if unknown := [motion for motion in design.motions if motion not in names]:
-        raise UserError(describe_unknown_name("motion", unknown[0], names))
-    if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
-        raise UserError(
-            f"motion {still[0]!r} is the same for every seed, so all operators would be equal"
-        )
-    if config.cross:
-        raise UserError(
-            f"[cross] repeats every run with several values of {next(iter(config.cross))}: write a"
-            " distribution in [parameters] instead"
-        )
-    if design.robots > 1 and not robot_varies(config):
-        raise UserError(
-            f"the {design.robots} robots of an operator would be equal, because no property of"
-            " the robot is drawn. Draw parameters ([parameters] path = {uniform = [low, high]}),"
-            " noise or packets, or write --robots 1"
-        )
-
-
-def robot_varies(config: CampaignConfig) -> bool:
-    """Return whether a property of the robot is drawn, so that runs of an operator differ."""
-    return (
+    robot_varies = (
         config.campaign.noise
         or config.random_packets
         or any(axis.drawn for axis in config.parameters.values())
     )
+    template = wording.text_templates(__package__).get_template("unrunnable.txt.j2")
+    problem = template.render(
+        config=config,
+        design=design,
+        operator=config.model_dump(mode="json").get("operator") or {},
+        names=names,
+        unknown=[motion for motion in design.motions if motion not in names],
+        still=[motion for motion in design.motions if motion in fault_free.UNVARIED],
+        alike=design.robots > 1 and not robot_varies,
+        describe_unknown_name=describe_unknown_name,
+    )
+    if problem:
+        raise UserError(problem.strip())
 
 
 class OperationRunner:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import tomlkit
+from pydantic import TypeAdapter
 
 from ravenjax import consent
 from ravenjax.analyses.monitors import calibration, code, score_folder
@@ -81,9 +82,9 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-        terms = tuple(_term(table) for table in content["term"])
+        terms = [table | {"scales": [1.0]} for table in content["term"]]
         monitor = Monitor(
-            terms,
+            TypeAdapter(tuple[Score, ...]).validate_python(terms),
             Segments.parsed(content["monitor"]["segments"]),
             tuple(tuple(map(_float32, one["scales"])) for one in content["term"]),
             _float32(content["monitor"]["threshold"]),
@@ -106,13 +107,6 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
                 " calibrate again, which uses the stored operations"
             )
     return monitor, content
-
-
-def _term(table: dict[str, Any]) -> Score:
-    lists = {key: tuple(table[key]) for key in ("channels", "labels", "units")}
-    fields: dict[str, Any] = table | lists | {"scales": (1.0,)}
-    fields.pop("alarm_above")
-    return Score(**fields)
 
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:

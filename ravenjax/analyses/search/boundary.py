@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
@@ -28,7 +27,6 @@ from ravenjax.analyses.search.wording import describe_case, group_series, short_
 from ravenjax.campaign import runner
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
-from ravenjax.outcomes.events import Rules
 
 FOLDER = "verified"
 """Subfolder for the campaign that repeats the runs at both ends of every bracket."""
@@ -187,7 +185,12 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
         sizes = np.where(harmful, found.high[crossed], found.low[crossed])
         campaign = template.campaign(*points(crossed, sizes))
         rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
-        _require_outcomes(search, out / FOLDER, rows, campaign.rules, harmful)
+        again = outcome.parse_outcome(search.harm).values(rows, campaign.rules)
+        if (contrary := again != harmful).any():
+            raise RuntimeError(
+                f"the campaign in {out / FOLDER} repeats runs of the search, but has other outcomes"
+                f" in runs {rows['run_id'][contrary].tolist()}. Please report this error"
+            )
         rows = rows.rename(columns={"run_id": "run"}).filter(SHOWN)
         for cell, side, row in zip(crossed, harmful, rows.to_dict("records"), strict=True):
             prefix = "harmful" if side else "harmless"
@@ -219,18 +222,6 @@ def _along(cells: Sequence[dict[str, Any]]) -> str | None:
     }
     durations = [name for name in numeric if name.endswith("duration_ms")]
     return durations[0] if durations else max(numeric, key=numeric.__getitem__, default=None)
-
-
-def _require_outcomes(
-    search: Boundary, folder: Path, rows: pd.DataFrame, rules: Rules, expected: np.ndarray
-) -> None:
-    """Raise RuntimeError if the campaign that repeats runs has other outcomes than the search."""
-    contrary = outcome.parse_outcome(search.harm).values(rows, rules) != expected
-    if contrary.any():
-        raise RuntimeError(
-            f"the campaign in {folder} repeats runs of the search, but has other outcomes in runs"
-            f" {rows['run_id'][contrary].tolist()}. Please report this error"
-        )
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:

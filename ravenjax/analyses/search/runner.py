@@ -81,7 +81,18 @@ def _into(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
     # Runs the search in a folder. An interrupted search continues with the runs of its journal.
-    search, identity = config.search, _identity(config, evaluator)
+    search = config.search
+    # What must be equal for a search to continue with the stored runs.
+    identity = files.json_values(
+        {
+            "config": config.resolved(),
+            "config_hash": manifest.config_hash(config.resolved()),
+            "code": manifest.code_hash(config.campaign.robot)[:16],
+            "engine": evaluator.engine.name,
+            "device": evaluator.engine.device,
+            "versions": manifest.package_versions(),
+        }
+    )
     earlier = _open_folder(folder, identity)
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
     kind, _ = KINDS[search.kind]
@@ -109,20 +120,6 @@ def _into(
     journal.forget()
     evaluator.progress.tell("done")
     return SearchResult(folder, record, sentences)
-
-
-def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
-    # Returns what must be equal for a search to continue with the stored runs.
-    return files.json_values(
-        {
-            "config": config.resolved(),
-            "config_hash": manifest.config_hash(config.resolved()),
-            "code": manifest.code_hash(config.campaign.robot)[:16],
-            "engine": evaluator.engine.name,
-            "device": evaluator.engine.device,
-            "versions": manifest.package_versions(),
-        }
-    )
 
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:

@@ -145,7 +145,8 @@ class Sequential:
         wide = [
             one
             for one in intervals
-            if one.half_width > self.half_width and not self._exhausted(one, taken)
+            if one.half_width > self.half_width
+            and (taken < self.size)[self._named(one.stratum)].any()
         ]
         waiting = tuple(dict.fromkeys(one.stratum for one in wide))
         widest = max((one.half_width for one in wide or intervals), default=0.0)
@@ -178,9 +179,7 @@ class Sequential:
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
             return np.maximum(counts, sizes[look.number])
-        waits = self.judged & np.array(
-            [{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata]
-        )
+        waits = self._named(*look.waiting)
         # A stratum without an event so far may still have some (Agresti, Coull).
         guess = ((k + 2) / (n + 4)).clip(0, 1)
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
@@ -203,11 +202,9 @@ class Sequential:
         need = 2 * math.log(2 / alpha) * worst * (1 - worst) / self.half_width**2
         return np.maximum(1, np.ceil(need - n)).max(axis=0).astype(np.int64)
 
-    def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
-        of_it = self.judged & np.array(
-            [one.stratum in ("", stratum.name) for stratum in self.strata]
-        )
-        return bool((taken >= self.size)[of_it].all())
+    def _named(self, *names: str) -> np.ndarray:
+        # Returns the judged strata with one of these names, bool [strata]; "" names all strata.
+        return self.judged & [not {stratum.name, ""}.isdisjoint(names) for stratum in self.strata]
 
     def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
         # Yields the interval of each rate, from hits k [rates, strata] in n valid of `taken` drawn

@@ -1,6 +1,4 @@
-"""A gallery in a real browser, from a file: its index opens, and each of its links computes a
-map.
-"""
+"""A gallery in a real browser, from a file: its index opens, and each link computes a map."""
 
 import pytest
 from chromium import CHROMIUM, NEEDED, PATIENCE_MS

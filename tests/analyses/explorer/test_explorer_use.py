@@ -103,17 +103,11 @@ def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
     shown = opened(viewport={"width": 1366, "height": 900})
     shown.keyboard.press("Tab")
     assert _focused(shown) == ("A", "")
-    order = []
+    order, wanted = [], ["site", "effect", "across", "up", "field"]
     while "field" not in order:
         shown.keyboard.press("Tab")
         order.append(_focused(shown)[1])
-    assert [name for name in order if name in ("site", "effect", "across", "up", "field")] == [
-        "site",
-        "effect",
-        "across",
-        "up",
-        "field",
-    ]
+    assert [name for name in order if name in wanted] == wanted
     assert shown.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     before = shown.inner_text("#spot")
     shown.keyboard.press("ArrowRight")
@@ -126,9 +120,8 @@ def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
     at = int(shown.input_value("#time"))
     shown.keyboard.press("ArrowRight")
     assert int(shown.input_value("#time")) == at + 1
-    assert shown.get_attribute("#time", "aria-valuetext").startswith(
-        f"{at + 1} ms, unintended motion "
-    )
+    spoken = shown.get_attribute("#time", "aria-valuetext")
+    assert spoken.startswith(f"{at + 1} ms, unintended motion ")
     shown.keyboard.press("Escape")
     assert _focused(shown)[1] == "field"
 

@@ -1,6 +1,4 @@
-"""What a page says of a campaign, and whether the file that it begins with is the campaign's
-own.
-"""
+"""What a page says of a campaign, and whether its campaign file is the campaign's own."""
 
 import math
 import tomllib
@@ -17,14 +15,8 @@ STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9
 def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
     config = loading.load_campaign("quick")
     told = words.describe_campaign(config)
-    raw = tomllib.loads(told["toml"])
-    again = validate_tables(
-        raw
-        | {
-            "haptics": {"combine": "zip", **told["cues"]},
-            "group": [{"name": "explored", "fault": [STUCK]}],
-        }
-    )
+    raw = tomllib.loads(told["toml"]) | {"haptics": {"combine": "zip", **told["cues"]}}
+    again = validate_tables(raw | {"group": [{"name": "explored", "fault": [STUCK]}]})
     assert again.haptics.cues() == config.haptics.cues()
     assert again.deciding() == config.deciding()
     assert told["values"]["usb_out/overwrite"] == [-20000, 20000]
@@ -51,12 +43,9 @@ def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_
     """The page puts the name of another motion on the line below [operator]."""
     raw = {"campaign": {"name": "some"}, "group": [{"name": "own", "fault": [STUCK]}]}
     assert program.motion_name(validate_tables(raw)) == "suture"
-    assert (
-        program.motion_name(validate_tables(raw | {"operator": {"motion": "circle"}})) == "circle"
-    )
-    told = words.describe_campaign(
-        validate_tables(raw | {"operator": {"motion": "circle", "seed": 3}})
-    )
+    circling = validate_tables(raw | {"operator": {"motion": "circle", "seed": 3}})
+    assert program.motion_name(circling) == "circle"
+    told = words.describe_campaign(circling)
     assert '\n[operator]\nmotion = "circle"\nseed = 3\n' in told["toml"]
     (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
     recorded = {"operator": {"file": str(tmp_path / "hand.csv"), "rate_hz": 1000.0}}

@@ -13,32 +13,22 @@ from ravenjax.campaign import loading as campaigns
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.faults import sampling
 
+WANTED = ("peak_model_deviation_mm", "response = stopped")
+FAULT = {
+    "site": "usb_out",
+    "channel": ["shoulder", "elbow"],
+    "effect": ["overwrite", "random"],
+    "value": {"uniform": [0, 12000]},
+    "start_ms": {"uniform": [250, 300]},
+    "duration_ms": [1, 20, "end"],
+}
 RAW = {
     "campaign": {"name": "points", "duration_s": 0.6, "seed": 5, "noise": True},
     "operator": {"motion": "reach"},
     "parameters": {"plant.friction_scale": {"uniform": [0.7, 1.4]}, "plant.mass_scale": 1.1},
-    "search": {
-        "kind": "sobol",
-        "outcomes": ["peak_model_deviation_mm", "response = stopped"],
-        "n": 8,
-    },
-    "group": [
-        {
-            "name": "dac",
-            "fault": [
-                {
-                    "site": "usb_out",
-                    "channel": ["shoulder", "elbow"],
-                    "effect": ["overwrite", "random"],
-                    "value": {"uniform": [0, 12000]},
-                    "start_ms": {"uniform": [250, 300]},
-                    "duration_ms": [1, 20, "end"],
-                }
-            ],
-        }
-    ],
+    "search": {"kind": "sobol", "outcomes": list(WANTED), "n": 8},
+    "group": [{"name": "dac", "fault": [FAULT]}],
 }
-WANTED = ("peak_model_deviation_mm", "response = stopped")
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +48,8 @@ def evaluated(template, points):
     """An evaluator that has run the points in batches of unequal sizes, and what it returned."""
     evaluator = Evaluator(template, [outcome.parse_outcome(text) for text in WANTED])
     case, values = points
-    found = [
-        evaluator(case[rows], values[rows]) for rows in (slice(0, 3), slice(3, 4), slice(4, 40))
-    ]
+    batches = (slice(0, 3), slice(3, 4), slice(4, 40))
+    found = [evaluator(case[rows], values[rows]) for rows in batches]
     return evaluator, np.concatenate(found)
 
 
@@ -79,13 +68,8 @@ def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated
     effect "random", noise and golden runs of varied parameters included."""
     case, values = points
     raw = {key: value for key, value in RAW.items() if key != "search"}
-    fault = RAW["group"][0]["fault"][0] | {
-        "channel": "shoulder",
-        "effect": "overwrite",
-        "value": 0,
-        "start_ms": 1,
-        "duration_ms": 1,
-    }
+    fault = FAULT | {"channel": "shoulder", "effect": "overwrite"}
+    fault |= {"value": 0, "start_ms": 1, "duration_ms": 1}
     runs = []
     for c, (value, start, friction) in zip(case, values.tolist(), strict=True):
         told = {name.removeprefix("fault0_"): word for name, word in template.case(c).items()}
@@ -103,11 +87,8 @@ def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated
 
 def test_unit_points_become_the_values_that_a_sampled_design_draws():
     """The same points of the cube through a campaign of design "sobol" and through a template."""
-    group = RAW["group"][0]["fault"][0] | {
-        "channel": "elbow",
-        "effect": "overwrite",
-        "duration_ms": {"loguniform": [1, 90]},
-    }
+    group = FAULT | {"channel": "elbow", "effect": "overwrite"}
+    group["duration_ms"] = {"loguniform": [1, 90]}
     raw = {k: v for k, v in RAW.items() if k != "search"} | {
         "group": [{"name": "dac", "design": "sobol", "runs": 32, "fault": [group]}]
     }
@@ -115,15 +96,10 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     table = plan.make_plan(config).rows
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
     template = Template(campaigns.from_dict(single))
-    assert template.labels == (
-        "fault0_value",
-        "fault0_start_ms",
-        "fault0_duration_ms",
-        "plant.friction_scale",
-    )
+    names = ("fault0_value", "fault0_start_ms", "fault0_duration_ms", "plant.friction_scale")
+    assert template.labels == names
     rng = np.random.default_rng([5, zlib.crc32(b"dac")])
     unit = sampling._unit("sobol", 32, 4, rng)
-    rows = plan.make_plan(
-        template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))
-    ).rows
+    case = np.zeros(32, int)
+    rows = plan.make_plan(template.campaign(case, template.values(case, unit))).rows
     assert rows["run_id"].tolist() == table["run_id"].tolist()

@@ -12,12 +12,13 @@ A text has one of these forms:
 import contextlib
 import dataclasses
 import re
-from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax.bundled import resources
 from ravenjax.errors import format_value, suggest_name
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
@@ -109,39 +110,23 @@ class Outcome:
         # The time of an event that never came is -1.
         return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
-    def complaints(self, shape: schema.Shape) -> Iterator[str]:
-        """Yield the mistakes of this outcome for a result table of this shape."""
-        if self.named_event:
-            if self.column == "cable_overload" and not shape.cables:
-                yield f"got {self.column!r}, {events.UNWATCHED}"
-            return
+    def complaints(self, shape: schema.Shape) -> list[str]:
+        """Return the mistakes of this outcome for a result table of this shape."""
         dtypes = {
             column.name: column.dtype
             for column in schema.table_columns(shape)
             if not _GIVEN.match(column.name)
         }
-        if self.column not in dtypes:
-            near = suggest_name(self.column, [*dtypes, *events.EVENTS])
-            yield (
-                f"unknown outcome {self.column!r}, expected a column of the result table (see"
-                f" results/README.md) or one of {', '.join(events.EVENTS)}{near}"
-            )
-            return
-        words = _WORDS.get(self.column, ())
-        if dtypes[self.column] != "category":
-            if self.word:
-                yield f"{self.column} is a column of numbers: expected >= or <= and a number"
-        elif not self.word:
-            example = f" such as '{self.column} = {words[0]}'" if words else ""
-            yield f"{self.column} is a column of words: write an event{example}"
-        elif words and self.word not in words:
-            near = suggest_name(self.word, words)
-            yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
-        if not self.relation and self._may_be_absent:
-            yield (
-                f"{self.column} is -1 if the event never happened: write an event such as"
-                f" '{self.column} <= 1000'"
-            )
+        return resources.render_text(
+            Path(__file__).with_name("outcome_errors.j2"),
+            outcome=self,
+            shape=shape,
+            dtypes=dtypes,
+            events=events,
+            words=_WORDS.get(self.column, ()),
+            may_be_absent=self._may_be_absent,
+            suggest_name=suggest_name,
+        ).splitlines()
 
 
 def parse_outcome(text: str) -> Outcome:
