@@ -105,8 +105,8 @@ class Config(CampaignConfig):
         if arm.arm.options:
             yield (
                 ("campaign", "robot"),
-                f"the model has {arm.arm.options}; this has no effect, because an arm moves in steps"
-                " of 1 ms with the integrator implicitfast",
+                f"the model has {arm.arm.options}; this has no effect, because an arm moves in"
+                " steps of 1 ms with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
