@@ -111,7 +111,7 @@ def test_a_truncated_part(copied, refused, command_line):
         ["report", out],
         parts[1],
         f"{len(whole) // 2} bytes",
-        f"recorded {len(whole)}",
+        f"expected {len(whole)}",
         "start the same command again",
     )
     assert str(parts[0]) not in err

@@ -164,7 +164,7 @@ def test_a_full_disk_keeps_what_was_written(small, tiny_disk):
     told = err.replace("\n", " ")
     assert process.returncode == USER_ERROR and "Traceback" not in err, printed + err
     assert re.search(rf"{out}/\S+: cannot be written \(No space left on device\)", told), told
-    assert "free space" in told and "same command again" in told
+    assert "Free space" in told and "same command again" in told
     kept = {path: path.read_bytes() for path in stored(out)}
     assert 2 < len(kept) < SMALL["runs"] // SMALL["chunk"]
     enlarge()

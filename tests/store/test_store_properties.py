@@ -138,7 +138,7 @@ class Histories(RuleBasedStateMachine):
         """A start with another config changes nothing."""
         before = self._content()
         with pytest.raises(
-            StoreError, match=r"holds .* of 24 runs of campaign 'synthetic', which differs"
+            StoreError, match=r"contains .* of 24 runs of campaign 'synthetic', which differs"
         ):
             ResultFolder.open(self.path, wanted(config={"name": "another"}, config_hash="0" * 64))
         assert self._content() == before
