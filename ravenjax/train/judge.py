@@ -237,7 +237,6 @@ class Episode:
 
     def record_response(self, tick: int, what: str, at: int | None) -> None:
         """Record a response, if it is the first of its kind after the origin.
-
         at: when the response began, if that was before this tick.
         """
         began = tick if at is None else at
@@ -584,9 +583,8 @@ class Judge:
             self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """Record that the operator hands the console over or leaves.
-
-        The silence until the next pedal-down interrupts no hazard, so that leaving avoids no score.
+        """Record that the operator hands the console over or leaves. The silence until the next
+        pedal-down interrupts no hazard, so that leaving avoids no score.
         """
         self._walked = True
 

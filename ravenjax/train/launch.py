@@ -196,9 +196,8 @@ def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptio
 
 
 def run_headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as possible, with a simulated operator.
-
-    The same options give the same recording to the bit. Raises UserError without a script.
+    """Run a session as fast as possible, with a simulated operator. The same options give the same
+    recording to the bit. Raises UserError without a script.
     """
     script = options.script
     if script is None:
@@ -236,9 +235,8 @@ def fresh_folder(
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """Create the session's folder, and return the options with its path.
-
-    If the folder exists, the new folder gets a number. Raises UserError if it cannot be created.
+    """Create the session's folder, and return the options with its path. If the folder exists, the
+    new folder gets a number. Raises UserError if it cannot be created.
     """
     wanted = folder = options.folder
     for number in itertools.count(2):
@@ -331,7 +329,6 @@ def _connect(
 
 def parse_address(text: str) -> tuple[str, int, int | Ros]:
     """Return host, ITP port, and joint port or ROS of HOST[:ITP_PORT[:JOINT_PORT or ros1 or ros2]].
-
     Raises UserError if the text is invalid.
     """
     parts = re.fullmatch(r"([^:]+)(?::(\d{1,5})(?::(\d{1,5}|ros1|ros2))?)?", text)

@@ -43,7 +43,6 @@ def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of one hazard over ms after its start; none if it was not recorded.
-
     limits: mm by name, drawn as lines across the distances.
     """
     if row.struck_ms is None:

@@ -77,7 +77,6 @@ def query_parameters(path: str) -> dict[str, str]:
 
 def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple[str | None, str]:
     """Return the tokens of visitors and instructor. A needed token that is None is generated.
-
     Raises UserError if both are the same.
     """
     if token is None and not is_loopback(host):
@@ -93,9 +92,8 @@ def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple
 def open_port(
     host: str, port: int, token: str | None, instructor: str, say: Callable[[str], None]
 ) -> socket.socket:
-    """Listen at this port, or the next free one, and print the addresses of both roles.
-
-    Raises UserError if the page cannot listen at `host`.
+    """Listen at this port, or the next free one, and print the addresses of both roles. Raises
+    UserError if the page cannot listen at `host`.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in range(port, port + _PORTS):

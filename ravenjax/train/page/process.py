@@ -69,9 +69,8 @@ class Auth:
         name, _, port = (host or "").lower().rpartition(":")
         # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
         # this host are unknown.
-        is_own = self.token is not None or (
-            name in (*LOOPBACK, self.host) and port == str(self.port)
-        )
+        here = name in (*LOOPBACK, self.host) and port == str(self.port)
+        is_own = self.token is not None or here
         if host is None or not is_own:
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
@@ -326,8 +325,7 @@ def serve_page(options: PageOptions, listening: socket.socket, ready: Connection
 class Page:
     """The page of one session."""
 
-    _next_event = 0
-    _frames_seen = 0
+    _next_event = _frames_seen = 0
     _answer_until = 0.0
 
     def __init__(self, options: PageOptions, listening: socket.socket) -> None:

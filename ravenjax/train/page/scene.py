@@ -72,9 +72,8 @@ window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="
 
 
 class DepthLine:
-    """Shows which instrument is which, and how high its tip is.
-
-    A letter is beside the tip, a dotted line leads down to the tissue, and a spot marks its end.
+    """Shows which instrument is which, and how high its tip is. A letter is beside the tip, a
+    dotted line leads down to the tissue, and a spot marks its end.
     """
 
     def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:

@@ -75,7 +75,6 @@ class Clock:
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
         """Sleep until shortly before the next tick is due, then poll the clock.
-
         warm_up: called as late as possible before the tick.
         """
         self._due += PERIOD_NS

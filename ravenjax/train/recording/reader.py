@@ -62,9 +62,8 @@ class SessionFolder:
 
 
 def sessions_beside(base: Path) -> dict[str, SessionFolder]:
-    """Return the sessions in the subfolders of `base` by name, in the order of their start.
-
-    Folders without a readable session.json are left out.
+    """Return the sessions in the subfolders of `base` by name, in the order of their start. Folders
+    without a readable session.json are left out.
     """
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):

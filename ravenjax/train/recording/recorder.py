@@ -61,9 +61,8 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield the writer of a session's recording, and write session.json before and after.
-
-    The arguments are those of `record_session`.
+    """Yield the writer of a session's recording, and write session.json before and after. The
+    arguments are those of `record_session`.
     """
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)

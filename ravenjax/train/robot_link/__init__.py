@@ -13,7 +13,6 @@ WORDS = resources.read_tables(__file__, "link.toml")
 @contextlib.contextmanager
 def refuse_errors(what: str, advice: str, *opened: socket.socket) -> Iterator[None]:
     """Turn an error of the network into a UserError, and close the sockets.
-
     what: what cannot be done. advice: what to do.
     """
     try:

@@ -133,9 +133,8 @@ class DistantRobot:
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """Return the 124 bytes of this tick's packet.
-
-        Its fields come from the pedal, then increments, quaternion and grasp of each arm.
+        """Return the 124 bytes of this tick's packet. Its fields come from the pedal, then
+        increments, quaternion and grasp of each arm.
         """
         delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
         for i, arm in enumerate(self.arms):

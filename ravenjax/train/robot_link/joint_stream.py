@@ -64,9 +64,8 @@ class JointReport(BaseModel):
         return int(self.channels["runlevel"][0])
 
     def fill(self, frame: Frame) -> None:
-        """Write the report into `frame`. Arms that the frame lacks are ignored.
-
-        A report lacks the true links and tip, so their channels get the measured values.
+        """Write the report into `frame`. Arms that the frame lacks are ignored. A report lacks the
+        true links and tip, so their channels get the measured values.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
         truth = {"jpos": "link_jpos", "position": "tip"}
@@ -104,9 +103,8 @@ class LineConnection:
         self._waiting, self._heard = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Append a line to the buffer, and send as much as the kernel accepts.
-
-        Returns False if the buffer has no room for the line.
+        """Append a line to the buffer, and send as much as the kernel accepts. Returns False if the
+        buffer has no room for the line.
         """
         fits = len(self._waiting) + len(line) <= BUFFER_BYTES
         if fits:
@@ -276,7 +274,6 @@ class RemoteRobot(RobotLink):
         token: str | None = None,
     ) -> None:
         """arms: the arms that the session needs. token: for orders to a robot on another machine.
-
         Raises UserError if no robot answers, or if the robot lacks an arm.
         """
         super().__init__(host, itp_port)

@@ -278,9 +278,8 @@ class SimulatedRobot:
     # --- faults ---
 
     def arm(self, row: int) -> None:
-        """Activate the faults of this row of the fault table from the next tick on.
-
-        They keep their distances in time, and none waits for the pedal.
+        """Activate the faults of this row of the fault table from the next tick on. They keep their
+        distances in time, and none waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
