@@ -5,7 +5,7 @@ import tiny_campaign as tiny
 
 from ravenjax.campaign import loading, plan, runner
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.inspection import preview
+from ravenjax.campaign.inspection import estimate, preview
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     assert "measured at the folder's last start" in basis
     assert view_of(few, tmp_path, "simd")["expected"]["run_s"] == 0.0
     other = view_of(loading.load_campaign("quick.toml"), tmp_path, "simd")
-    assert other["expected"]["basis"] == preview.BASIS, "another campaign says nothing of this one"
+    assert other["expected"]["basis"] == estimate.BASIS, "another campaign says nothing of this one"
 
 
 def test_it_tells_what_a_check_of_ones_own_does(command_line, idle, tmp_path):
