@@ -41,7 +41,8 @@ def test_tips_follow_the_recorded_console_in_direction_and_scale(shared_data):
     raw = pd.read_parquet(path)
     sent = np.frombuffer(b"".join(raw["packet"]), U_STRUCT)
     assert any(
-        "arrival_us is read as ns: 511.5 packets a second" in note for note in one.track.notes
+        "arrival_us is read in ns, which gives 511.5 packets per second" in note
+        for note in one.track.notes
     )
     assert any("the robot would drop 0 of 20,754" in note for note in one.track.notes)
     for slot, arm in enumerate(("gold", "green")):
