@@ -37,23 +37,44 @@ def make_arm() -> mujoco.MjModel:
 
 
 def measure_rollout(
-    seconds: float, batches: Sequence[int] = (256, 1024, 4096, 16384), steps: int = 100
+    seconds: float,
+    batches: Sequence[int] = (256, 1024, 4096, 16384),
+    model: mujoco.MjModel | None = None,
+    control: np.ndarray | None = None,
+    steps: int = 100,
 ) -> list[dict[str, Any]]:
-    """Time C MuJoCo's `mujoco.rollout` with one thread per CPU, by number of robots."""
+    """Time C MuJoCo's `mujoco.rollout` with one thread per CPU. Return the row of the fastest size
+    of a task for each number of robots.
+
+    model: the gold arm if None. control: of every robot and step, [nu].
+    """
     from mujoco import rollout
 
-    threads = joblib.cpu_count()
-    model, kind = make_arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    data = [mujoco.MjData(model) for _ in range(threads)]
+    threads, kind = joblib.cpu_count(), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    arm = make_arm() if model is None else model
+    data = [mujoco.MjData(arm) for _ in range(threads)]
+    if arm.nkey:
+        mujoco.mj_resetDataKeyframe(arm, data[0], 0)
+    first = np.zeros(mujoco.mj_stateSize(arm, kind))
+    mujoco.mj_getState(arm, data[0], first, kind)
+    held, chunks = None if control is None else np.reshape(control, (1, 1, -1)), (None, 1, 16, 128)
     rows: list[dict[str, Any]] = []
     with rollout.Rollout(nthread=threads) as pool:
         for robots in batches:
-            initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
-            mujoco.mj_getState(model, data[0], initial[0], kind)
-            initial[:] = initial[0]
-            work = functools.partial(pool.rollout, model, data, initial, nstep=steps)
-            setting = {"robots": robots, "steps": steps, "device": f"{threads} threads"}
-            rows += _measure("mujoco.rollout", setting, robots * steps, work, seconds, len(batches))
+            tried: list[dict[str, Any]] = []
+            for chunk in chunks:
+                work = functools.partial(
+                    *(pool.rollout, arm, data, np.tile(first, (robots, 1)), held),
+                    nstep=steps,
+                    chunk_size=chunk,
+                )
+                device = f"{threads} threads, tasks of {chunk or 'default'}"
+                setting = {"robots": robots, "steps": steps, "device": device}
+                settings = len(batches) * len(chunks)
+                tried += _measure(
+                    "mujoco.rollout", setting, robots * steps, work, seconds, settings
+                )
+            rows.append(max(tried, key=lambda row: row["steps_per_s"]))
     return rows
 
 

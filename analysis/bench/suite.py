@@ -225,6 +225,6 @@ def bench(
         console.emit_json(found)
     else:
         for title, (columns, *rows) in every.items():
-            console.print_table(title, columns, rows)
+            console.print_table(title, tuple(columns), list(map(tuple, rows)))
             console.out.print()
     return int(not found.keys() & {part.table for part in list_parts(1)})

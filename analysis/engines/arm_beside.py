@@ -12,15 +12,13 @@ The campaign is arm_beside.toml: faults of a KUKA LBR iiwa 14 at every site. Col
 
 A full tick has packets, checks, controller, faults, arm, nominal model and monitor. A step of
 `mujoco.rollout` has the arm and its servos only. Constraints are off, so that MuJoCo needs no
-solver. The best of all numbers of threads, robots, and robots in a task is printed.
+solver. The best of all numbers of robots, and of robots in a task, is printed.
 """
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
 import argparse
-import functools
-import itertools
 import os
 import sys
 import time
@@ -29,14 +27,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import joblib
 import mujoco
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import ravenjax as rj
-from bench import workload
+from bench import peers, workload
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel
@@ -81,34 +78,6 @@ def _blocks(ready: plan.Plan, kernel: Kernel) -> Iterator[Block]:
         yield Block(*ready.lanes(rows, lanes), reference, np.zeros(lanes, int))
 
 
-def rollout_rate(model: mujoco.MjModel, seconds: float) -> tuple[float, str]:
-    """Return the steps a second of `mujoco.rollout` at its best, and with what."""
-    from mujoco import rollout
-
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    cpus, steps = joblib.cpu_count(), 100
-    counts = sorted({cpus, *(2**k for k in range(cpus.bit_length()) if 2**k <= cpus)})
-    cases = list(itertools.product(counts, (1024, 10_000), (None, 1, 16, 128)))
-    best = 0.0, ""
-    for threads, robots, chunk in cases:
-        data = [mujoco.MjData(model) for _ in range(threads)]
-        mujoco.mj_resetDataKeyframe(model, data[0], 0)
-        initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
-        mujoco.mj_getState(model, data[0], initial[0], kind)
-        initial[:] = initial[0]
-        control = data[0].ctrl + np.zeros((1, 1, model.nu)) + model.key_qpos[0]
-        with rollout.Rollout(nthread=threads) as pool:
-            work = functools.partial(
-                pool.rollout, model, data, initial, control, nstep=steps, chunk_size=chunk
-            )
-            work()
-            rate = robots * steps / min(workload.repeat(work, seconds / len(cases)))
-        if rate > best[0]:
-            best = rate, f"{threads} threads, {robots} robots, tasks of {chunk or 'default'}"
-    return best
-
-
 def main() -> int:
     """Print the table. The exit status is the number of engines that failed."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -121,8 +90,12 @@ def main() -> int:
     compile_cache.enable_cache()
     config = load(options.runs, options.seconds)
     arm: Any = config.robot
-    rate, best = rollout_rate(mujoco.MjModel.from_xml_path(str(arm.files[0])), 40.0)
-    peer = ["`mujoco.rollout`", best, *["–"] * 5, f"{rate / 1e6:.3g} M steps/s"]
+    model = mujoco.MjModel.from_xml_path(str(arm.files[0]))
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    tried = peers.measure_rollout(40.0, (1024, 10_000), model, model.key_qpos[0])
+    best = max(tried, key=lambda row: row["steps_per_s"])
+    setting = f"{best['device']}, {best['robots']} robots"
+    peer = ["`mujoco.rollout`", setting, *["–"] * 5, f"{best['steps_per_s'] / 1e6:.3g} M steps/s"]
     print(" | ".join(peer), file=sys.stderr, flush=True)
     tables: dict[str, Any] = {}
     rows, failed = [], 0

@@ -15,7 +15,7 @@ measured with a filled cache of compiled code, measured with an empty cache, and
 
 `measure_speed` measures the current speed of this machine. The model assumes that engine cuda
 computes 3.2e9 ticks per second, as on an NVIDIA H200 (`analysis/engines/gpu.md`), and that engines
-xla and mjx are 200 and 400 times slower than simd (`analysis/engines`). The estimate is usually
+xla and mjx are 200 and 950 times slower than simd (`analysis/engines`). The estimate is usually
 right within a factor of two if the load of the machine stays the same.
 """
 
