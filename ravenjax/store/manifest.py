@@ -175,20 +175,25 @@ class Manifest(BaseModel):
             "config": by_content(self.config, self.operator),
         }
 
-    def differences(self, other: Manifest) -> list[str]:
-        """Return the differences from `other` that affect outcomes, one line each."""
-        return find_differences(self._identity(), other._identity())
+    def differences(self, other: Manifest, word: str = "requested") -> list[str]:
+        """Return the differences from `other` that affect outcomes, one line each.
+
+        word: what a line calls the values of `other`.
+        """
+        return find_differences(self._identity(), other._identity(), word)
 
 
-def find_differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+def find_differences(
+    here: dict[str, Any], other: dict[str, Any], word: str = "requested"
+) -> list[str]:
     """Return a line for each difference of nested values: 'path: A here, B requested'."""
-    all_changes = find_changes(here, wanted)
+    all_changes = find_changes(here, other)
     if any(change.path.startswith("config.") for change in all_changes):
         # The hash follows from the config, so it adds nothing.
         all_changes = [change for change in all_changes if change.path != "config_hash"]
     return [
-        f"{path}: {here or 'absent':.60} here, {wanted or 'absent':.60} requested"
-        for path, here, wanted in all_changes
+        f"{path}: {first or 'absent':.60} here, {second or 'absent':.60} {word}"
+        for path, first, second in all_changes
     ]
 
 

@@ -93,8 +93,7 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
 def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
     # Refuses a folder that differs in more than MAY_DIFFER.
     alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
-    differences = one.differences(alike)
-    differences = [f"{line.removesuffix(' requested')} there" for line in differences]
+    differences = one.differences(alike, "there")
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} there")
     if differences:
