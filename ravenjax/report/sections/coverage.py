@@ -86,8 +86,14 @@ class CoverageTable(NamedTuple):
     harmful: pd.DataFrame
     sources: Sequence[Source]
     rows: Sequence[Coverage]
-    smallest: Sequence[SmallestSets]
+    # Latest time of a detection that counts, ms [harmful], by criterion, a field of Coverage.
+    latest: Mapping[str, np.ndarray]
     notices: Sequence[str]
+
+    @property
+    def smallest(self) -> list[SmallestSets]:
+        """Return the smallest sets for each criterion. This tries combinations of sources."""
+        return [_smallest(self.harmful, self.sources, *item) for item in self.latest.items()]
 
     def list_runs(self, name: str, runs: Runs) -> list[tuple[str, ...]]:
         """Return a table row for each harmful fault: run, site, fault, times of harm and detection,
@@ -179,11 +185,7 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
         fickle=fickle,
     )
     return CoverageTable(
-        harmful,
-        sources,
-        list(_rows(runs, harmful, sources, latest)),
-        [_smallest(harmful, sources, name, limit) for name, limit in latest.items()],
-        notices,
+        harmful, sources, list(_rows(runs, harmful, sources, latest)), latest, notices
     )
 
 
