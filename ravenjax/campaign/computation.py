@@ -173,12 +173,12 @@ class Computation:
                     f"{name} is on in every golden run, from {first.max()} ms at the latest, so it"
                     " cannot show a later fault: write a larger threshold"
                 )
-        for name in (one.name for one in config.harm):
-            happens = runs[f"harm_{name}_first_ms"] >= 0
+        for harm in config.harm:
+            happens = runs[f"harm_{harm.name}_first_ms"] >= 0
             if happens.any():
                 self.progress.note(
-                    f"harm {name!r} happens in {happens.sum()} of {len(happens)} golden runs, so"
-                    " that no fault is its cause there: take another limit"
+                    f"harm {harm.name!r} happens in {happens.sum()} of {len(happens)} golden runs,"
+                    " so a fault does not cause it there: write another limit"
                 )
 
     def _count(self, ticks: int) -> None:

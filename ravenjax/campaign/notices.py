@@ -162,7 +162,8 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         yield (
             f"parameters.{list_names(varied, NAMED)}: differs from the robot's value in runs"
             " without a fault. Their golden runs have the same value, so no outcome shows its"
-            " effect. To see the effect, write a fault at site parameter"
+            " effect. A fault at site parameter shows the effect of a parameter that the robot"
+            " reads in every tick"
         )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: has no effect, because all runs last for campaign.duration_s"

@@ -112,7 +112,8 @@ def anytime_bounds(
 
     Each rate p is tested against p - half_width and p + half_width by Wald's likelihood ratio (Ann.
     Math. Stat. 16, 1945). By Ville's inequality the mean of both exceeds 1/alpha at any n with a
-    probability of at most alpha. The bounds need the fewest runs to be +- half_width apart.
+    probability of at most alpha. Of all half-widths, this one needs the fewest
+    runs.
     """
     from scipy.special import xlogy
 

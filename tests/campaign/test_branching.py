@@ -125,5 +125,5 @@ def test_a_note_tells_of_golden_runs_that_stand_still_or_do_harm(watchdog_ticks,
     notes = told[-1].notes
     words = "in 1 of 1 golden runs the robot stands still for up to"
     assert any(words in note for note in notes) == still
-    harms = [note for note in notes if "golden runs, so that no fault" in note]
+    harms = [note for note in notes if "golden runs, so a fault" in note]
     assert len(harms) == 1 and harms[0].startswith("harm 'late' happens in 1 of 1")
