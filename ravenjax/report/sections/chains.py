@@ -227,7 +227,7 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
             seam.name,
             seam.layer,
             seam.meaning,
-            seam.ranged,
+            seam.has_range,
             rate((seam.differs >= 0) & (seam.differs <= harm)),
             rate(leads[place] > 0),
             median(leads[place]),

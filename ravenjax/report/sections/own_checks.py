@@ -85,7 +85,7 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
         if not differs:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
-            rate, count = motions.first_rate(event, first_ms), motions.with_event(event)
+            rate, count = motions.first_rate(event, first_ms), motions.count_motions(event)
         name = check.name.removeprefix(OWN)
         yield ThresholdAlarms(name, math.nan, f"own{number}_ms", count, rate, count == 0)
 
