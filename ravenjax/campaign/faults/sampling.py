@@ -5,7 +5,6 @@ import of `scipy.stats` takes half a second of a start that may take 2.5 s.
 """
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -91,11 +90,8 @@ def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> 
         return _sobol(np.array(table[:dimensions], np.uint32), rows, rng.spawn(1)[0])
     from scipy.stats import qmc
 
-    with warnings.catch_warnings():
-        # SciPy warns if the number of points is not a power of two, because the sample is then less
-        # balanced.
-        warnings.simplefilter("ignore", UserWarning)
-        return qmc.Sobol(dimensions, rng=rng).random(rows)
+    # SciPy warns of any number of points that is not a power of two.
+    return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
 
 
 def _sobol(directions: np.ndarray, rows: int, rng: np.random.Generator) -> np.ndarray:
