@@ -85,26 +85,22 @@ def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> 
         within = own.random((rows, dimensions))
         cells = own.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
         return (cells.T - within) / rows
-    table = resources.read_tables(__file__, "sobol.toml")["directions"]
-    if dimensions <= len(table):
-        return _sobol(np.array(table[:dimensions], np.uint32), rows, rng.spawn(1)[0])
-    from scipy.stats import qmc
+    table = resources.read_tables(__file__, "sobol.toml")["directions"][:dimensions]
+    if dimensions > len(table):
+        from scipy.stats import qmc
 
-    # SciPy warns of any number of points that is not a power of two.
-    return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
-
-
-def _sobol(directions: np.ndarray, rows: int, rng: np.random.Generator) -> np.ndarray:
-    # Draws scrambled points from unscrambled directions, [dimensions, bits].
-    size = directions.shape
-    value = np.uint32(1) << np.arange(size[1], dtype=np.uint32)
-    shift = rng.integers(2, size=size, dtype=np.uint32) @ value
-    lower = np.tril(rng.integers(2, size=(*size, size[1]), dtype=np.uint32), -1)
-    lower += np.eye(size[1], dtype=np.uint32)
-    bits = directions[..., None] // value[::-1] % 2
+        # SciPy warns of any number of points that is not a power of two.
+        return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
+    own = rng.spawn(1)[0]
+    # Sobol points with a random shift, and directions scrambled by triangular matrices of bits.
+    size, kind = (dimensions, 30), np.uint32
+    value = kind(1) << np.arange(30, dtype=kind)
+    shift = own.integers(2, size=size, dtype=kind) @ value
+    lower = np.tril(own.integers(2, size=(*size, 30), dtype=kind)) | np.eye(30, dtype=kind)
+    bits = np.array(table, kind)[..., None] // value[::-1] % 2
     scrambled = bits @ lower.swapaxes(1, 2) % 2 @ value[::-1]
-    # A point differs from the point before it by one direction: the lowest one in its number.
+    # A point differs from the point before it by one direction: the lowest bit of its number.
     number = np.arange(1, rows)
     lowest = np.bitwise_count((number & -number) - 1)
     points = np.bitwise_xor.accumulate(np.c_[shift, scrambled[:, lowest]], axis=1)
-    return points.T / 2.0 ** size[1]
+    return points.T / 2.0**30
