@@ -37,11 +37,14 @@ def list_commands(folder: Path, large: bool = False) -> dict[str, tuple[str, ...
 
 
 def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
-    """Run `ravenjax` of the package in `root` with these words. Its cache is in `folder`."""
-    cache = {compile_cache.VARIABLE: str(folder / "cache")}
+    """Run `ravenjax` of the package in `root` with these words. Its cache is in `folder`.
+
+    Python keeps its bytecode, as it does for users, also if this process may not write bytecode.
+    """
+    kept = {compile_cache.VARIABLE: str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-m", "ravenjax.cli", *tokens]
     try:
-        return process.run_command(command, cache, folder=folder, root=root)
+        return process.run_command(command, kept, folder=folder, root=root)
     except RuntimeError as error:
         raise RuntimeError(f"ravenjax {' '.join(tokens)}: {error}") from None
 

@@ -167,7 +167,7 @@ class Block:
         Only for a block that has a reference.
         """
         assert self.reference is not None
-        return self.reference[:, :, self._golden_of(lanes)]
+        return self.reference.take(self._golden_of(lanes), axis=2)
 
     def trunk(self, lane: int) -> Any:
         """Return the kernel's snapshots of a lane's golden run, or None."""
