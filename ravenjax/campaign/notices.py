@@ -222,8 +222,8 @@ def _of_faults(plan: Plan) -> OfRuns:
         (
             "duration_ms",
             beyond > 0,
-            f"up to {beyond[worst]} of {length[worst]} ms are after the end of the run, where the"
-            " fault has no effect",
+            f"up to {beyond[worst]} of {length[worst]} ms are after the end of the run, which"
+            " cuts the fault short",
         ),
         (
             "every_ms",

@@ -9,16 +9,12 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ravenjax import interruption
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
-
-if TYPE_CHECKING:
-    from ravenjax.store.folder import Results
 
 MOST_ROWS = 40
 """Number of groups that `check` prints; further groups are only counted."""
@@ -83,7 +79,7 @@ def run(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
     if not as_json:
-        _summary(folder, results)
+        _summary(folder)
     page = write_report(folder, prints=not as_json) if report and share is None else None
     if as_json:
         record = manifest.read_manifest(folder)
@@ -195,21 +191,27 @@ def fault_free(
         console.emit_json({"folder": motions_folder, "hours": there, "report": page})
 
 
-def _summary(folder: Path, results: Results) -> None:
-    # Prints the verdicts of a finished or interrupted campaign.
+def _summary(folder: Path) -> None:
+    # Prints the verdicts of a finished or interrupted campaign, with the counts of the report.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.outcomes import events
+    from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections import tables
     from ravenjax.store import manifest
 
     record = manifest.read_manifest(folder)
-    counted, idle = (results.verdicts(acted) if record.done else {} for acted in (True, False))
-    verdicts = terminal.share_rows(counted, sum(n for name, n in counted.items() if name))
+    head, counted = {}, {}
+    if record.done:
+        with contextlib.closing(Runs.open(folder, record)) as runs:
+            head = tables.headline_counts(runs, record)
+            counted = {name: n for name, _, n in tables.class_counts(runs, "verdict::VARCHAR", ())}
+    verdicts = terminal.share_rows(counted, sum(counted.values()))
     content = {
         "record": record,
         "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
         "failures": terminal.share_rows(record.failures, record.done),
-        "idle": sum(idle.values()),
+        "head": head,
         "why": decisions.describe_stop(folder),
     }
     console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)

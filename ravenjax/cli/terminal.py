@@ -97,10 +97,9 @@ def run_checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, 
 
 
 def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
-    """Return table rows (name, runs, share of the total), most frequent first, without name "".
+    """Return table rows (name, count, share of the total), most frequent first, without name "".
 
-    counts: number of runs by name. Repeats of a fault count separately, so the shares have no
-    intervals. The report counts every fault once.
+    counts: number of faults or runs by name.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
 
@@ -111,12 +110,12 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
     return [(name, str(n), share(n)) for name, n in ordered if name]
 
 
-def count_evading(runs: Mapping[str, int], limit_mm: float, own: str = "") -> str:
-    """Return a sentence: how many runs evade, and how many of these have a cue.
+def count_evading(faults: Mapping[str, int], limit_mm: float, own: str = "") -> str:
+    """Return a sentence: how many faults evade, and how many of these have a cue.
 
-    runs: number of runs by verdict. own: name of the harm, if the campaign defines harms itself.
+    faults: number of distinct faults by verdict. own: name of the harm, if the campaign defines harms itself.
     """
-    valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
+    valid = {tuple(name.split("/")): count for name, count in faults.items() if name}
     motion = verdict.HAZARDS[0]
     cues = [
         sum(valid.get((response, motion, cue), 0) for response in verdict.UNTOLD)

@@ -41,6 +41,10 @@ MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 QUAT = tuple(f"q{axis}" for axis in "xyzw")
 JIGSAWS = resources.read_tables(__file__, "source.toml")["jigsaws"]
 """Column names for kinematics files of the data set JIGSAWS. The left instrument is gold."""
+JAWS_OF_JIGSAWS = (
+    "JIGSAWS does not state in which direction its jaw angles open the jaws; here a larger angle"
+    " is a wider opening"
+)
 
 
 @dataclasses.dataclass(eq=False)
@@ -136,7 +140,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     if len(table) < 2:
         content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
         raise UserError(f"{path}: {content}; expected a motion of at least 2")
-    samples = Samples(path, table)
+    notes = (JAWS_OF_JIGSAWS,) if options.columns == "jigsaws" else ()
+    samples = Samples(path, table, notes=notes)
     times = stamps.time_columns(table)
     if len(times) > 1:
         raise UserError(f"{path}: columns {' and '.join(times)} mean the same; keep one of them")

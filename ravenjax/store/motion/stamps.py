@@ -106,7 +106,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     if (back := np.flatnonzero(steps < 0.0)).size:
         raise UserError(
             f"{path}: {item} {back[0] + 1}: time goes back by {-steps[back[0]]:.6g} s ({clock};"
-            f" {_such_rows(back)}); expected no step back. Sort the rows, or cut the file there"
+            f" {_such_rows(back)}); expected no step back. {_correction(time_s, back, item)}"
         )
     if (still := np.flatnonzero(steps == 0.0)).size:
         row = int(still[0]) + 1
@@ -142,6 +142,18 @@ def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
     steps = np.diff(time_s)
     rows = np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S))
     return [(row, float(time_s[row]), float(time_s[row + 1])) for row in rows.tolist()]
+
+
+def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
+    """Return advice for times [T] that go back after the rows `back`."""
+    if back.size > len(time_s) // 20:
+        return f"Sort the {item}s by time"
+    row = int(back[0])
+    # A few wrong times lie between right times. A clock that was set back needs a while to catch up.
+    around = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
+    if time_s[row + 1] > around[0] or time_s[row] < around[1]:
+        return f"Remove the {item}s with wrong times, or correct their times"
+    return "Cut the file there"
 
 
 def _such_rows(rows: np.ndarray) -> str:
