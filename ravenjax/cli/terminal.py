@@ -113,7 +113,8 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
 def count_evading(faults: Mapping[str, int], limit_mm: float, own: str = "") -> str:
     """Return a sentence: how many faults evade, and how many of these have a cue.
 
-    faults: number of distinct faults by verdict. own: name of the harm, if the campaign defines harms itself.
+    faults: number of distinct faults by verdict. own: name of the harm, if the campaign defines
+    harms itself.
     """
     valid = {tuple(name.split("/")): count for name, count in faults.items() if name}
     motion = verdict.HAZARDS[0]

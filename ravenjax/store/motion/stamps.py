@@ -149,7 +149,7 @@ def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
     if back.size > len(time_s) // 20:
         return f"Sort the {item}s by time"
     row = int(back[0])
-    # A few wrong times lie between right times. A clock that was set back needs a while to catch up.
+    # Wrong times lie between right ones. A clock that was set back needs a while to catch up.
     around = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
     if time_s[row + 1] > around[0] or time_s[row] < around[1]:
         return f"Remove the {item}s with wrong times, or correct their times"
