@@ -50,7 +50,7 @@ def test_enumerated_faults_have_no_interval_in_any_section():
         assert section and not PERCENT_SPAN.search(re.sub("<[^>]*>", "", section[0])), name
 
 
-def test_the_terminal_counts_runs_with_a_fault():
+def test_the_terminal_counts_distinct_faults():
     manifest = synthetic.manifest(RUNS)
     counted = FRAME.loc[FRAME["fault0_site"] != "", "verdict"].value_counts().to_dict()
     cue = np.where(VALID["cue0_first_ms"] >= 0, "cue", "no cue")
@@ -59,10 +59,10 @@ def test_the_terminal_counts_runs_with_a_fault():
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     evading = VALID[MOVED & UNTOLD]
     sentence = terminal.count_evading(counted, manifest.limit_mm)
-    assert sentence.startswith(f"{len(evading)} of {len(VALID)} runs")
+    assert sentence.startswith(f"{len(evading)} of {len(VALID)} distinct faults")
     cues = (evading["cue0_first_ms"] >= 0).sum()
     assert sentence.endswith(f"The cue comes in {cues} of these.")
     assert terminal.count_evading({"silent/none/no cue": 160}, 3.0).startswith(
-        "None of 160 runs with a"
+        "None of 160 distinct faults"
     )
     assert "do not test the checks" in terminal.count_evading({"silent/none/no cue": 160}, 3.0)

@@ -114,6 +114,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     }
     # A fault without an end cannot be cut short.
     window = f"length_ms > 0 AND onset_ms + length_ms::BIGINT > {manifest.duration_ms}"
+    window = window if "length_ms" in runs.facts else "false"
     conditions["cut_short"] = f"NOT told AND hazard = 'none' AND {window}"
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
