@@ -230,7 +230,7 @@ def _of_faults(plan: Plan) -> OfRuns:
             opens & (every > 0) & (start + every >= ticks),
             "the fault is not repeated before the end of the run",
         ),
-        ("value", there & _idle(plan), "changes the signal by at most one count"),
+        ("value", there & _idle(plan), "changes the signal by at most one count, or not at all"),
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
         ("site", twice, "the run has the same fault twice"),
     ):

@@ -175,7 +175,8 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
 def require_readable(path: Path) -> None:
     """Raise UserError if a file is missing, of an unknown kind, or empty."""
     if not path.is_file():
-        raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
+        there = "this is a folder" if path.is_dir() else "no such file"
+        raise UserError(f"{path}: {there}; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
         raise UserError(
             f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}"

@@ -98,7 +98,14 @@ class Samples:
             raise UserError(
                 f"{self.path}: columns {' and '.join(names)} mean the same; keep one of them"
             )
-        return self.numbers(names[0]) * factors[names[0]] if names else None
+        if not names:
+            return None
+        numbers = self.numbers(names[0])
+        stem, _, unit = names[0].rpartition("_")
+        if unit == "deg" and 0 < (largest := np.abs(numbers).max(initial=0)) <= math.pi:
+            note = f"{names[0]} is at most {largest:.3g}; if these are radians, name the column"
+            self.notes = (*self.notes, f"{note} {stem}_rad" if "rad" in units else f"{note} {stem}")
+        return numbers * factors[names[0]]
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
         """Return k columns that belong together as [T, k]; None if the table has none of them."""
@@ -311,7 +318,13 @@ class Bag:
         other topics.
         """
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
-        others = [topic for topic in self.kinds if topic.endswith(ends)]
+        # Topics of the other arm do not help.
+        taken = tuple(f"/{name}" for one, name in ARM_TOPICS.items() if one != arm)
+        others = [
+            topic
+            for topic in self.kinds
+            if topic.endswith(ends) and not topic.rpartition("/")[0].endswith(taken)
+        ]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
         advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
         return UserError(

@@ -75,11 +75,13 @@ def sample_times(
         return None, rate, ()
     span, stated = float(seconds[-1] - seconds[0]), (rows - 1) / rate_hz
     if not abs(span - stated) <= RATES_AGREE * stated:
+        slow_down = options.written("slow_down", "2.0")
+        slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
             f"{path}: {rows} rows last {stated:.4g} s by {rate}, but {span:.4g} s by {clock}"
             f" ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
-            " recording, or remove its times. To replay more slowly, set operator.slow_down"
+            f" recording, or remove its times{slower}"
         )
     note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
     return None, rate, (note,)
