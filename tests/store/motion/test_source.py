@@ -197,5 +197,8 @@ def test_two_consoles_on_one_stream_are_refused(tmp_path):
     numbers = np.arange(50) // 2 + np.where(np.arange(50) % 2, 500_000, 1)
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers})
     refused(path, "would drop 49 of 50 packets", "because two streams are mixed", console="raven")
+    numbers = np.r_[26:51, 1:26]
+    path = table(tmp_path / "c.parquet", fields={"sequence": numbers})
+    refused(path, "Packet numbers decrease after packet 24. Cut the file", console="raven")
     path = table(tmp_path / "b.parquet", fields={"sequence": np.arange(50) // 2 + 1})
     refused(path, "would drop 25 of 50 packets", "each packet was recorded twice", console="raven")
