@@ -152,13 +152,11 @@ class Computation:
                 for name, count in runs.items()
                 if name.startswith("check_") and name.endswith("_count") and count[still].any()
             ]
-            switch = self.plan.config.robot.dead_man
-            pedal = f" although the {switch} is down" if switch else ""
             self.progress.note(
                 f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms{pedal}. The robot stops"
-                " without a fault, and faults after that have no effect. See column"
-                " golden_halted_ms. Checks that tripped in these runs:"
+                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms in which it should"
+                " move. The robot stops without a fault, and faults after that have no effect. See"
+                " column golden_halted_ms. Checks that tripped in these runs:"
                 f" {', '.join(tripped) or 'none'}. `ravenjax trace` of a run shows when, and the"
                 " positions and set points of each joint. Write a shorter campaign.duration_s,"
                 " another motion, or a check that permits more"

@@ -318,13 +318,8 @@ class Bag:
         other topics.
         """
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
-        # Topics of the other arm do not help.
-        taken = tuple(f"/{name}" for one, name in ARM_TOPICS.items() if one != arm)
-        others = [
-            topic
-            for topic in self.kinds
-            if topic.endswith(ends) and not topic.rpartition("/")[0].endswith(taken)
-        ]
+        taken = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
+        others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in taken)]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
         advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
         return UserError(
