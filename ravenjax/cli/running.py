@@ -232,8 +232,7 @@ def _summary(
     }
     console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)
     if verdicts:
-        own = record.rules.harm if record.rules.harms else ""
-        console.print_text(terminal.count_evading(counted, record.limit_mm, own))
+        console.print_text(console.render_template("evading.j2", **content))
     console.print_text(console.render_template("ended.j2", folder=folder, **content))
 
 

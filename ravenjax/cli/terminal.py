@@ -14,7 +14,6 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from ravenjax.campaign.inspection.estimate import format_estimate
 from ravenjax.cli.console import print_text, render_template
-from ravenjax.outcomes import verdict
 
 if TYPE_CHECKING:
     from ravenjax.campaign.progress import Status
@@ -108,20 +107,3 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
         return f"{100 * n / total:.1f} %" if 2000 * n >= total else "< 0.1 %"
 
     return [(name, str(n), share(n)) for name, n in ordered if name]
-
-
-def count_evading(faults: Mapping[str, int], limit_mm: float, own: str = "") -> str:
-    """Return a sentence: how many faults evade, and how many of these have a cue.
-
-    faults: number of distinct faults by verdict. own: name of the harm, if the campaign defines
-    harms itself.
-    """
-    valid = {tuple(name.split("/")): count for name, count in faults.items() if name}
-    motion = verdict.HAZARDS[0]
-    cues = [
-        sum(valid.get((response, motion, cue), 0) for response in verdict.UNTOLD)
-        for cue in verdict.CUES
-    ]
-    harmful = sum(count for (_, hazard, _), count in valid.items() if hazard == motion)
-    content = {"valid": sum(valid.values()), "harmful": harmful, "cues": cues}
-    return render_template("evading.j2", limit_mm=limit_mm, own=own, **content)
