@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import re
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -54,6 +55,7 @@ With several blocks, a thread can start the next block while results of the last
 """
 STANDS_STILL = 0.1
 """Share of its duration for which a golden run may stand still without a note."""
+_FROM_GOLDEN = re.compile(r"\b(unintended|loss|false_report|from_golden)\b")
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Number of rows in a window, and of ticks of these rows, with which enough rows have faults that
 begin at about the same time. Such rows can start from one checkpoint.
@@ -152,11 +154,12 @@ class Computation:
             ]
             self.progress.note(
                 f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms although the pedal is"
-                " down. The robot stops without a fault, and faults after that have no effect. See"
+                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms in which it should"
+                " move. The robot stops without a fault, and faults after that have no effect. See"
                 " column golden_halted_ms. Checks that tripped in these runs:"
-                f" {', '.join(tripped) or 'none'}. Write a shorter campaign.duration_s, another"
-                " motion, or a check that permits more"
+                f" {', '.join(tripped) or 'none'}. `ravenjax trace` of a run shows when, and the"
+                " positions and set points of each joint. Write a shorter campaign.duration_s,"
+                " another motion, or a check that permits more"
             )
         config = self.plan.config
         watching = {
@@ -175,7 +178,8 @@ class Computation:
                 )
         for harm in config.harm:
             happens = runs[f"harm_{harm.name}_first_ms"] >= 0
-            if happens.any():
+            # Golden runs are computed without their own tip as the reference of these signals.
+            if happens.any() and not _FROM_GOLDEN.search(harm.when):
                 self.progress.note(
                     f"harm {harm.name!r} happens in {happens.sum()} of {len(happens)} golden runs,"
                     " so a fault does not cause it there: write another limit"

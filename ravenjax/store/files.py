@@ -197,6 +197,9 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
             f"{path}: the first line contains numbers, so the table has no header line. It has"
             f" {len(first)} columns; write a line such as {header}"
         )
+    if headed:
+        # pandas would give the second one another name.
+        require_distinct(path, pd.DataFrame(columns=[cell.strip() for cell in first if cell]))
     if names is not None and (headed or len(names) != len(first)):
         got = "a header line" if headed else f"{len(first)} columns"
         raise UserError(f"{path}: has {got}; expected only numbers, in {len(names)} columns")

@@ -170,7 +170,8 @@ class CampaignConfig(Section):
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield name and value of settings of the robot and the operator, as texts for a table."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
-        yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
+        named = " and ".join(arms) + " arm" * (arms != ("arm",)) + "s" * (len(arms) > 1)
+        yield "robot", f"{self.robot_label}, {named}{noise}"
         if self.campaign.observe_ms is not None:
             yield (
                 "observed",

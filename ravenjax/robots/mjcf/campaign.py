@@ -96,6 +96,14 @@ class Config(CampaignConfig):
         limited = {path.partition(".")[0] for path in self._set()}
         for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
+        slides = self.robot.linear
+        for name in ("tracking", "velocity", "sensor") if {*slides} < {*self.robot.joints} else ():
+            if slides and name in self._set():
+                yield (
+                    ("parameters", name),
+                    "one number limits rotating joints, in rad, and sliding joints, in m; write a"
+                    f" limit for each joint, such as {name}.{slides[0]}",
+                )
         tip = self.operator.tip
         if tip and tip[-1][0] > self.campaign.duration_s:
             yield ("operator", "tip"), "the run ends before its last place"
