@@ -231,11 +231,45 @@ def read_manifest(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        return Manifest.model_validate(data).model_copy(update={"parts": read_parts(folder)})
+        record = Manifest.model_validate(data).model_copy(update={"parts": read_parts(folder)})
+        _Tables.model_validate(record.config)
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
         raise StoreError(f"{path}: {where}: {first['msg']}. {_RESTORE}") from error
+    return record
+
+
+class _Inner(BaseModel):
+    """A group of a campaign, or a run or a fault of a group."""
+
+    fault: list[_Inner] = []
+    run: list[_Inner] = []
+    parameters: dict[str, Any] = {}
+    cross: dict[str, Any] = {}
+    effect: str | list[Any] | dict[str, Any] = ""
+
+
+class _Named(_Inner):
+    name: str
+
+
+class _Harm(_Named):
+    when: str
+    counts: str
+
+
+class _Tables(_Inner):
+    """The forms of a campaign's tables on which reports depend. All else may be anything."""
+
+    campaign: dict[str, Any] = {}
+    operator: dict[str, Any] = {}
+    outcomes: dict[str, Any] = {}
+    reaction: dict[str, Any] | None = None
+    group: list[_Named] = []
+    check: list[_Named] = []
+    detector: list[_Named] = []
+    harm: list[_Harm] = []
 
 
 _RESTORE = (
