@@ -254,6 +254,11 @@ class _Named(_Inner):
     name: str
 
 
+class _Check(_Named):
+    threshold: float = 1.0
+    consecutive: int = 1
+
+
 class _Harm(_Named):
     when: str
     counts: str
@@ -264,10 +269,10 @@ class _Tables(_Inner):
 
     campaign: dict[str, Any] = {}
     operator: dict[str, Any] = {}
-    outcomes: dict[str, Any] = {}
+    outcomes: dict[str, str | float] = {}
     reaction: dict[str, Any] | None = None
     group: list[_Named] = []
-    check: list[_Named] = []
+    check: list[_Check] = []
     detector: list[_Named] = []
     harm: list[_Harm] = []
 
