@@ -32,7 +32,7 @@ from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
 from ravenjax.store.files import KEPT, disk_errors, path_inside, read_json, write_text
 from ravenjax.store.motion.summary import MotionSummary
-from ravenjax.store.parts import Part, require_version
+from ravenjax.store.parts import Part, Row, require_version
 from ravenjax.vocabulary.checks import built_in_column
 from ravenjax.vocabulary.robot import Robot
 
@@ -79,7 +79,7 @@ class Manifest(BaseModel):
     config_hash: str
     seed: int
     # Rows of the fault table.
-    runs: int
+    runs: Row
     duration_ms: int
     # Counts and names on which the columns of the table depend.
     shape: schema.Shape
@@ -108,7 +108,7 @@ class Manifest(BaseModel):
     # Shard of the campaign in this folder, such as 2/7; None: the whole campaign.
     shard: str | None = None
     # Row ranges (first, last inclusive) that this folder should contain; None: all rows.
-    rows: tuple[tuple[int, int], ...] | None = None
+    rows: tuple[tuple[Row, Row], ...] | None = None
     # Number of starts of the command, including starts after interruptions.
     starts: int = 1
     # Of the last start: time of compilation (s), time of computation (s), runs per second.
