@@ -310,11 +310,3 @@ def robot_of(raw: Any, folder: Path | None = None) -> Robot:
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
     """Return the pydantic model of a robot's campaigns."""
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
-
-
-def validate_tables(raw: Any) -> CampaignConfig:
-    """Return the campaign of nested tables, such as those of a manifest.
-
-    Raise ValidationError and UserError.
-    """
-    return config_class_of(robot_of(raw)).model_validate(raw)

@@ -9,7 +9,8 @@ import pandas as pd
 
 from ravenjax.campaign import compile_cache, memory_windows, outcomes
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError, format_value
@@ -54,7 +55,8 @@ class PlannedCampaign:
         Raises StoreError as `manifest.read_manifest`, and UserError.
         """
         record = manifest.read_manifest(folder)
-        return cls(validate_tables(record.config), original_engine(record, engine))
+        config = validate_tables(record.config, folder / manifest.FILE)
+        return cls(config, original_engine(record, engine))
 
     def index(self, run: Any) -> int:
         """Return a run's index by its id, the id's beginning, or its index. Raises UserError."""

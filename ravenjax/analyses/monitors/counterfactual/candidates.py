@@ -11,7 +11,8 @@ import numpy as np
 
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.errors import UserError, format_value
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
