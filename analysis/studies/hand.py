@@ -168,7 +168,7 @@ def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
                 StudyEstimate(*change, one.pulled, of),
             )
     for delay, part in released.items():
-        contrast = reacting_operator.contrast_of(part, reacting_operator.excursion(20.0))
+        contrast = reacting_operator.contrast_of(part, 20.0)
         of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
         yield own_line(
             f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm",
@@ -207,10 +207,7 @@ def loop_rows() -> Iterator[tuple[str | float, ...]]:
 
 def _avoided(released: Mapping[float, Pairs]) -> Iterator[tuple[str | int, ...]]:
     for delay, part in released.items():
-        contrasts = [
-            reacting_operator.contrast_of(part, reacting_operator.excursion(size))
-            for size in SIZES_MM
-        ]
+        contrasts = [reacting_operator.contrast_of(part, size) for size in SIZES_MM]
         yield f"{delay:g}", contrasts[0].n, *map(reacting_operator.avoided, contrasts)
 
 

@@ -1,13 +1,11 @@
 """Fits the operator who corrects by sight to people under network faults, and predicts results
 under worse faults.
 
-The simulated quantities are rates per progress in the plan, on a grid of the operator's parameters.
-Between the grid points they are interpolated, linearly in the logarithms of the parameters. The fit
-compares ratios to the condition without a fault, in which the scale of a console and the length of
-a task cancel. The published table has means and standard deviations over people. A bootstrap draws
-the mean of every cell again from its normal distribution. It treats the cells as independent,
-because the table does not state the correlation within a person. The intervals are therefore too
-wide rather than too narrow.
+The simulated quantities are rates per progress in the plan, on a grid of the operator's parameters,
+interpolated linearly in the logarithms. The fit compares ratios to the condition without a fault,
+in which the scale of a console and the length of a task cancel. The published table has means and
+standard deviations over people. A bootstrap draws the mean of every cell again. It treats the cells
+as independent, so the intervals are too wide rather than too narrow.
 """
 
 import math
@@ -132,13 +130,6 @@ def operators(runs: pd.DataFrame) -> Operators:
     return Operators(numbers, rates)
 
 
-class Fit(NamedTuple):
-    """The operator that fits best."""
-
-    best: int  # among the operators
-    misfit: float  # root mean square residual, in standard errors
-
-
 def errors(people: People, condition: str) -> np.ndarray:
     """Return the standard errors of the logarithms of ratios to NORMAL, [QUANTITIES]."""
     relative = people.deviation / people.mean
@@ -154,7 +145,7 @@ def residuals(found: np.ndarray, people: People, condition: str) -> np.ndarray:
     return (np.log(found) - np.log(wanted)) / errors(people, condition)
 
 
-def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> Fit:
+def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> int:
     """Return the best operator for the time without a fault and the ratios of these conditions.
 
     A number that these do not determine stays near the middle of the grid: its prior is normal, and
@@ -165,8 +156,7 @@ def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> Fit:
     parts += [residuals(every.ratios(people, one), people, one) for one in seen]
     square = np.concatenate(parts, axis=1) ** 2
     square = np.where(np.isfinite(square), square, 1e6)
-    best = int((square.sum(axis=1) + every.distance_squared()).argmin())
-    return Fit(best, math.sqrt(square[best].mean()))
+    return int((square.sum(axis=1) + every.distance_squared()).argmin())
 
 
 def nulls(condition: str, people: People) -> dict[str, np.ndarray]:
