@@ -12,26 +12,19 @@ SCALE = (
     "nothing",
     "a check spoke or limited a command, and nothing else happened",
     "pause or restart: the robot stopped or stood, and the fault ends by itself",
-    (
-        "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault"
-        " again"
-    ),
+    "conversion or reschedule: the same, and a restart would meet the fault again",
     "injury-capable motion with an alarm of a check, or the haptic cue",
     "injury-capable motion without any alarm",
 )
-"""Meaning of each severity, by number.
-
-This is an ordinal scale of this project: no source weighs a stop against an injury.
+"""Meaning of each severity: an ordinal scale of this project, as no source weighs a stop against an
+injury.
 """
-
 INJURY = 4
 """Lowest severity of a motion that could injure."""
-
 DEPTH_MM = 1.0
 """Depth in tissue beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN
 2016).
 """
-
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
@@ -51,8 +44,7 @@ def rate_severity(frame: pd.DataFrame) -> pd.Series:
 def injury_capable(frame: pd.DataFrame) -> pd.Series:
     """Return which runs moved the instrument so that it could injure.
 
-    These are runs with a jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM
-    deeper than the golden run's.
+    They have a jump, an unintended motion beyond the limit, or a tip deeper by DEPTH_MM.
     """
     flags = classes.classify_rows(frame)
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
