@@ -82,14 +82,10 @@ def plain(value: StudyEstimate | Estimate, digits: int = 3) -> str:
     return f"{text} ({low} to {high})" if np.isfinite([value.low, value.high]).any() else text
 
 
-def counted(rate: StudyEstimate) -> str:
-    """Write 0.8 (0 to 2.1); 3."""
-    return f"{plain(rate)}; {wording.format_count(rate.n)}"
-
-
 def hourly(rate: StudyEstimate) -> str:
     """Write 0.8 (0 to 2.1); 3 in 4.0 h."""
-    return f"{counted(rate)} in {rate.of.rpartition(' in ')[2]}"
+    count = wording.format_count(rate.n)
+    return f"{plain(rate)}; {count} in {rate.of.rpartition(' in ')[2]}"
 
 
 def quartiles(values: np.ndarray) -> str:
