@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from evidence import argument, control_actions, credibility, failure_modes, trace, workbook
+from evidence import argument, credibility, risk_tables, workbook
 from evidence import record as records
 from evidence.credibility import ModelCredibility
 from evidence.record import EvidenceRecord, fill_template
@@ -56,16 +56,16 @@ def write(
             goals[name] = goal, hash_file(place / name)
 
         counts = {
-            "failure_modes.csv": failure_modes.count_failure_modes,
-            "control_actions.csv": control_actions.count_control_actions,
-            "trace_matrix.csv": trace.count_matrix,
+            "failure_modes.csv": risk_tables.count_failure_modes,
+            "control_actions.csv": risk_tables.count_control_actions,
+            "trace_matrix.csv": risk_tables.count_matrix,
         }
         for name, goal in GOALS.items():
             if count := counts.get(name):
                 rows = pd.concat(map(count, sources)).to_dict("records")
                 add_file(name, goal, _writer_of(downloads.format_csv(rows) or NO_ROWS))
             else:
-                add_file(name, goal, lambda target: trace.write_trace(target, sources))
+                add_file(name, goal, lambda target: risk_tables.write_trace(target, sources))
         # Files of an earlier call would contradict the new tables.
         for name in (workbook.FILE, credibility.FILE):
             (place / name).unlink(missing_ok=True)
@@ -88,7 +88,7 @@ def write(
             evidence=evidence,
             sources=sources,
             goals=GOALS,
-            kinds=control_actions.KINDS,
+            kinds=risk_tables.KINDS,
             json=JSON,
             mermaid=MERMAID,
             record=records.FILE,
