@@ -1,9 +1,5 @@
-"""Writes the report on the simulator's credibility: statements by category of evidence, with their
-files.
-
-Categories are those of FDA's guidance *Assessing the Credibility of Computational Modeling and
-Simulation in Medical Device Submissions* (November 2023). The caller provides the statements. This
-module finds each file and computes its checksum.
+"""Writes the report on the simulator's credibility: statements by category of FDA's guidance of
+November 2023, with their files. The caller provides the statements.
 """
 
 import os
@@ -16,10 +12,7 @@ from evidence.sources import Source
 from ravenjax.store.files import hash_file
 
 FILE = "credibility.md"
-GOAL = (
-    "What the simulator's credibility rests on is stated by category, each statement with its"
-    " files."
-)
+GOAL = "The evidence for the simulator's credibility is stated by category, with its files."
 
 
 class CredibilityStatement(NamedTuple):
@@ -42,10 +35,8 @@ class ModelCredibility(NamedTuple):
 def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
     """Return each existing file once, relative to the folder of the evidence, with its checksum."""
     files = dict.fromkeys(file for one in model.statements for file in one.files if file.is_file())
-    return tuple(
-        Item(file=Path(os.path.relpath(file, place)).as_posix(), sha256=hash_file(file))
-        for file in files
-    )
+    paths = {file: Path(os.path.relpath(file, place)).as_posix() for file in files}
+    return tuple(Item(file=path, sha256=hash_file(file)) for file, path in paths.items())
 
 
 def write_report(model: ModelCredibility, sources: Sequence[Source], place: Path) -> str:

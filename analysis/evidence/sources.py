@@ -34,15 +34,11 @@ class Source(NamedTuple):
 
 @contextlib.contextmanager
 def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
-    """Open result folders, in order. Raises UserError if one is named twice, and StoreError as
-    `Runs.open` does.
-    """
+    """Open result folders, in order. Raises UserError if one is named twice, and StoreError."""
     for folder, count in Counter(map(Path.resolve, folders)).items():
         if count > 1:
-            raise UserError(
-                f"{folder}: is named {count} times; name each result folder once, or its faults"
-                " count double"
-            )
+            twice = f"{folder}: is named {count} times"
+            raise UserError(f"{twice}; name each result folder once, or its faults count double")
     with contextlib.ExitStack() as stack:
         sources = []
         for number, folder in enumerate(folders, start=1):
@@ -53,18 +49,14 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
 
 
 def identify(record: Manifest) -> str:
-    """Return the sha256 of the part of a manifest that decides outcomes. Starting a finished
-    campaign again does not change it.
-    """
+    """Return the sha256 of the part of a manifest that decides outcomes."""
     plain = json.loads(record.model_dump_json(include=_DECIDES))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-EXAMPLES = 3
-"""Number of runs that are listed for a number: the first in the order of the fault table."""
-EXAMPLE_RUNS = f"array_to_string(arg_min(r.run_id, f.row, {EXAMPLES}), ' ')"
-"""SQL: ids of the first few rows of a group."""
+EXAMPLE_RUNS = "array_to_string(arg_min(r.run_id, f.row, 3), ' ')"
+"""SQL: ids of the first rows of a group."""
 
 
 def interval_in_words(rate: Rate) -> str:

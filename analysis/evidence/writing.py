@@ -36,12 +36,10 @@ NO_ROWS = "result,campaign\n"
 def write(
     folders: Sequence[Path], place: Path, xlsx: bool = False, model: ModelCredibility | None = None
 ) -> EvidenceRecord:
-    """Write evidence of result folders into the folder `place`. Existing files of the same names
-    are replaced.
+    """Write evidence of result folders into the folder `place`, replacing files of the same names.
 
     `xlsx`: also write the tables as one workbook. `model`: evidence on the simulator's credibility,
-    for a report on it. Raises UserError and StoreError as `sources.opened` and
-    `workbook.require_writer` do, and StoreError if the disk refuses.
+    for a report on it. Raises UserError and StoreError.
     """
     if xlsx:
         # Fail before any work.
@@ -61,11 +59,11 @@ def write(
             "trace_matrix.csv": risk_tables.count_matrix,
         }
         for name, goal in GOALS.items():
+            write_table = lambda target: risk_tables.write_trace(target, sources)  # noqa: E731
             if count := counts.get(name):
                 rows = pd.concat(map(count, sources)).to_dict("records")
-                add_file(name, goal, _writer_of(downloads.format_csv(rows) or NO_ROWS))
-            else:
-                add_file(name, goal, lambda target: risk_tables.write_trace(target, sources))
+                write_table = _writer_of(downloads.format_csv(rows) or NO_ROWS)
+            add_file(name, goal, write_table)
         # Files of an earlier call would contradict the new tables.
         for name in (workbook.FILE, credibility.FILE):
             (place / name).unlink(missing_ok=True)
@@ -100,10 +98,8 @@ def write(
 
 
 def check(place: Path) -> EvidenceRecord:
-    """Compute every checksum again, and write the argument with the present status. The record
-    stays unchanged.
-
-    Raises StoreError as `record.read_record` does, and if the disk refuses.
+    """Compute every checksum again, and write the argument with the present status, but not the
+    record. Raises StoreError.
     """
     evidence = records.check_record(place, records.read_record(place))
     _write_argument(place, evidence)
