@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from evidence.record import NOTICE, EvidenceRecord, Item, Node
-from evidence.sources import Source, identify
+from evidence.record import NOTICE, EvidenceRecord, Item, Node, Source, identify
 from ravenjax.report import wording
 from ravenjax.report.sections import tables
 from ravenjax.store import manifest as manifests
@@ -25,16 +24,14 @@ OVER_RESULTS = (
 OVER_TABLES = "Argue table by table: each number can be followed to the runs behind it."
 KINDS = {"G": "goal", "S": "strategy", "Sn": "solution", "C": "context"}
 SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context": "rounded"}
-"""Shape of each kind of node in Mermaid's flowcharts."""
 
 
 def say_evading(source: Source) -> str:
     """Say how many of the faults evade the checks, in the words of the report's first sentence."""
     head = tables.headline_counts(source.runs, source.record)
-    evaded = head["evaded"]
+    evaded, bounds = head["evaded"], ""
     if not evaded.n:
         return "No fault has a valid outcome." if head["faulty"] else "No run has a fault."
-    bounds = ""
     if interval := wording.format_interval(evaded):
         share = wording.format_percent(evaded.value)
         bounds = f" ({share} of faults drawn so, 95 % interval {interval})"
@@ -46,7 +43,6 @@ def say_evading(source: Source) -> str:
 
 
 def say_complete(source: Source) -> str:
-    """Say how many of the runs are complete, and how many have no valid outcome."""
     record, failed = source.record, source.runs.count("failed")
     without = "each with a valid outcome"
     if failed:
@@ -66,11 +62,10 @@ def say_hazards(source: Source) -> list[str]:
         }
         k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]
         if hazard != "none" and k:
-            lines.append(
-                f"{hazard.capitalize()}: {wording.format_count(k)} of {total}; a check raised an"
-                f" alarm or stopped the robot in {wording.format_count(alarms)}, and none did in"
-                f" {wording.format_count(k - alarms)}."
-            )
+            told, untold = map(wording.format_count, (alarms, k - alarms))
+            ended = f"{hazard.capitalize()}: {wording.format_count(k)} of {total}"
+            check = f"a check raised an alarm or stopped the robot in {told}"
+            lines.append(f"{ended}; {check}, and none did in {untold}.")
     return lines
 
 
@@ -110,8 +105,9 @@ def build_argument(
         proof = [add("Sn", f"{source.name}: manifest, what decides outcomes", item=item)]
         for part in sorted(record.parts, key=lambda part: part.first):
             item = Item(file=(folder / PARTS / part.file).as_posix(), sha256=part.sha256)
-            text = f"{source.name}: rows {part.first:,} to {part.last:,}"
-            proof.append(add("Sn", text, item=item))
+            proof.append(
+                add("Sn", f"{source.name}: rows {part.first:,} to {part.last:,}", item=item)
+            )
         missing = record.due - record.done
         state = {"status": "open", "reason": f"{missing:,} runs are missing"} if missing else {}
         complete.append(add("G", say_complete(source), *proof, **state))

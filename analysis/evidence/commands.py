@@ -43,7 +43,6 @@ def evidence(
 
 
 def _print_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
-    """Print what the results say, and which files hold the details."""
     digest = hash_file(paths[-1])
     if as_json:
         plain = result.model_dump(mode="json") | {"files": list(map(str, paths))}
@@ -57,7 +56,6 @@ def _print_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> No
 
 
 def _print_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
-    """Print how many checksums hold, and each that does not."""
     if as_json:
         return console.emit_json(result.model_dump(mode="json"))
     broken = result.of_status("broken")

@@ -1,31 +1,85 @@
-"""Reads, writes and checks `evidence.json`: nodes of the argument with checksums of their files."""
+"""Opens the result folders from which evidence for a risk file is written. Reads, writes and checks
+`evidence.json`: nodes of the argument with checksums of their files.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import json
+import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jinja2
 import pydantic
 from pydantic import BaseModel, Field
 
-from evidence.sources import identify
 from ravenjax import threads
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, UserError
+from ravenjax.report.data.runs import Runs
+from ravenjax.stats.intervals import Rate
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import hash_file, write_aside
 from ravenjax.store.folder import READERS
+from ravenjax.store.manifest import Manifest
 
 NOTICE = (
     "This is output of a simulation. It makes no claim of conformity with any standard, regulation"
     " or guidance, it is no risk assessment, and it says nothing of how often a fault occurs."
 )
 FILE = "evidence.json"
+_DECIDES = {
+    *("schema_version", "config", "config_hash", "seed", "runs", "duration_ms", "shape", "cues"),
+    *("detectors", "verdict_cue", "verdict_jump", "limit_mm", "engine", "device", "versions"),
+    *("code_hash", "shard"),
+}
+"""Fields of a manifest that decide outcomes."""
+
+
+class Source(NamedTuple):
+    name: str  # R1, R2 ...: two campaigns may have the same name
+    folder: Path
+    record: Manifest
+    runs: Runs
+
+
+@contextlib.contextmanager
+def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
+    """Open result folders, in order. Raises UserError if one is named twice, and StoreError."""
+    for folder, count in Counter(map(Path.resolve, folders)).items():
+        if count > 1:
+            twice = f"{folder}: is named {count} times"
+            raise UserError(f"{twice}; name each result folder once, or its faults count double")
+    with contextlib.ExitStack() as stack:
+        sources = []
+        for number, folder in enumerate(folders, start=1):
+            record = manifests.read_manifest(folder)
+            runs = stack.enter_context(contextlib.closing(Runs.open(folder, record)))
+            sources.append(Source(f"R{number}", folder, record, runs))
+        yield sources
+
+
+def identify(record: Manifest) -> str:
+    """Return the sha256 of the part of a manifest that decides outcomes."""
+    plain = json.loads(record.model_dump_json(include=_DECIDES))
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+EXAMPLE_RUNS = "array_to_string(arg_min(r.run_id, f.row, 3), ' ')"
+
+
+def interval_in_words(rate: Rate) -> str:
+    return "none: not all of the faults were drawn" if math.isnan(rate.low) else "Wilson, 95 %"
+
+
 Status = Literal["holds", "open", "broken"]
 """Status of a node. open: not finished. broken: a file that it rests on has changed."""
 

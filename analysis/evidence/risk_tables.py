@@ -1,10 +1,6 @@
-"""Writes the tables of a risk file: failure modes, unsafe control actions, and the runs of each
-hazard with the result file that contains each run.
-
-Faults are counted as in the report: the first valid run of each fault without a reaction. If a run
-has several faults, the first fault counts. A control action (STPA) is a signal at a fault site: the
-operator's packets at the console and network, set points in the process model, motor commands at
-the DAC.
+"""Writes the tables of a risk file: failure modes, unsafe control actions (signals at fault sites),
+and the runs of each hazard with the result file that contains each run. Faults are counted as in
+the report. If a run has several faults, the first fault counts.
 """
 
 import bisect
@@ -15,7 +11,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
+from evidence.record import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.hazards import naming
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
@@ -35,21 +31,25 @@ class Kind(NamedTuple):
 
 
 _LATE = ", ".join(quote_text(NETWORK_EFFECTS[name].channel) for name in ("duplicate", "delay"))
-_FALSE = (
-    "a false report: no control action is unsafe in itself, but who acts on the report may make"
-)
-_SOON = (
-    "a loss of motion for no other reason than that the robot left live motion while the operator"
-)
 KINDS = (
     Kind("none", "no hazard", "f.hazard = 'none'"),
-    Kind("feedback wrong", f"{_FALSE} one unsafe", "f.hazard = 'false report'"),
+    Kind(
+        "feedback wrong",
+        "a false report: no control action is unsafe in itself, but who acts on the report may make"
+        " one unsafe",
+        "f.hazard = 'false report'",
+    ),
     Kind(
         "too early, too late or out of order",
         "packets delayed or sent twice (effects delay, duplicate), and a hazard of motion",
         f"f.site = 'network' AND r.fault0_channel IN ({_LATE})",
     ),
-    Kind("stopped too soon", f"{_SOON} wanted it", "f.halted"),
+    Kind(
+        "stopped too soon",
+        "a loss of motion for no other reason than that the robot left live motion while the"
+        " operator wanted it",
+        "f.halted",
+    ),
     Kind(
         "not provided",
         "any other loss of motion: the instrument did not follow the operator",
@@ -67,11 +67,9 @@ COLUMNS = (
     *("result", "campaign", "hazard", "group", "run_id", "index", "fault", "response"),
     *("response_cause", "cue", "evades", "in_rates", "hazard_ms", "told_ms", "part", "part_sha256"),
 )
-"""Columns of the trace. `in_rates`: the run counts for its fault in every rate. Other runs repeat
-it or have a reaction.
-"""
+"""Columns of the trace. `in_rates`: neither a repetition nor a run with a reaction."""
 BATCH = 20_000
-"""Rows that are read together. Each becomes Python objects."""
+"""Rows that are read together."""
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 _SAMPLE = f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty"
 _HAZARD_MS = "greatest(f.unintended_ms, f.loss_ms, f.misreport_ms)"
@@ -80,9 +78,7 @@ _AFTER = "median({0} - f.active_ms) FILTER (f.active_ms >= 0 AND {0} >= f.active
 
 
 def _rates(source: Source, rows: pd.DataFrame, of: list[str], groups: pd.Series) -> dict[str, Any]:
-    """Return the columns that both tables share. A rate is over the rows with equal `of`; `groups`:
-    the campaign's groups of each row.
-    """
+    """Return the columns of both tables. A rate is over rows with equal `of` and of `groups`."""
     totals = rows.groupby(of)["k"].transform("sum")
     rates = [
         tables.fault_share(source.runs, k, n, names)
@@ -97,9 +93,8 @@ def _rates(source: Source, rows: pd.DataFrame, of: list[str], groups: pd.Series)
 
 
 def count_failure_modes(source: Source) -> pd.DataFrame:
-    """Return the failure modes of one result, by group, site and effect, most frequent end first;
-    none without faults. The rates of one group, site and effect add up to one. Delays (`_after_ms`)
-    are NaN if the event never came. `failed_runs_of_group` are counted in no rate.
+    """Return the failure modes of one result by group, site and effect, whose rates add up to one.
+    Delays (`_after_ms`) are NaN if an event never came. No rate has `failed_runs_of_group`.
     """
     runs = source.runs
     if "fault0_site" not in runs.names:
@@ -144,9 +139,7 @@ def count_failure_modes(source: Source) -> pd.DataFrame:
 
 
 def _name_detectors(response: str, cause: str, cued: bool) -> str:
-    """Say who noticed the fault: a check that stopped the robot or informed a person, a check that
-    only limited, or the haptic cue.
-    """
+    """Say who noticed the fault: a check (stop, alarm or limit), or the haptic cue."""
     did = {"limited": "limited, no alarm", "stopped": "stopped the robot"}
     check = f"check {cause or 'not recorded'} ({did.get(response, 'raised an alarm')})"
     names = [check] * (response != "silent") + ["haptic cue"] * cued
@@ -154,9 +147,8 @@ def _name_detectors(response: str, cause: str, cued: bool) -> str:
 
 
 def count_control_actions(source: Source) -> pd.DataFrame:
-    """Return the unsafe control actions of one result, by site, most frequent kind first; none
-    without faults. `evaded` and `alarms` count the distinct faults with an unintended motion that
-    no check reported, and those that a check reported or for which it stopped the robot.
+    """Return the unsafe control actions of one result by site, and how many of their faults evade
+    the checks, or cause an alarm or a stop.
     """
     runs = source.runs
     if "fault0_site" not in runs.names:
@@ -188,9 +180,7 @@ def count_control_actions(source: Source) -> pd.DataFrame:
 
 
 def count_matrix(source: Source) -> pd.DataFrame:
-    """Return one line per group with faults: how many distinct faults ended in each hazard. The
-    trace has their runs.
-    """
+    """Return how many distinct faults of each group ended in each hazard."""
     cube = source.runs.cube
     counted = cube.loc[cube["faulty"] & cube["sample"]].astype({"group": str, "hazard": str})
     by_hazard = counted.pivot_table("runs", "group", "hazard", "sum", 0)
@@ -204,9 +194,7 @@ def count_matrix(source: Source) -> pd.DataFrame:
 
 
 def write_trace(path: Path, sources: Sequence[Source]) -> None:
-    """Write every valid run with a fault and a hazard, one line per run, by result and hazard, in
-    batches.
-    """
+    """Write every valid run with a fault and a hazard, by result and hazard, in batches."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import ravenjax
 import studies
-from evidence.credibility import CredibilityStatement, ModelCredibility
+from evidence.writing import CredibilityStatement, ModelCredibility
 from ravenjax.cli import console, terminal
 from ravenjax.cli.console import Listing
 from ravenjax.errors import UserError

@@ -9,8 +9,8 @@ import pytest
 import synthetic_results as synthetic
 
 from evidence import risk_tables, writing
+from evidence.record import Source, opened
 from evidence.risk_tables import count_control_actions, count_failure_modes
-from evidence.sources import Source, opened
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 
