@@ -70,7 +70,6 @@ def say_hazards(source: Source) -> list[str]:
 
 
 def say_all(source: Source) -> list[str]:
-    """Return what a result shows, as sentences."""
     lines = [say_evading(source), say_complete(source), *say_hazards(source)]
     return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
 

@@ -27,9 +27,7 @@ def span(low: float | None, high: float | None) -> str:
 
 
 def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
-    """Write an estimate of findings.json with its interval: `0.51 mm (0.43 to 0.58)`. Without an
-    interval there are no brackets.
-    """
+    """Write an estimate of findings.json with its interval, if any: `0.51 mm (0.43 to 0.58)`."""
     text = f"{number(estimate['value'])} {unit}".rstrip()
     if estimate["low"] is None or estimate["high"] is None:
         return text
