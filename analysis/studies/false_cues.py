@@ -1,11 +1,12 @@
 """Study: how often does the published cue come without a fault, by motion and scale, with generated
 and with recorded hands?
 
-A new cue counts only after the tip was within the threshold for AWAY_MS, as in training sessions.
-Runs in which the overdrive check limits a command are counted separately, because the check then
-causes the distance from the nominal model. A run counts from its pedal-down until it stops.
+A new cue counts only after the tip was within the threshold for AWAY_MS. Runs in which the
+overdrive check limits a command are counted separately, because the check then causes the distance
+from the nominal model. A run counts from its pedal-down until it stops.
 """
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,10 +23,8 @@ from studies.series import Recorder, Row, Series
 from studies.study import StudyEstimate
 
 NAME = "false_cues"
-THRESHOLDS_MM = (2.0, 3.0)
-AWAY_MS = 250
-REST_MS = 500
-"""Time for which hands rest at the beginning of every motion."""
+THRESHOLDS_MM, AWAY_MS, REST_MS = (2.0, 3.0), 250, 500
+"""REST_MS: time for which hands rest at the beginning of every motion."""
 KINDS = ("suture", "reach", "peg_transfer", "palpate")
 
 
@@ -68,15 +67,10 @@ def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
 def compare(context: study.Context) -> study.Findings:
     """Count cues by motion and scale."""
     recorder = Recorder()
-    runs = pd.DataFrame(
-        [
-            run
-            for name, folder in context.folders.items()
-            for run in recorder.measure(
-                folder, lambda row, series, name=name: measure(name, row, series)
-            )
-        ]
-    )
+    measured = []
+    for name, folder in context.folders.items():
+        measured += recorder.measure(folder, functools.partial(measure, name))
+    runs = pd.DataFrame(measured)
     absent = "" if set(runs["kind"]) - set(KINDS) else f" Set {recording.DATA}."
     return study.Findings(
         tuple(_lines(runs)),

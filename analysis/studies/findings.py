@@ -189,9 +189,7 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, with_claims: bool) -> str:
-    """Return the Markdown page of a record. `with_claims`: include what the study's claims rest on;
-    kept findings leave this to the page over all studies.
-    """
+    """Return the Markdown page of a record, with or without the evidence of its claims."""
     values = {
         **record,
         "standings": standings(record["lines"]),

@@ -32,9 +32,7 @@ from studies.study import Cell, Line, StudyEstimate, own_line, percent_line, rea
 
 NAME = "reacting_operator"
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
-"""Sizes of motion. At the first one the published cue fires too, so that motion is reached when the
-operator feels the cue, not before.
-"""
+"""Sizes of motion. At the first the published cue fires too."""
 DRAWN_SIZES, SPARED_MM = (5.0, 10.0), 10.0
 THRESHOLDS_MM, HEADLINE_CUES_MM = (3.0, 1.0, 2.0, 5.0), (1.0, 3.0)
 """Thresholds of the campaign's haptic sets, in their order, and those of lines."""
@@ -110,9 +108,7 @@ def needed(difference: Estimate) -> Estimate:
 
 
 class Advance(NamedTuple):
-    """How long before unintended motion of one size the cue came, over runs in which nobody
-    reacted. Intervals are over kinds of faults.
-    """
+    """How long the cue came before unintended motion of one size, with intervals over kinds."""
 
     threshold_mm: float
     size_mm: float
@@ -137,17 +133,13 @@ def began_ms(runs: Runs) -> np.ndarray:
 
 
 def leads_ms(runs: Runs, cue: int) -> np.ndarray:
-    """Return the time from cue to motion of every run. Negative: the cue came after; NaN: no
-    motion; -inf: no cue.
-    """
+    """Return the time from cue to motion, negative if late; NaN: no motion; -inf: no cue."""
     cued, began = warning_times(runs, cue), began_ms(runs)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
 def advance(runs: Runs, cue: int, threshold_mm: float) -> Advance:
-    """Return the advance over runs in which nobody reacts. `cue`: number of the haptic set with
-    that threshold.
-    """
+    """Return the advance over runs in which nobody reacts, of the haptic set number `cue`."""
     lead, began = leads_ms(runs, cue), began_ms(runs)
     moved = ~np.isnan(lead)
     came, among = lead[moved], kinds.of(runs["group"][moved])

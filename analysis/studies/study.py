@@ -184,9 +184,7 @@ def read_variants(study: str) -> tuple[Variant, ...]:
 
 
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
-    """Return the paragraphs of `notes/STUDY.md`. Names in braces are replaced by these values, and
-    `{kinds}` by `kinds.NOTE`.
-    """
+    """Return the paragraphs of `notes/STUDY.md`, with these values and `kinds.NOTE` for names."""
     text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
     return tuple(part.format(kinds=kinds.NOTE, **values) for part in text.strip().split("\n\n"))
 
@@ -270,9 +268,7 @@ class TargetStanding(NamedTuple):
 
 
 def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
-    """Return the standing of each target of these lines (as in findings.json). A target is met if
-    all its lines with a band are inside their bands.
-    """
+    """Return the standing of each target: it is met if all its lines with a band are inside."""
     found = []
     for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
         banded = [line for line in lines if line["target"] == name and line["band"] is not None]

@@ -39,9 +39,7 @@ SEEDS = (1, 2, 3)
 SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
-"""Expected count below which the chi-squared distribution no longer holds (Cochran 1954), and
-number of tables drawn then.
-"""
+"""Expected count that the chi-squared distribution needs (Cochran 1954), and tables drawn below."""
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
     "cued": "the cue fires",
@@ -116,11 +114,7 @@ class Dependence(NamedTuple):
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the runs of a folder with a valid outcome and a fault that changed a bit: its result
-    table, and EVENTS of each run with the `layer` and `kind` of its fault.
-
-    Both are indexed by the number of the campaign's fault, equal in every variant.
-    """
+    """Return the runs whose fault changed a bit, and their EVENTS, indexed by the fault."""
     found = runs.read(path)
     # Runs of one fault share a pair.
     number = np.unique(found["pair"], return_inverse=True)[1]
@@ -141,9 +135,7 @@ def robots_at_ends(path: Path, parameter: Uncertain) -> tuple[RobotRates, RobotR
 
 
 def parameter_effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Dependence]:
-    """Return the effect of every parameter on every event, with all other parameters equal: pairs
-    of the same fault at both ends, in `levels` "low" and "high".
-    """
+    """Return the effect of every parameter on every event, over pairs of the same fault."""
     effects = []
     for event in EVENTS:
         for parameter, (low, high) in ends.items():
@@ -166,9 +158,7 @@ def adjusted(found: Sequence[Dependence]) -> Iterator[tuple[Dependence, Finding]
 
 
 def thirds(values: np.ndarray) -> np.ndarray:
-    """Return the number in THIRDS of each value [n] by its rank. Equal values stay together, and
-    each extreme has its own level.
-    """
+    """Return the number in THIRDS of each value [n] by its rank. Equal values stay together."""
     from scipy.stats import rankdata
 
     place = (rankdata(values) - 0.5) / max(1, len(values))
@@ -243,10 +233,7 @@ SEARCHES = {"morris": {"trajectories": 60, "levels": 8}, "sobol": {"n": 128}}
 
 
 def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
-    """Run both searches into folders inside `out`, and yield the Morris and Sobol indices of every
-    joint and parameter, by joint in their order and by total index, greatest first. Raises
-    UserError.
-    """
+    """Run both searches, and yield the Morris and Sobol indices of every joint and parameter."""
     common, results = study.read_toml(SEARCH), {}
     laws = {
         parameter.path: tomllib.loads(f"law = {parameter.law}")["law"] for parameter in PARAMETERS

@@ -50,9 +50,7 @@ def rate(cells: pd.DataFrame | pd.Series) -> StudyEstimate:
 def bias(
     predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0
 ) -> tuple[int, int, float]:
-    """Return how many predictions are above and below the publication by more than its reading
-    error, and the two-sided p of the exact sign test.
-    """
+    """Return how many predictions are above and below, beyond the reading error, and the sign p."""
     from scipy.stats import binomtest
 
     apart = predicted - published
@@ -61,9 +59,7 @@ def bias(
 
 
 def lever(config: CampaignConfig, rows: np.ndarray) -> str:
-    """Return the distance of the gold arm's desired tip from the first axis (z of frame 0) at these
-    rows of the motion, in words.
-    """
+    """Return the distance of the gold arm's desired tip from its first axis at these rows."""
     raven = of_raven(config)
     motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
@@ -154,9 +150,7 @@ def read_runs(name: str, folder: Path, question: str = "") -> VariantRuns:
 def runs_of(
     name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks, question: str = ""
 ) -> VariantRuns:
-    """Return the valid faulty rows of a result table. A displacement's value is the group's,
-    because its slots hold shares of it.
-    """
+    """Return the valid faulty rows of a result table. A displacement's value is the group's."""
     valid = table.loc[table["failed"] == ""].sort_values("index")
     faulty = valid["fault0_site"] != ""
     free = valid.loc[~faulty, "check_ik_reject_count"].max() if not faulty.all() else 0
@@ -214,9 +208,7 @@ def sensitivity_rows(
     bands: Sequence[tuple[float, float]] = (),
     reading_error: float = 0.0,
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield percent by duration for each variant, with its distance from the first one and, if
-    given, from the publication and its bands.
-    """
+    """Yield percent by duration of each variant beside the first one and the publication."""
     if published is not None:
         yield "published", "", "", *(round(float(p), 1) for p in published), *("",) * 6
     for one in variants:
@@ -234,9 +226,7 @@ def sensitivity_rows(
 
 
 def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
-    """Return a statement as a line: 1 if it holds, 0 if not. `published`: whether the published
-    counts support it; None without counts.
-    """
+    """Return a statement as a line. `published`: whether the published counts support it."""
     of = "stated" if published is None else f"stated; in the published counts: {int(published)}"
     found, stated = StudyEstimate(float(predicted)), StudyEstimate(1.0, of=of)
     return Line(f"{quantity}{HOLDS}", "", stated, found, (1.0, 1.0), reason=reason)
@@ -275,9 +265,7 @@ def scenario_b(
 def of_attack(
     runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndarray | None = None
 ) -> tuple[Line, ...]:
-    """Return the two statements on either scenario. `jumps`, `stops`: published percent by
-    duration, None if withheld.
-    """
+    """Return two statements on either scenario. `jumps`, `stops`: published percent."""
     jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
     window = np.isin(DURATIONS, (2, 4, 8, 16))
     open_at = ", ".join(str(d) for d, share in zip(DURATIONS, missed, strict=True) if share > 0)

@@ -33,9 +33,7 @@ the 600 runs of the publication.
 """
 LEAP_UM = 1000.0
 CHOSEN, COMPARED = "99.9 % of all steps", "99.8 % of all steps"
-"""The threshold that statements of the text are counted with, and the one of the published rates:
-the publication names both.
-"""
+"""The threshold of statements of the text, and that of the published rates."""
 KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together only"
 """Which joints make the two long steps of a jump."""
 
@@ -71,9 +69,7 @@ def fault_free(log: Log) -> np.ndarray:
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest, because runs
-    differ in their number of packets.
-    """
+    """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest."""
     rows = min(map(len, series))
     return np.stack([one[:rows] for one in series])
 
@@ -164,9 +160,7 @@ def _tip(joints: np.ndarray) -> np.ndarray:
 
 
 def visible_line(runs: VariantRuns, watched: Watched) -> Line:
-    """Return a line on whether the published detector can see most of the predicted jumps. Jumps
-    that it cannot see are not in its published score.
-    """
+    """Return a line on whether the published detector can see most of the predicted jumps."""
     alarms = watched.alarms[CHOSEN][(runs.frame["jump_packet"] > 0).to_numpy()]
     count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
     return holds(
@@ -213,9 +207,7 @@ def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> S
 
 
 def rate_rows(scenario: Scenario, published: Published, key: str) -> Iterator[tuple[Cell, ...]]:
-    """Yield the published rates of both detectors, %, and the predicted ones: as frozen before
-    anybody compared, and as computed now.
-    """
+    """Yield the rates of both detectors, %: published, predicted and frozen, computed now."""
     jumped, stopped = (scenario.base.frame[hit].to_numpy() for hit in ("jump", "stop"))
     values = {"prevalence": jumped.mean()}
     fused = scenario.watched.alarms[COMPARED][:, 3]

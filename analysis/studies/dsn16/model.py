@@ -58,9 +58,7 @@ class Prediction(NamedTuple):
 
 
 def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) -> Error:
-    """Return the errors of the virtual robot that is given desired motor angles `asked` (rad, [T,
-    3]) from the beginning of `log`.
-    """
+    """Return the errors of the virtual robot for desired motor angles `asked` (rad, [T, 3])."""
     run = recording.closed_loop(asked, log.angle[0], log.speed[0], parameter_set)
     return Error.of((run["mpos"][:-1, :3] - log.angle[1:]) * TO_JOINT)
 
@@ -98,9 +96,7 @@ def compare(context: study.Context) -> study.Findings:
 
 
 def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
-    """Return every virtual robot, and its rotors with every cable cut, in both loops. Needs 64-bit
-    numbers.
-    """
+    """Return the virtual robots and bare rotors in both loops. Needs 64-bit numbers."""
     sets = {name: robot.params(SETUP, ARM, name) for name in (OURS, AUTHORS)}
     # Parameters, and a factor on the stiffness and damping of every cable
     models = {f"virtual robot, {name}": (params, 1.0) for name, params in sets.items()}
@@ -139,9 +135,7 @@ def held(log: JointRecording) -> dict[tuple[str, str], Ahead]:
 
 
 def predictions(log: JointRecording, models: Mapping[tuple[str, str], Ahead]) -> list[Prediction]:
-    """Return the errors of models, by their loop and name, at every horizon and over the whole
-    recording, whose rows are 1 ms apart.
-    """
+    """Return the errors of models, by loop and name, at every horizon and over the recording."""
     angle, found = log.angle * TO_JOINT, []
     starts = np.arange(0, len(angle) - max(HORIZONS_MS), EVERY_MS)
     for (loop, model), ahead in models.items():

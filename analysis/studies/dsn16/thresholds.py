@@ -22,9 +22,7 @@ NAMES = {"mpos": "motor position", "mvel": "motor velocity", "jpos": "joint posi
 UNITS = {"mpos": ("rad",) * 3, "mvel": ("rad/s",) * 3, "jpos": ("rad", "rad", "m")}
 PERCENTILES = (99.8, 99.9)
 TAIL = 20.0
-"""Number of steps kept for the bootstrap, as a multiple of those above the percentile. No resample
-of runs needs more.
-"""
+"""Number of steps kept for the bootstrap, as a multiple of those above the percentile."""
 RESAMPLES = 1000
 SEED = 2016
 INTEGRATORS = {"suture": "euler", "substeps_4": "rk4", "substeps_10": "converged"}
@@ -47,9 +45,7 @@ def measure_run(_: Row, series: Series) -> FaultFree:
 
 
 def deviation(values: np.ndarray) -> StudyEstimate:
-    """Return the standard deviation about 0 of steps [runs, ..], with its range over runs. The
-    mean of steps is negligible.
-    """
+    """Return the standard deviation about 0 of steps [runs, ..], with its range over runs."""
     by_run = np.sqrt(np.mean(np.square(values.reshape(len(values), -1), dtype=float), axis=1))
     return _over_runs(float(np.sqrt(np.mean(by_run**2))), by_run)
 
@@ -60,9 +56,7 @@ def _over_runs(value: float, by_run: np.ndarray) -> StudyEstimate:
 
 
 def pooled_interval(values: np.ndarray, percent: float) -> StudyEstimate:
-    """Return a percentile of `values` [runs, rows] with a 95 % block bootstrap: runs are drawn, and
-    their rows stay together.
-    """
+    """Return a percentile of `values` [runs, rows] with a 95 % bootstrap over runs."""
     runs, rows = values.shape
     flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
     beyond = (1.0 - percent / 100.0) * flat.size
@@ -81,9 +75,7 @@ def pooled_interval(values: np.ndarray, percent: float) -> StudyEstimate:
 
 
 def maxima_interval(maxima: np.ndarray, percent: float) -> StudyEstimate:
-    """Return a percentile of the runs' maxima [runs] with its 95 % order-statistic interval. An end
-    that no run can give is infinite or NaN.
-    """
+    """Return a percentile of maxima [runs] with its 95 % order-statistic interval."""
     from scipy.stats import quantile_test
 
     interval = quantile_test(maxima, p=percent / 100.0).confidence_interval(0.95)
@@ -92,9 +84,7 @@ def maxima_interval(maxima: np.ndarray, percent: float) -> StudyEstimate:
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare fault-free steps with the published ones, and show thresholds, which were not
-    published.
-    """
+    """Compare fault-free steps with the published ones, and show thresholds."""
     published, found, recorder = Published("dsn16"), {}, Recorder(detector.LOGGED)
     for variant in VARIANTS:
         if variant.name in context.folders:

@@ -106,9 +106,7 @@ def _lines(
 
 
 def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
-    """Return the share of activated runs that have a jump, or else any class but `none` and
-    `message`. Rows count equally, and the interval is over rows.
-    """
+    """Return the share of activated runs with a jump, or with an effect. Rows count equally."""
     runs = np.array([one.valid for one in rows.values()])
     hits = [
         one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows.values()

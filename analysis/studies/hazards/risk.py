@@ -41,9 +41,7 @@ class PoolRisk(NamedTuple):
 
 
 def report_pools() -> list[Pool]:
-    """Return the categories of adverse event reports (`data/maude.toml`) by their shares, each with
-    the runnable rows of the library that represent it.
-    """
+    """Return the categories of adverse event reports with the runnable rows that represent them."""
     reports = tomllib.loads((library.DATA / "maude.toml").read_text(encoding="utf-8"))
     pools = []
     for category in reports["category"]:
@@ -61,9 +59,7 @@ def report_pools() -> list[Pool]:
 
 
 def counts(frame: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the number of valid runs of each severity by hazard id. A group that represents
-    several hazards counts for each.
-    """
+    """Return the number of valid runs of each severity by hazard id."""
     result: dict[str, np.ndarray] = {}
     grades = severity.rate_severity(frame)
     for group, part in grades.groupby(frame["group"].astype(str)):
@@ -80,9 +76,7 @@ def by_pool(found: Counts, pool: Pool) -> PoolRisk:
 
 
 def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
-    """Return the risk of all pools by their weights. Pools without a run are left out, and a hazard
-    of two pools counts in both.
-    """
+    """Return the risk of all pools by their weights, without pools that have no run."""
     ids, weights, total = [], [], 0.0
     for pool in pools:
         run = [one for one in pool.hazards if one in found and found[one].sum()]
@@ -105,7 +99,5 @@ def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> P
 
 
 def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
-    """Return the weighted mean of shares [n] of hazards with its interval over hazards
-    (`units.ratio_band`). A hazard that occurs twice is one unit.
-    """
+    """Return the weighted mean of shares [n] with its interval over distinct hazards."""
     return units.ratio_band(weight * shares, weight, units.group_units(np.array(hazard, object)))

@@ -88,9 +88,7 @@ def hazard_outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """Return one outcome per row of the library, or of `rows`, from a campaign whose groups are
-    named by hazards. `limit_mm`: as in `classes.classify_rows`.
-    """
+    """Return one outcome per row of the library, or of `rows`. Groups are named by hazards."""
     flags = classes.classify_rows(frame, limit_mm)
     ids = frame["group"].astype(str).map(hazards_of)
 
@@ -125,9 +123,7 @@ NAME, BASELINE = "safecomp45", "list"
 LENGTHS = ("every_cycle", "draws_2")
 """Variants with another length of packets, and with other draws of it."""
 FIRST_USB, FIRST_PLC = 24, 35
-"""Numbers of the first injection of USB and PLC (earlier ones: console and control software), and
-of the first into the link to the PLC.
-"""
+"""Numbers of the first injection of USB and PLC, and of the first into the link to the PLC."""
 OTHER_RULES: dict[str, dict[str, float]] = {
     "displaced from 1 mm": {"limit_mm": 1.0},
     "displaced from 5 mm": {"limit_mm": 5.0},

@@ -16,15 +16,11 @@ SCALE = (
     "injury-capable motion with an alarm of a check, or the haptic cue",
     "injury-capable motion without any alarm",
 )
-"""Meaning of each severity: an ordinal scale of this project, as no source weighs a stop against an
-injury.
-"""
+"""Meaning of each severity: an ordinal scale of this project."""
 INJURY = 4
 """Lowest severity of a motion that could injure."""
 DEPTH_MM = 1.0
-"""Depth in tissue beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN
-2016).
-"""
+"""Depth beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN 2016)."""
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
@@ -42,10 +38,7 @@ def rate_severity(frame: pd.DataFrame) -> pd.Series:
 
 
 def injury_capable(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs moved the instrument so that it could injure.
-
-    They have a jump, an unintended motion beyond the limit, or a tip deeper by DEPTH_MM.
-    """
+    """Return which runs have a jump, an unintended motion, or a tip deeper by DEPTH_MM."""
     flags = classes.classify_rows(frame)
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
@@ -53,9 +46,7 @@ def injury_capable(frame: pd.DataFrame) -> pd.Series:
 
 
 def has_lasting_fault(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs have a fault that does not end: it lasts until the run's end, or
-    repeats.
-    """
+    """Return which runs have a fault that lasts until the end of the run, or repeats."""
     lasts = pd.Series(False, frame.index)
     for site in frame.filter(regex=r"^fault\d+_site$"):
         slot = site.removesuffix("_site")

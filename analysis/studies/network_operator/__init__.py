@@ -82,9 +82,7 @@ def _variants() -> Iterator[study.Variant]:
 
 
 def measure(row: Row, series: Series) -> dict[str, float | str]:
-    """Measure a run of the grid, over whole cycles of its network fault: the numbers of its
-    operator and what `fit.operators` reads.
-    """
+    """Measure a run of the grid, over whole cycles of its network fault."""
     every, last = int(np.nan_to_num(row["fault0_every_ms"])), len(series["tip"]) - 1
     end = FROM_MS + (last - FROM_MS) // every * every if every > 0 else last
     done, hand, tests = (
@@ -155,9 +153,7 @@ def prediction_rows(
 
 
 def judged(every: fit.Operators, people: fit.People) -> dict[str, dict[str, np.ndarray]]:
-    """Return residuals in standard errors, [QUANTITIES], by condition that the fit saw and by
-    model: the fit, the fit without that condition, null models that did not see it either.
-    """
+    """Return residuals in standard errors, [QUANTITIES], by condition and model."""
     best, found = fit.fit(every, people), {}
     for condition in LOWEST:
         others = [one for one in LOWEST if one != condition]

@@ -75,9 +75,7 @@ class Operators(NamedTuple):
     rates: Mapping[str, np.ndarray]
 
     def distance_squared(self) -> np.ndarray:
-        """Return the squared distance from the middle of the grid, in half-widths of the
-        logarithms, [operators].
-        """
+        """Return the squared distance from the grid's middle, in half-widths of logarithms."""
         logs = np.log(self.numbers)
         low, high = logs.min(axis=0), logs.max(axis=0)
         return (((2 * logs - low - high) / (high - low)) ** 2).sum(axis=1)
@@ -106,8 +104,8 @@ class Operators(NamedTuple):
 
 
 def operators(runs: pd.DataFrame) -> Operators:
-    """Return the operators between those of the runs. Runs: columns NUMBERS, SIMULATED,
-    `condition`, and `weight` of a run among those of its condition.
+    """Return the operators between those of the runs (columns NUMBERS, SIMULATED, `condition`, and
+    `weight` among the runs of a condition).
     """
     values = [np.unique(runs[name].to_numpy(float)) for name in NUMBERS]
     fine = [np.geomspace(at[0], at[-1], n) for at, n in zip(values, FINE, strict=True)]
@@ -146,10 +144,8 @@ def residuals(found: np.ndarray, people: People, condition: str) -> np.ndarray:
 
 
 def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> int:
-    """Return the best operator for the time without a fault and the ratios of these conditions.
-
-    A number that these do not determine stays near the middle of the grid: its prior is normal, and
-    the grid ends one standard deviation from the middle.
+    """Return the number of the best operator for the time without a fault and the ratios of these
+    conditions. The prior is normal: the grid ends one standard deviation from its middle.
     """
     error = np.sqrt((people.deviation[0, :2] ** 2 / people.mean[0, :2] ** 2).sum() / PEOPLE)
     parts = [np.log(every.seconds(people) / people.at(NORMAL)[0])[:, None] / error]

@@ -30,9 +30,7 @@ EVENT_TICKS, FAULT_TICKS, REBOUND_TICKS = 600, 300, 300
 REACH_TICKS = FAULT_TICKS + 50
 """Ticks after the onset in which the shoulder's farthest point is searched."""
 JUMP_UM = 100.0
-"""Limit of a step of the measured tip in 1 ms, exceeded twice in a row and not in the golden run: a
-jump by the published analysis code (DSN 2016).
-"""
+"""Limit of a step of the measured tip, exceeded twice in a row by a jump (DSN 2016)."""
 A4 = {
     "four bursts": "all four bursts come before the stop, or none stops",
     "peaks": "the tip error peaks of all four are 3 to 7 mm",
@@ -94,10 +92,7 @@ def tabulate(measured: Mapping[str, Mapping[Motion, Sequence[BurstRun]]]) -> Bur
 
 
 def criteria(bursts: Bursts, published: Published) -> pd.DataFrame:
-    """Return which bands of the targets each run meets, bool [runs, A4 and A5 and ALL].
-
-    All four bursts must be inside. A burst that is cut short has no rebound.
-    """
+    """Return which bands of the targets each run meets with all four bursts, bool [runs, ...]."""
     events, four = bursts.events, bursts.runs["number"] == EVENTS
 
     def every(holds: pd.Series) -> pd.Series:
@@ -153,9 +148,7 @@ def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent
 
 
 def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
-    """Return how far (deg) and how long (ms) a joint goes back from the farthest point to which a
-    burst drove it; [ticks].
-    """
+    """Return how far (deg) and how long (ms) a joint goes back from its farthest point."""
     away = shoulder_deg - shoulder_deg[0]
     far = int(np.argmax(np.abs(away[:REACH_TICKS])))
     back = (away[far] - away[far : far + REBOUND_TICKS]) * np.sign(away[far])
@@ -164,9 +157,7 @@ def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
 
 
 def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
-    """Return the ticks at which the second of two consecutive long steps ends; both arguments
-    [ticks, 3], um.
-    """
+    """Return the ticks at which the second of two long steps ends; arguments [ticks, 3], um."""
     long, usual = (
         np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, golden_um)
     )
@@ -207,9 +198,7 @@ def _measured(context: study.Context) -> dict[str, dict[Motion, list[BurstRun]]]
 
 
 def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> Iterator[Line]:
-    """Yield, for each band and for all of A4, in how many runs it is met. At least one is required,
-    as the constant is unknown.
-    """
+    """Yield in how many runs each band is met. One is required, as the constant is unknown."""
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     met = met.loc[runs.index]
     of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
@@ -227,9 +216,7 @@ def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> 
 
 
 def _events(bursts: Bursts, published: Published) -> Iterator[Line]:
-    """Yield what accompanies a tip error peak of the published size, for any constant and
-    motion.
-    """
+    """Yield what accompanies a peak of the published size, for any constant and motion."""
     low, high = published.band("a4.peak")
     events = bursts.events.join(bursts.runs[["kind", "seed"]])
     sized = events.loc[events["peak_mm"].between(low, high)]
