@@ -154,7 +154,7 @@ def read_variants(study: str) -> tuple[Variant, ...]:
     With `each`, a row stands for one variant for each combination of these values, and with `rows`
     for one for each of these tables. The values replace `$NAME` in its texts. With `needs`, it is
     left out without the recording of that name, whose path replaces `$file`. With a table
-    `recorded_hands`, the variants of that file follow.
+    `recorded_hands`, the variants of that file follow. A campaign may be a file of this folder.
     """
     from studies.dsn16 import recording
 
@@ -178,6 +178,8 @@ def read_variants(study: str) -> tuple[Variant, ...]:
                 for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
             )
             campaign = row.get("campaign", content["campaign"])
+            own = HERE / campaign
+            campaign = str(own) if own.is_file() else campaign
             if name not in hands.get("leave_out", ()):
                 variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)

@@ -290,15 +290,5 @@ def of_attack(
     )
 
 
-def verdict(scenario: str, lines: Sequence[Line]) -> str:
-    """Say how a scenario's results compare with the text's statements."""
-    fail = [line.quantity.removesuffix(HOLDS) for line in lines if not line.passed]
-    held = f"{len(lines) - len(fail)} of {len(lines)} statements hold."
-    if not fail:
-        return f"{scenario} is as the text states it: {held}"
-    contradicted = "; that ".join(fail)
-    return f"{scenario} is not reproduced: {held} The prediction contradicts that {contradicted}."
-
-
 def _listed(numbers: np.ndarray) -> str:
     return ", ".join(f"{x:.0f}" for x in numbers)

@@ -55,8 +55,7 @@ def compare(context: study.Context) -> study.Findings:
         *([read_table(NAME, "values", _value_rows(found))] if other else []),
         read_table(NAME, "rates", detector.rate_rows(found, published, "b")),
     )
-    notes = (attacks.verdict("Scenario B", stated), *study.read_notes(NAME))
-    return study.Findings(lines, tables, notes)
+    return study.Findings(lines, tables, study.read_notes(NAME))
 
 
 def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, str]]:

@@ -28,7 +28,7 @@ def compare(context: study.Context) -> study.Findings:
     return study.Findings(
         stated,
         tuple(read_table(NAME, key, table) for key, table in rows.items()),
-        (attacks.verdict("Scenario A", stated), " ".join(notes), *study.read_notes(NAME)),
+        (" ".join(notes), *study.read_notes(NAME)),
     )
 
 

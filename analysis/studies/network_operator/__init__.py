@@ -35,49 +35,10 @@ WORDS = {
     "pedal_presses": "presses of the pedal",
 }
 """The quantities of the fit, in its order."""
-DELAYS_MS = (173, 194, 207, 218, 227, 236, 246, 255, 266, 278, 291, 307, 327, 354, 395, 483)
-"""Reaction times to the cue, as in reacting_operator.toml."""
 SIZES_MM = (10.0, 20.0)
-MOTIONS = (1, 2)
-"""Seeds of the plan."""
 GRID = "grid_"
 """Prefix of the variants with the grid of operators."""
 OPEN, CLOSED, OTHERS = "open loop", "closed loop", "closed loop, drawn operators"
-DRAWN = {
-    "pace": "{uniform=[0.77, 1.0]}",
-    "wait_mm": "{loguniform=[2.6, 13.9]}",
-    "correct_per_s": "{loguniform=[0.5, 4.0]}",
-    "patience_ms": "{loguniform=[1500.0, 4500.0]}",
-}
-"""Intervals of the fit."""
-
-
-def _variants() -> Iterator[study.Variant]:
-    """Yield the grid of operators if the table of people is there, and the faults with a cue."""
-    grid = str(HERE / "network.toml")
-    for seed in MOTIONS if recording.locate(FILE) else ():
-        question = "another motion" if seed > 1 else ""
-        yield study.Variant(f"{GRID}{seed}", grid, (f"operator.seed={seed}",), question)
-    cue, times = str(HERE / "cue.toml"), f"{{choice={list(DELAYS_MS)}}}"
-    open_ = (
-        "reaction.action=none",
-        "reaction.felt_force=0",
-        "cross.reaction.action=[0, 1]",
-        f"parameters.reaction.delay_ms={times}",
-    )
-    words = "hands that follow their plan, with and without a lifted pedal"
-    yield study.Variant("open", cue, open_, words)
-    closed = (
-        "operator.hands=hands.py",
-        "cross.operator.own.hands.feels=[0, 1]",
-        f"parameters.operator.own.hands.feels_after_ms={times}",
-    )
-    words = "hands that close the loop, with and without a lifted pedal"
-    yield study.Variant("closed", cue, closed, words)
-    drawn = (f"parameters.operator.own.hands.{name}={of}" for name, of in DRAWN.items())
-    yield study.Variant("drawn", cue, (*closed, *drawn), f"{words}; another operator in each run")
-
-
 # --- people and networks ---
 
 
@@ -266,4 +227,4 @@ def compare(context: study.Context) -> study.Findings:
     return study.Findings(tuple(lines), tuple(tables), study.read_notes(NAME, absent=absent))
 
 
-STUDY = study.study(NAME, tuple(_variants()), compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)
