@@ -85,6 +85,11 @@ READINGS = {
     "true_mean_mm": "true tip to nominal model",
     "zeroed_mean_mm": "measured tip, model begun at the measured pose",
 }
+LINES = {
+    "explained": "variance of the {}s that a straight line over the scale explains",
+    "slope": "{} tip error, slope over the scale",
+    "at_zero": "{} tip error, the line's value at scale 0",
+}
 LINEAR = {
     "peak": "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check:"
     " the peaks bend up",
@@ -170,46 +175,31 @@ def _acceptance(
         "the nominal model's gains, the latency of packets and the motion are not published",
     )
 
-    def pair(kind: str, of: str) -> tuple[StudyEstimate, pd.Series]:
-        """Return a number of the published line, and of each motion's."""
-        return (
-            StudyEstimate(getattr(growth(SCALES, read[kind]), of), of=FIGURE),
-            modelled.lines(f"{kind}_mm", of),
-        )
-
-    for kind in KINDS:
-        figure, lines = pair(kind, "explained")
-        mean = over_kinds(lines)
-        over = f"{mean.of}, least and largest of a motion"
-        yield Line(
-            f"variance of the {kind}s that a straight line over the scale explains",
-            "",
-            figure,
-            dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over),
-            published.band("a6.explained"),
-            "A6",
-            LINEAR[kind],
-        )
+    rest_mm = modelled.frame["rest_mm"].iloc[0]
+    offset = f"the model begins at the true tip, encoders see it {rest_mm:.2f} mm away"
+    for of, words in LINES.items():
+        for kind in KINDS:
+            figure = StudyEstimate(getattr(growth(SCALES, read[kind]), of), of=FIGURE)
+            lines = modelled.lines(f"{kind}_mm", of)
+            mean, quantity = over_kinds(lines), words.format(kind)
+            if of == "explained":
+                over = f"{mean.of}, least and largest of a motion"
+                mean = dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over)
+                band = published.band("a6.explained")
+                yield Line(quantity, "", figure, mean, band, "A6", LINEAR[kind])
+            else:
+                reason = offset if of == "at_zero" else ""
+                yield Line(quantity, "mm", figure, mean, reason=reason)
     fired = noisy.frame.loc[noisy.frame["pulses"] > 0, "scale"]
     scales = ", ".join(f"{scale:g}" for scale in np.unique(fired)) or "none"
+    without = f"at scale {scales}; without noise {modelled.cues} of {len(modelled.frame)}"
     yield Line(
         "fault-free segments with noise in which the cue fires",
         "",
         published.estimate("fault_free.segments_over_threshold"),
         StudyEstimate(noisy.cues, n=len(noisy.frame), of="segments, noise on"),
-        reason=f"at scale {scales}; without noise {modelled.cues} of {len(modelled.frame)}: compare"
-        " the two before calling it the noise's doing",
+        reason=f"{without}: compare the two before calling it the noise's doing",
     )
-    rest_mm = modelled.frame["rest_mm"].iloc[0]
-    offset = f"the model begins at the true tip, encoders see it {rest_mm:.2f} mm away"
-    for of, words, reason in (
-        ("slope", "slope over the scale", ""),
-        ("at_zero", "the line's value at scale 0", offset),
-    ):
-        for kind in KINDS:
-            figure, lines = pair(kind, of)
-            quantity = f"{kind} tip error, {words}"
-            yield Line(quantity, "mm", figure, over_kinds(lines), reason=reason)
 
 
 def _by_scale(modelled: Setting, published: Published) -> Iterator[Line]:
