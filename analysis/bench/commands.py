@@ -37,10 +37,7 @@ def list_commands(folder: Path, large: bool = False) -> dict[str, tuple[str, ...
 
 
 def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
-    """Run `ravenjax` of the package in `root` with these words. Its cache is in `folder`.
-
-    Python keeps its bytecode, as it does for users, also if this process may not write bytecode.
-    """
+    """Run `ravenjax` of the package in `root` with these words. Cache and bytecode are kept."""
     kept = {compile_cache.VARIABLE: str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-m", "ravenjax.cli", *tokens]
     try:

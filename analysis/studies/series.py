@@ -17,7 +17,7 @@ import numpy as np
 
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit

@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import plan
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
