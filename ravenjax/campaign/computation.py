@@ -143,7 +143,8 @@ class Computation:
             return
         runs = concatenate(self._fault_free_outcomes)
         halted = runs.get("halted_ms", np.zeros(0))
-        still = halted > STANDS_STILL * self.plan.program.ticks
+        length = self.plan.config.campaign.duration_ms
+        still = halted > STANDS_STILL * length
         if still.any():
             tripped = [
                 name.removeprefix("check_").removesuffix("_count")
@@ -152,7 +153,7 @@ class Computation:
             ]
             self.progress.note(
                 f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms although the pedal is"
+                f" {int(halted.max()):,} of {length:,} ms although the pedal is"
                 " down. The robot stops without a fault, and faults after that have no effect. See"
                 " column golden_halted_ms. Checks that tripped in these runs:"
                 f" {', '.join(tripped) or 'none'}. Write a shorter campaign.duration_s, another"
@@ -323,7 +324,7 @@ class Computation:
         result = self.kernel.run(block, self.plan.columns, self._count)
         columns = take_rows(result.outcomes, slice(len(rows)))
         if self.plan.program.ends:
-            columns[schema.OBSERVED] = self.plan.ends[rows]
+            columns[schema.OBSERVED] = self.plan.ends[rows] * self.plan.tick_ms
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:

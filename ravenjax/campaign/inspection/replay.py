@@ -29,7 +29,8 @@ class Replay(NamedTuple):
 
     # The run's row of the result table, computed again.
     row: pd.Series
-    # Time series [ticks] or [ticks, ...] by name; `ravenjax.store.logs.time_series` lists them.
+    # Time series by name, [ms] or [ms, ...]; `ravenjax.store.logs.time_series` lists them. The
+    # numbers of a tick are those of each of its milliseconds.
     series: dict[str, np.ndarray]
     # Outcomes of the golden run, as the engine returned them.
     golden: dict[str, Any]
@@ -98,14 +99,17 @@ class Replayer(PlannedCampaign):
             memory_windows.take_rows(one.outcomes, slice(1)) for one in (result, golden)
         )
         if program.ends:
-            own[schema.OBSERVED] = self.plan.ends[[row]]
+            own[schema.OBSERVED] = self.plan.ends[[row]] * self.plan.tick_ms
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
         columns = outcomes.result_columns(
             self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
         )
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
-            series=memory_windows.take_rows(series, slice(end)),
+            series={
+                name: np.repeat(values[:end], self.plan.tick_ms, axis=0)
+                for name, values in series.items()
+            },
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
             engine=self.engine,
