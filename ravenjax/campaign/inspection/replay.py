@@ -88,7 +88,7 @@ class Replayer(PlannedCampaign):
         row, program = self.index(run), self.plan.program
         varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
         _, faults = self.plan.lanes([row], self._lanes)
-        end = int(self.plan.ends[row])
+        end, tick_ms = int(self.plan.ends[row]), self.plan.tick_ms
         ends = np.full(self._lanes, end)
         golden, result, signals = self._tracer.run(
             Block(varied, harmless, None, ends=ends),
@@ -99,17 +99,14 @@ class Replayer(PlannedCampaign):
             memory_windows.take_rows(one.outcomes, slice(1)) for one in (result, golden)
         )
         if program.ends:
-            own[schema.OBSERVED] = self.plan.ends[[row]] * self.plan.tick_ms
+            own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
         columns = outcomes.result_columns(
             self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
         )
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
-            series={
-                name: np.repeat(values[:end], self.plan.tick_ms, axis=0)
-                for name, values in series.items()
-            },
+            series=memory_windows.take_rows(series, np.arange(end * tick_ms) // tick_ms),
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
             engine=self.engine,
