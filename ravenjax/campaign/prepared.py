@@ -12,8 +12,6 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
         optional: times of packets, and times in which the pedal is down
     phases(config) -> {phase: int [stretches, 2]}
         if `Robot.phases` is not empty: first and last tick of each stretch of a phase
-    explained(program) -> TickProgram
-        optional: the same runs, each compared with its golden run at every seam
     acted(program) -> (TickProgram, {action: number})
         optional: the same runs with a fault slot for an action, and the possible actions, see
         `stages.acted`. An operator who follows the cue takes action 1

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.vocabulary.robot import Robot
     from ravenjax.vocabulary.sites import Channel, Site
 
 
@@ -79,7 +81,7 @@ def faults(
         classes=library.library_terms()["classes"],
         parameter=PARAMETER,
         channels=_channels,
-        without_fault=_without_fault,
+        without_fault=functools.partial(_without_fault, whose),
     )
     console.print_tables(listings, as_json)
 
@@ -92,13 +94,11 @@ def _channels(site: Site) -> str:
     return "; ".join(f"{' '.join(names)} ({kind})" for kind, names in kinds.items())
 
 
-def _without_fault(site: Site, channel: Channel) -> str:
-    # Return the range of a channel in fault-free runs for each arm, as text; "" if unknown.
-    from ravenjax.hazards import ranges
-
+def _without_fault(robot: Robot, site: Site, channel: Channel) -> str:
+    # Return the normal range of a channel for each arm, as text; "" if unknown.
     spans = {
         arm: f"{span.low:.4g}..{span.high:.4g}"
-        for (of, arm, name), span in ranges.measured_ranges().items()
+        for (of, arm, name), span in robot.ranges.items()
         if (of, name) == (site.name, channel.name)
     }
     alike = len(set(spans.values())) == 1

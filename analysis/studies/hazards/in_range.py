@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.hazards import ranges
 from ravenjax.hazards.library import Number, Numbers, Struck
-from ravenjax.hazards.ranges import ChannelRange
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.declaration import SITES
+from ravenjax.robots.raven2.declaration import ROBOT, SITES
+from ravenjax.vocabulary.sites import ChannelRange
 
 IN, OUT, EITHER = "in range", "out of range", "in and out of range"
 RUN_MS = 3000
@@ -32,7 +31,7 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
         within(
             struck.effect,
             np.array(values) * (struck.along[channel] if struck.along else 1.0),
-            ranges.normal_range(struck.site, channel, arm),
+            ROBOT.normal_range(struck.site, channel, arm),
             ticks,
         )
         for channel in struck.channels

@@ -21,7 +21,7 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, Site
+from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, ChannelRange, Site
 
 TICK_S = 1e-3
 
@@ -99,6 +99,19 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         site: Site(site, site, site != PARAMETER, channels(site), where)
         for site, (_, where) in SITES.items()
     }
+
+    def span(site: str, channel: Channel) -> ChannelRange:
+        k = joints.index(channel.name)
+        low, high = arm.force if site in ("torque", "actuator") else (arm.lower, arm.upper)
+        ends = (low[k], low[k], high[k], high[k])
+        return ChannelRange(site, "arm", channel.name, channel.unit, *ends)
+
+    spans = (
+        span(site.name, channel)
+        for site in sites.values()
+        for channel in site.channels
+        if channel.name in joints
+    )
     return ArmRobot(
         name=name,
         title=file.name,
@@ -114,12 +127,13 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         seams={
             name: Seam(
                 *(name, name, True),
-                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in site.channels),
+                tuple(SeamChannel(c.name, c.unit, name, (name, *c.path)) for c in site.channels),
                 site.where,
             )
             for name, site in sites.items()
             if site.channels
         },
+        ranges={one[:3]: one for one in spans if math.isfinite(one.high - one.low)},
         signals=(
             signal("jpos", "encoder", "jpos_d"),
             signal("jpos_d", "command"),

@@ -26,9 +26,8 @@ from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors
 from ravenjax.stages.acted import add_action as acted
-from ravenjax.stages.explained import explain_program
 
-__all__ = ["Config", "Params", "acted", "explained", "prepare", "series"]
+__all__ = ["Config", "Params", "acted", "prepare", "series"]
 
 
 class Operator(Section):
@@ -243,19 +242,3 @@ def series(
         out["arm/golden_tip"] = golden[:, :3]
     out["arm/tip_error_mm"] = signals["tip_error_mm"]
     return {"runlevel": signals["runlevel"], **out}
-
-
-def explained(program: Any) -> Any:
-    """Return a program of the same runs that is compared number by number.
-
-    Normal ranges are those of the model's joints and actuators.
-    """
-    arm, setup = program.setup.robot.arm, program.setup
-    spans = []
-    for place in loop.list_numbers(setup):
-        forces = place.seam.name in ("torque", "actuator")
-        low, high = arm.force if forces else (arm.lower, arm.upper)
-        k = place.channel.path[-1]
-        bounded = k != "lost" and np.isfinite(high[k] - low[k])
-        spans.append((low[k], high[k]) if bounded else None)
-    return explain_program(program, len(setup.robot.checks), spans)

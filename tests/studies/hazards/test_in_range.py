@@ -2,7 +2,7 @@
 
 import pytest
 
-from ravenjax.hazards.ranges import ChannelRange
+from ravenjax.vocabulary.sites import ChannelRange
 from studies.hazards import in_range
 from studies.hazards.in_range import EITHER, IN, OUT
 

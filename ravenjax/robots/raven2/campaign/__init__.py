@@ -13,7 +13,6 @@ _HOMES = {
     "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",
-    "explained": "campaign.program:explain_program",
     "phases": "campaign.operation:phase_intervals",
     "prepare": "campaign.program:prepare_campaign",
     "series": "campaign.trace:trace_series",

@@ -1,8 +1,7 @@
 """Normal operating ranges are complete."""
 
-from ravenjax.hazards import ranges
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.declaration import SITES
+from ravenjax.robots.raven2.declaration import ROBOT, SITES
 
 
 def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
@@ -12,4 +11,4 @@ def test_every_channel_that_a_fault_can_strike_has_a_range() -> None:
         for arm in (ARMS if site.per_arm else ("",))
         for channel in site.channels
     }
-    assert {key: usual.unit for key, usual in ranges.measured_ranges().items()} == expected
+    assert {key: usual.unit for key, usual in ROBOT.ranges.items()} == expected
