@@ -4,8 +4,8 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
 `campaign` is a module of the package, or the one module. That module defines
 
     prepare(config, varied, injection, precision) -> Prepared
-    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}
-        time series of one run
+    more_series(setup, signals, series) -> {name: array [ticks] or [ticks, ...]}
+        optional: time series of one run that are computed from its signals and series
     bases(setup) -> {arm: Base}
         optional: the base frames of the arms, in the world frame
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks
@@ -15,17 +15,14 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
     acted(program) -> (TickProgram, {action: number})
         optional: the same runs with a fault slot for an action, and the possible actions, see
         `stages.acted`. An operator who follows the cue takes action 1
-    watched(program) -> TickProgram
-        optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params
         record of the parameters, with a `numbers.quantity` for each field
     Config
         optional: a subclass of `CampaignConfig` with additional sections
 
-golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
-It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
-Its outcomes become columns of `ravenjax.store.schema`. Monitor, checks and faults compute most of
-these outcomes.
+The tick is a `ravenjax.engines.interface.Loop`. It is written with `ravenjax.numbers`,
+`ravenjax.faults` and any useful part of `ravenjax.stages`. Its outcomes become columns of
+`ravenjax.store.schema`. Monitor, checks and faults compute most of these outcomes.
 """
 
 from collections.abc import Mapping

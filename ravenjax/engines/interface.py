@@ -55,6 +55,14 @@ class Loop(Protocol):
         """Return the outcomes of the run so far: columns of the result table before the verdict."""
         ...
 
+    def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
+        """Return every signal by its name, for time series and comparisons.
+
+        There are at least fault_active (bool of each slot), live (bool), and detectors
+        (`stages.detectors.DetectorsState`).
+        """
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class TickProgram:

@@ -10,7 +10,7 @@ of 3 s has 4.5 MB.
 
 The robot's loop also has
 
-    seam_signals(setup, signals) -> {name: signal}, from which the paths of the robot's seams lead
+    name_signals(setup, signals) -> {name: signal}, from which the paths of the robot's seams lead
     check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
 
 and its state has a `monitor`.
@@ -121,7 +121,7 @@ def advance(
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    numbers, carried, seams = [], [], run.seam_signals(setup, signals)
+    numbers, carried, seams = [], [], run.name_signals(setup, signals)
     for history, (_, (seam, *path), there, span), other in zip(
         state.numbers, _compared(setup), golden[length:checked], strict=True
     ):

@@ -51,6 +51,8 @@ class Robot:
     seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)
     # (site, arm or "", channel) -> its normal range
     ranges: Mapping[tuple[str, str, str], ChannelRange] = dataclasses.field(default_factory=dict)
+    # time series of a run -> path of its signal, see `stages.recorded`
+    series: Mapping[str, str] = dataclasses.field(default_factory=dict)
     signals: tuple[Signal, ...] = ()  # signals that a user's check can use, in the tick's order
     # Other files than Python modules that the robot's code reads, from models/ or from the folder
     # of its module. The hash of the code includes them

@@ -15,7 +15,7 @@ class SeamChannel(NamedTuple):
     name: str
     unit: str
     site: str = ""  # fault site with a channel of this name and a normal range; "": none
-    # names, attributes and indices, from the loop's `seam_signals` to the number; ARM: of the arm
+    # names, attributes and indices, from the loop's `name_signals` to the number; ARM: of the arm
     path: tuple[str | int, ...] = ()
 
 

@@ -134,6 +134,7 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
             if site.channels
         },
         ranges={one[:3]: one for one in spans if math.isfinite(one.high - one.low)},
+        series=_TABLES["series"],
         signals=(
             signal("jpos", "encoder", "jpos_d"),
             signal("jpos_d", "command"),

@@ -205,17 +205,21 @@ def advance(
         live=state.live + as_int(running),
     )
     seams = packet, reported, second, command, driven, exerted
-    signals = {
-        **{name: (signal,) for name, signal in zip(setup.robot.seams, seams, strict=True)},
-        "runlevel": as_int(running),
+    of_arm = {
+        **dict(zip(setup.robot.seams, seams, strict=True)),
         "link_jpos": jpos,
         "link_jvel": jvel,
         "tip": tip,
         "position": seen,
         "model_position": model,
         "model_jpos": follows[0],
-        "cue_force": pull.force,
-        "tip_error_mm": pull.distance * 1e3,
+        "haptics": pull,
+    }
+    signals = {name: (signal,) for name, signal in of_arm.items()} | {
+        "runlevel": as_int(running),
+        "live": running,
+        "fault_active": tuple(slot.active for slot in inject.state.slots),
+        "detectors": new.detectors,
     }
     return new, monitor.reference_series((tip,), (seen * 1e6,)), signals
 
@@ -285,7 +289,7 @@ def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]
     return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
 
 
-def seam_signals(setup: ArmSetup, signals: dict[str, Any]) -> dict[str, Any]:
+def name_signals(setup: ArmSetup, signals: dict[str, Any]) -> dict[str, Any]:
     """Return every signal by its name."""
     return signals
 

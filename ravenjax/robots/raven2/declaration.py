@@ -120,6 +120,7 @@ ROBOT = Robot(
     check_seams=_TABLES["check_seams"],
     seams=SEAMS,
     ranges=_ranges(),
+    series=_TABLES["series"],
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
     **_ROBOT,
 )

@@ -13,10 +13,9 @@ _HOMES = {
     "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",
+    "more_series": "campaign.trace:more_series",
     "phases": "campaign.operation:phase_intervals",
     "prepare": "campaign.program:prepare_campaign",
-    "series": "campaign.trace:trace_series",
-    "watched": "campaign.program:watch_signals",
 }
 
 

@@ -1,6 +1,5 @@
 """Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +13,7 @@ from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import run, user_files, watched
+from ravenjax.robots.raven2.loop import run, user_files
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
@@ -137,11 +136,6 @@ def _values_of_file(config: RavenConfig) -> dict[str, Any]:
 
 
 # --- observers ---
-
-
-def watch_signals(program: TickProgram) -> TickProgram:
-    """Return a program of the same runs that outputs only the states of detectors."""
-    return dataclasses.replace(program, module=watched.__name__)
 
 
 def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:

@@ -168,7 +168,7 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.Chec
 _CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
-def seam_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
+def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
     """Return every signal by its name, and rotations as quaternions and as rows of numbers."""
     out = dict(vars(signals))
     for name in ("pos", "pos_d"):
