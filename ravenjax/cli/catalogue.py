@@ -47,18 +47,18 @@ def faults(
         word: Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard
             (C09), or one of the lists layers, sites, effects, triggers, phases (of an operation),
             classes (of outcomes), hazards.
-        robot: raven2, or the Python module that declares another robot; the hazard library is for
-            raven2 only
+        robot: raven2, or the Python module that declares another robot; only raven2 has a hazard
+            library
     """
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     whose = robots.find_robot(robot)
-    # The hazard library describes only the default robot, the Raven-II.
-    usual = whose is robots.USUAL
-    layers = library.library_layers() if usual else whose.layers
-    ids = [row.id for row in library.all_hazards()] if usual else []
+    usual = bool(whose.hazards)
+    layers = library.library_layers(whose) or whose.layers
+    hazards = library.all_hazards(whose)
+    ids = [row.id for row in hazards]
     lists = ["layers", "sites", "effects", "triggers", "phases"]
     lists += ["classes", "hazards"] if usual else []
     words = [*lists, *layers, *whose.sites, *EFFECTS, *ids]
@@ -75,6 +75,7 @@ def faults(
         usual=usual,
         layers=layers,
         ids=ids,
+        every_hazard=hazards,
         listing=listing,
         all_effects=EFFECTS,
         triggers=TRIGGERS,

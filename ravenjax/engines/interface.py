@@ -55,6 +55,10 @@ class Loop(Protocol):
         """Return the outcomes of the run so far: columns of the result table before the verdict."""
         ...
 
+    def make_injector(self, setup: Any, faults: Any, state: Any, clock: Any) -> Any:
+        """Return the `ravenjax.faults.injection.Injector` of a tick. state: with open windows."""
+        ...
+
     def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
         """Return every signal by its name, for time series and comparisons.
 

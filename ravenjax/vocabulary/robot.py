@@ -54,6 +54,7 @@ class Robot:
     # time series of a run -> path of its signal, see `stages.recorded`
     series: Mapping[str, str] = dataclasses.field(default_factory=dict)
     signals: tuple[Signal, ...] = ()  # signals that a user's check can use, in the tick's order
+    hazards: str = ""  # folder with its hazard library, see `ravenjax.hazards`; "": none
     # Other files than Python modules that the robot's code reads, from models/ or from the folder
     # of its module. The hash of the code includes them
     files: tuple[str, ...] = ()

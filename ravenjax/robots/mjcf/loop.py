@@ -132,7 +132,7 @@ def advance(
     arm = setup.robot.arm
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
-    inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+    inject = make_injector(setup, faults, opened, clocks)
     usual, params = params, inject.strike_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
@@ -287,6 +287,11 @@ def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]
     out |= fault.outcomes(state.faults) | check.outcomes(check_histories(setup, state))
     out |= detectors.outcomes(setup, state.detectors)
     return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
+
+
+def make_injector(setup: ArmSetup, faults: Any, state: Any, clock: Any) -> Injector:
+    """See `ravenjax.engines.interface.Loop`."""
+    return Injector(setup, channel_paths(setup.robot, setup), faults, state, clock)
 
 
 def name_signals(setup: ArmSetup, signals: dict[str, Any]) -> dict[str, Any]:

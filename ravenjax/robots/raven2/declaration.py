@@ -121,6 +121,7 @@ ROBOT = Robot(
     seams=SEAMS,
     ranges=_ranges(),
     series=_TABLES["series"],
+    hazards=str(Path(__file__).with_name("hazards")),
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
     **_ROBOT,
 )

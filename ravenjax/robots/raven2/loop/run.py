@@ -24,6 +24,7 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
+from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.loop.optional import find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
@@ -177,6 +178,9 @@ def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
         out[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
     return out
 
+
+make_injector = RavenInjector
+"""See `ravenjax.engines.interface.Loop`."""
 
 ACTIONS = ("pedal", "estop", "stop", "hold")
 """Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""
