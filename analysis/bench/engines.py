@@ -24,7 +24,7 @@ XLA_SIZES = {"cpu": (1024,), "gpu": (65_536, 524_288)}
 """Runs of a batch of `xla` and `mjx`, by JAX's backend. XLA needs 10 to 60 s to compile each."""
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations without a cost: they become part of others, or disappear."""
-TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 20}
+TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 100}
 """Ticks of a run, by engine."""
 
 

@@ -259,9 +259,8 @@ def _arm(
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,
         depth=jnp.maximum(state.depth, signal.depth[i]),
-        peak_dac=state.peak_dac.map(
-            lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]
-        ),
+        # Without `abs`: XLA 0.11 for NVIDIA GPUs compiles max(peak, abs(dac)) as max(peak, dac).
+        peak_dac=state.peak_dac.map(lambda peak, dac: largest((peak, dac, -dac)), signal.dac[i]),
         jump=first_tick(signal.tick, fresh & over & state.over, state.jump),
         large_jump=first_tick(
             signal.tick,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.hazards.library import Number, Numbers, Struck
+from ravenjax.hazards.library import LibraryFault, Number, Numbers
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.declaration import ROBOT, SITES
 from ravenjax.vocabulary.sites import ChannelRange
@@ -17,7 +17,7 @@ RUN_MS = 3000
 """Assumed length of a window without end, for effects that grow with it."""
 
 
-def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
+def verdict(struck: LibraryFault, arm: str = ARMS[0]) -> str:
     """Return whether the channel values under a fault lie in their normal ranges: IN, OUT or
     EITHER.
 
