@@ -8,6 +8,8 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
         optional: time series of one run that are computed from its signals and series
     bases(setup) -> {arm: Base}
         optional: the base frames of the arms, in the world frame
+    describe_figure() -> JSON
+        optional: shapes for the explorer's page, see `campaign.figure` of the Raven-II
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks
         optional: times of packets, and times in which the pedal is down
     phases(config) -> {phase: int [stretches, 2]}

@@ -13,6 +13,7 @@ _HOMES = {
     "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",
+    "describe_figure": "campaign.figure:describe_figure",
     "more_series": "campaign.trace:more_series",
     "phases": "campaign.operation:phase_intervals",
     "prepare": "campaign.program:prepare_campaign",
