@@ -28,12 +28,17 @@ from ravenjax.faults.injection import read_channel
 from ravenjax.numbers import Scalar, Setup, cast_to_real, first_tick, jnp, lax, record
 from ravenjax.numbers.setup import Compared, Explained, inner_loop
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.seams import Crossing, list_crossings
+from ravenjax.vocabulary.seams import (
+    DIFFERS,
+    GOLDEN_NEAR,
+    LEAVES,
+    NEAR,
+    NEAR_MS,
+    Crossing,
+    list_crossings,
+)
 from ravenjax.vocabulary.sites import ARM
 
-DIFFERS, LEAVES = "differs:", "leaves:"
-NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
-"""Prefixes of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
 """Outcome: first tick in which any hazard of the motion was beyond its limit; -1: never."""
 ROUNDED = 5e-6

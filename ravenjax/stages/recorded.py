@@ -7,7 +7,7 @@ SI units; a series whose name ends in _mm is in mm. A series without a signal is
 """
 
 import itertools
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def read_series(
             first, *rest = path.split(".")
             value = named[first]
             for step in rest:
-                value = value[arm] if step == ARM else getattr(value, step, None)
+                value = value[arm] if step == ARM else cast(Any, getattr(value, step, None))
             if value is not None:
                 out[owner + name] = stack(value) * 1e3 if name.endswith("_mm") else stack(value)
     for arm in setup.arms:

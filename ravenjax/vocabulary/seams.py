@@ -8,6 +8,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+DIFFERS, LEAVES = "differs:", "leaves:"
+NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
+"""Beginnings of the columns of explained runs: ticks of a number, and margins of a check until
+harm.
+"""
+
 
 class SeamChannel(NamedTuple):
     """One number of a seam."""

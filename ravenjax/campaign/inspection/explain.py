@@ -17,15 +17,8 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.errors import UserError, suggest_name
-from ravenjax.stages.explained import (
-    DIFFERS,
-    GOLDEN_NEAR,
-    HARM,
-    LEAVES,
-    NEAR,
-    NEAR_MS,
-    explain_program,
-)
+from ravenjax.stages.explained import HARM, explain_program
+from ravenjax.vocabulary import seams
 
 ENGINES = ("simd", "xla", "cuda")
 """Engines whose runs can be compared bit by bit in every intermediate number of a tick.
@@ -34,7 +27,7 @@ Engine mjx is missing, because it computes the motion of the links by MuJoCo's a
 """
 MOST = 200_000
 """Largest number of runs that are explained together, which need about 1 GB of memory."""
-PREFIXES = (DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS)
+PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NEAR_MS)
 """Beginnings of the columns that the observer adds to a run's outcomes, in addition to HARM."""
 
 

@@ -100,17 +100,14 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         for site, (_, where) in SITES.items()
     }
 
-    def span(site: str, channel: Channel) -> ChannelRange:
-        k = joints.index(channel.name)
-        low, high = arm.force if site in ("torque", "actuator") else (arm.lower, arm.upper)
-        ends = (low[k], low[k], high[k], high[k])
-        return ChannelRange(site, "arm", channel.name, channel.unit, *ends)
-
+    limits = {"torque": arm.force, "actuator": arm.force}
     spans = (
-        span(site.name, channel)
+        ChannelRange(site.name, "arm", joint, channel.unit, low[k], low[k], high[k], high[k])
         for site in sites.values()
+        for low, high in [limits.get(site.name, (arm.lower, arm.upper))]
         for channel in site.channels
-        if channel.name in joints
+        for k, joint in enumerate(joints)
+        if joint == channel.name
     )
     return ArmRobot(
         name=name,
