@@ -137,7 +137,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "outcomes": {name: rates[name] for name in VALID_OUTCOMES},
         "cue_first": fault_share(runs, n["cue_first"], n["both"]),
         "lead_ms": lead_ms,
-        "false_cue": wilson_share(free.came(cue_ms), free.count),
+        "false_cue": wilson_share(free.count_with_event(cue_ms), free.count),
     }
 
 
