@@ -44,7 +44,9 @@ def test_every_fault_and_each_group_by_pandas() -> None:
     ]
     for row in ROWS:
         mine = (
-            FAULTY if row.group == contact.ALL_FAULTS else FAULTY[FAULTY["group"].astype(str) == row.group]
+            FAULTY
+            if row.group == contact.ALL_FAULTS
+            else FAULTY[FAULTY["group"].astype(str) == row.group]
         )
         assert row.n == len(mine)
         shares = (row.harder, row.vessel, row.instruments)
