@@ -62,6 +62,18 @@ class Loop(Protocol):
         """
         ...
 
+    def make_injector(self, setup: Any, faults: Any, state: Any, clock: Any) -> Any:
+        """Return the `ravenjax.faults.injection.Injector` of a tick. state: with open windows."""
+        ...
+
+    def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
+        """Return every signal by its name, for time series and comparisons.
+
+        There are at least fault_active (bool of each slot), live (bool), and detectors
+        (`stages.detectors.DetectorsState`).
+        """
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class TickProgram:

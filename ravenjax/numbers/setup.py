@@ -64,11 +64,20 @@ Span = tuple[float, float] | None
 """Normal range of a number."""
 
 
+class Compared(NamedTuple):
+    """One number that is compared with the golden run's; static. Paths: see `vocabulary.seams`."""
+
+    name: str
+    path: tuple[str | int, ...]
+    present: tuple[str | int, ...]
+    span: Span
+
+
 class Explained(NamedTuple):
     """How runs are compared with their golden runs, number by number; static."""
 
     checks: int  # number of checks of the loop
-    spans: tuple[Span, ...]  # normal range of each compared number; (): none is known
+    numbers: tuple[Compared, ...]
 
 
 @dataclasses.dataclass(frozen=True)

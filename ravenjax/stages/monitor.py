@@ -39,6 +39,22 @@ class Reference:
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
 
 
+def series_length(setup: Setup) -> int:
+    """Return the number of values of a tick that are compared with the golden run."""
+    return 6 * len(setup.arms)
+
+
+def reference_series(tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> tuple[Scalar, ...]:
+    """Return the values that are compared, arm by arm. tips: true, m; positions: measured, um."""
+    return tuple(x for rows in zip(tips, positions, strict=True) for row in rows for x in row)
+
+
+def reference_from(setup: Setup, series: Any) -> Reference:
+    """Return the golden run in a tick from its `reference_series`."""
+    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
+    return Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
+
+
 @describe_fields
 @record
 class MonitorParams:

@@ -14,6 +14,7 @@ from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError, format_value
+from ravenjax.stages.recorded import read_series
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
@@ -82,8 +83,8 @@ class Replayer(PlannedCampaign):
         program = self.plan.program
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
-        self._robot = config.robot.part("campaign")
-        self._bases = getattr(self._robot, "bases", lambda _: {})(program.setup)
+        find_bases = getattr(config.robot.part("campaign"), "bases", lambda _: {})
+        self._bases = find_bases(program.setup)
 
     def replay(self, run: Any) -> Replay:
         """Compute one run again; see `index` for `run`. Raises UserError."""
@@ -102,7 +103,8 @@ class Replayer(PlannedCampaign):
         )
         if program.ends:
             own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
-        series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
+        reference = np.asarray(golden.reference)[:, :, 0]
+        series = read_series(self.config.robot, program, signals, reference)
         columns = outcomes.result_columns(
             self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
         )

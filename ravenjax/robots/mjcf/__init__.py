@@ -22,7 +22,7 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, Site
+from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, ChannelRange, Site
 
 _TABLES = resources.read_tables(__file__, "declaration.toml")
 SITES = _TABLES["sites"]
@@ -100,6 +100,16 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         site: Site(site, site, site != PARAMETER, channels(site), where)
         for site, (_, where) in SITES.items()
     }
+
+    limits = {"torque": arm.force, "actuator": arm.force}
+    spans = (
+        ChannelRange(site.name, "arm", joint, channel.unit, low[k], low[k], high[k], high[k])
+        for site in sites.values()
+        for low, high in [limits.get(site.name, (arm.lower, arm.upper))]
+        for channel in site.channels
+        for k, joint in enumerate(joints)
+        if joint == channel.name
+    )
     return ArmRobot(
         name=name,
         title=file.name,
@@ -115,12 +125,14 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         seams={
             name: Seam(
                 *(name, name, True),
-                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in site.channels),
+                tuple(SeamChannel(c.name, c.unit, name, (name, *c.path)) for c in site.channels),
                 site.where,
             )
             for name, site in sites.items()
             if site.channels
         },
+        ranges={one[:3]: one for one in spans if math.isfinite(one.high - one.low)},
+        series=_TABLES["series"],
         signals=(
             signal("jpos", "encoder", "jpos_d"),
             signal("jpos_d", "command"),

@@ -26,9 +26,8 @@ from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors
 from ravenjax.stages.acted import add_action as acted
-from ravenjax.stages.explained import explain_program
 
-__all__ = ["Config", "Params", "acted", "explained", "prepare", "series"]
+__all__ = ["Config", "Params", "acted", "prepare"]
 
 
 class Operator(Section):
@@ -240,32 +239,3 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
             f" stays {apart[tick] * 1e3:.3g} mm away, with each joint in its range"
         )
     return columns
-
-
-def series(
-    setup: ArmSetup, signals: dict[str, Any], golden: np.ndarray | None = None
-) -> dict[str, np.ndarray]:
-    """Return the time series of a run; `store.logs.time_series` describes them."""
-    arm = {signal.field: signals[signal.layer][0] for signal in setup.robot.signals}
-    arm |= {name: values for name, values in signals.items() if isinstance(values, Vec)}
-    out = {f"arm/{name}": np.stack(values, axis=-1) for name, values in arm.items()}
-    if golden is not None:
-        out["arm/golden_tip"] = golden[:, :3]
-    out["arm/tip_error_mm"] = signals["tip_error_mm"]
-    return {"runlevel": signals["runlevel"], **out}
-
-
-def explained(program: Any) -> Any:
-    """Return a program of the same runs that is compared number by number.
-
-    Normal ranges are those of the model's joints and actuators.
-    """
-    arm, setup = program.setup.robot.arm, program.setup
-    spans = []
-    for place in loop.list_numbers(setup):
-        forces = place.seam.name in ("torque", "actuator")
-        low, high = arm.force if forces else (arm.lower, arm.upper)
-        k = place.channel.path[-1]
-        bounded = k != "lost" and np.isfinite(high[k] - low[k])
-        spans.append((low[k], high[k]) if bounded else None)
-    return explain_program(program, len(setup.robot.checks), spans)

@@ -17,7 +17,7 @@ from operator import or_
 from typing import Any, Literal
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import Injector, channel_paths, read_channel
+from ravenjax.faults.injection import Injector, channel_paths
 from ravenjax.mechanics import mechanism
 from ravenjax.numbers import cast_to_real, describe_fields, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
@@ -25,7 +25,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
 from ravenjax.stages import check, detectors, haptics, monitor
-from ravenjax.vocabulary.seams import Crossing, list_crossings
+from ravenjax.stages.monitor import series_length as series_length
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,7 +138,7 @@ def advance(
     ms = arm.period_ms
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
-    inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+    inject = make_injector(setup, faults, opened, clocks)
     usual, params = params, inject.strike_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
@@ -197,7 +197,7 @@ def advance(
         *((tip,), (seen * 1e6,), (model,), (-infinite,), infinite, nothing),
         *(always, running, always, now),
     )
-    reference = monitor.Reference((Vec(golden[:3]),), (Vec(golden[3:6]),))
+    reference = monitor.reference_from(setup, golden)
     view = {"tick": now, "jpos": reported, "jpos_d": command, "tau_d": driven}
     watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
     histories = zip(state.checks, (*stops, clips), margins, strict=True)
@@ -212,19 +212,23 @@ def advance(
         live=state.live + as_int(running),
     )
     seams = packet, reported, second, command, driven, exerted
-    signals = {
-        **{name: (signal,) for name, signal in zip(setup.robot.seams, seams, strict=True)},
-        "runlevel": as_int(running),
+    of_arm = {
+        **dict(zip(setup.robot.seams, seams, strict=True)),
         "link_jpos": jpos,
         "link_jvel": jvel,
         "tip": tip,
         "position": seen,
         "model_position": model,
         "model_jpos": follows[0],
-        "cue_force": pull.force,
-        "tip_error_mm": pull.distance * 1e3,
+        "haptics": pull,
     }
-    return new, (*tip, *(seen * 1e6)), signals
+    signals = {name: (signal,) for name, signal in of_arm.items()} | {
+        "runlevel": as_int(running),
+        "live": running,
+        "fault_active": tuple(slot.active for slot in inject.state.slots),
+        "detectors": new.detectors,
+    }
+    return new, monitor.reference_series((tip,), (seen * 1e6,)), signals
 
 
 def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
@@ -297,11 +301,6 @@ def _count(before: Scalar, numbers: Vec, limits: Vec) -> Scalar:
     return jnp.where(within, 0, before + 1)
 
 
-def series_length(setup: ArmSetup) -> int:
-    """Return the number of values that a run is compared by."""
-    return 6
-
-
 def check_histories(setup: ArmSetup, state: State) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns."""
     return dict(zip(setup.robot.checks, state.checks, strict=True))
@@ -315,15 +314,14 @@ def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]
     return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
 
 
-def list_numbers(setup: ArmSetup) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam, in order."""
-    return list_crossings(setup.robot.seams, setup.arms)
+def make_injector(setup: ArmSetup, faults: Any, state: Any, clock: Any) -> Injector:
+    """See `ravenjax.engines.interface.Loop`."""
+    return Injector(setup, channel_paths(setup.robot, setup), faults, state, clock)
 
 
-def crossing_numbers(setup: ArmSetup, signals: dict[str, Any]) -> list[tuple[Scalar, bool]]:
-    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
-    paths = [(place.seam.name, place.channel.path[1:]) for place in list_numbers(setup)]
-    return [(read_channel(signals[seam][0], path), True) for seam, path in paths]
+def name_signals(setup: ArmSetup, signals: dict[str, Any]) -> dict[str, Any]:
+    """Return every signal by its name."""
+    return signals
 
 
 ACTIONS = ("stop", "hold")
