@@ -152,7 +152,7 @@ def test_the_level_is_kept_and_a_changed_robot_is_reported():
     ]
     assert sum(same) <= binom.ppf(0.999, times, level)
     higher = [shift.test_shift(rng.normal(size=60), rng.normal(2.0, size=15), s) for s in range(20)]
-    assert all(one.p <= level and one.place > 0.8 for one in higher)
+    assert all(one.p <= level and one.median_rank > 0.8 for one in higher)
     wider = [
         shift.test_shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level
         for s in range(20)

@@ -66,7 +66,14 @@ def check_exchangeability(
             results[name] = shift.test_shift(before, after, seed)
     findings = holm_test({name: one.p for name, one in results.items()}, 1.0 - level)
     rows = [
-        (name, one.place, one.p, findings[name].adjusted, one.martingale, findings[name].rejected)
+        (
+            name,
+            one.median_rank,
+            one.p,
+            findings[name].adjusted,
+            one.martingale,
+            findings[name].rejected,
+        )
         for name, one in results.items()
     ]
     columns = ["score", "place", "p", "adjusted", "martingale", "shifted"]
