@@ -93,7 +93,7 @@ def detector_tables(
     for score, same_score in itertools.groupby(candidates, key=lambda candidate: candidate.score):
         consecutive = [candidate.consecutive for candidate in same_score]
         path = folder / f"{_PREFIX}{first_index}.py"
-        path.write_text(code.write_part(score.singles), encoding="utf-8")
+        path.write_text(code.write_part(score.channel_scores), encoding="utf-8")
         table = {
             "name": path.stem,
             "file": str(path),
@@ -127,7 +127,7 @@ def list_single_channels(scores: Sequence[Score]) -> list[Candidate]:
     return [
         Candidate(channel, consecutive)
         for score in scores
-        for channel in score.singles
+        for channel in score.channel_scores
         for consecutive in CONSECUTIVE_MS
     ]
 

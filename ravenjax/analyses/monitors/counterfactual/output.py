@@ -94,7 +94,7 @@ def write_files(finding: Counterfactual, out_folder: Path) -> list[Path]:
             f"{candidate.words[:1].upper()}{candidate.words[1:]}. The score is 1 at the largest"
             " value in fault-free motion"
         )
-        write_text(paths[-1], code.write_part(candidate.score.singles, title=title))
+        write_text(paths[-1], code.write_part(candidate.score.channel_scores, title=title))
     paths.append(folder / CAMPAIGN)
     write_text(paths[-1], campaign_with_set(finding))
     return paths
