@@ -32,7 +32,7 @@ from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.faults.fault import FaultSlot, SlotState, open_window
 from ravenjax.faults.injection import Strike
 from ravenjax.numbers.counter_random import CHANNEL_STRIDE, random_uniform
-from ravenjax.numbers.lazy import call_when_jax_loads, compute_immediately, jnp, lax
+from ravenjax.numbers.lazy import call_when_jax_loads, jnp, lax, run_eagerly
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
 
@@ -128,7 +128,7 @@ def init(signal: Any, fault: Fault) -> State:
 
     With effect delay, `fault.value` must not be traced, because it is the length of the history.
     """
-    with compute_immediately(signal) as signal:
+    with run_eagerly(signal) as signal:
         depth = 0
         if fault.effect == "delay":
             depth = int(jnp.max(jnp.asarray(fault.value, dtype=jnp.int32)))
@@ -138,7 +138,7 @@ def init(signal: Any, fault: Fault) -> State:
 def reset(state: State, done: Any) -> State:
     """Return the state with the environments that are `done` (bool) as before their first tick."""
     latched = state.slot.latched
-    with compute_immediately(latched):
+    with run_eagerly(latched):
         start = _start(latched.shape, latched.dtype, state.history)
         return where(_leading("done", done, latched.shape) != 0, start, state)
 
@@ -152,7 +152,7 @@ def apply(
     time with which `start` is compared, such as ticks since a trigger; while it is negative, the
     fault does not act. None: ticks since the reset.
     """
-    with np.errstate(all="ignore"), compute_immediately(signal) as signal:
+    with np.errstate(all="ignore"), run_eagerly(signal) as signal:
         shape, (kind, real) = signal.shape, _kind_and_real(signal)
 
         def numbers(name: str, dtype: Any = jnp.int32) -> Any:

@@ -1,8 +1,8 @@
 """Imports JAX at its first use, so that code that needs no JAX runs without it.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
-and `from jax import lax`. Within `compute_immediately()`, `jnp` and `lax` call functions of NumPy.
-The code of the tick then computes plain numbers, without JAX. `compute_immediately(array)` uses the
+and `from jax import lax`. Within `run_eagerly()`, `jnp` and `lax` call functions of NumPy.
+The code of the tick then computes plain numbers, without JAX. `run_eagerly(array)` uses the
 library of that array.
 
 NumPy's results have the types and the bits that XLA gives on a CPU. Only sine and cosine differ:
@@ -133,7 +133,7 @@ def _apply_in_float64(function: Callable[[Any], Any], x: Any) -> Any:
     return result_type(function(float(x)))
 
 
-__all__ = ["call_when_jax_loads", "compute_immediately", "jax", "jnp", "lax"]
+__all__ = ["call_when_jax_loads", "jax", "jnp", "lax", "run_eagerly"]
 
 
 class _Replacements(threading.local):
@@ -170,7 +170,7 @@ def _import_module(name: str) -> Any:
 
 
 @contextlib.contextmanager
-def compute_immediately(array: Any = None) -> Iterator[Any]:
+def run_eagerly(array: Any = None) -> Iterator[Any]:
     """Context in which functions of `jnp` and `lax` return results immediately, because they
     compute with NumPy or with the library of `array`. Only the current thread is affected.
 

@@ -19,7 +19,7 @@ import numpy as np
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers import compute_immediately
+from ravenjax.numbers import run_eagerly
 from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
@@ -160,7 +160,7 @@ class DrawnPackets:
             key, choice = self.key[rows[indices]][:, None], self.choice[rows[indices]][:, None]
             for begin in range(0, most, columns):
                 packet = np.arange(begin, min(begin + columns, most), dtype=np.int32)[None]
-                with compute_immediately():
+                with run_eagerly():
                     lengths = packet_clock.packet_length(self.shares, choice, key, packet).astype(
                         np.int64
                     )
