@@ -118,7 +118,7 @@ class EvenPackets:
     cycles: np.ndarray  # int64 [runs]
     ticks: int
 
-    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+    def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         return (packets - 1) * self.cycles[rows]
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ class DrawnPackets:
     key: np.ndarray  # uint32 [runs]
     ticks: int
 
-    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+    def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         # Returns the arrival ticks of packets (numbers from 1) in the runs `rows`, int64.
         wanted = np.minimum(packets, self.ticks + 1)
         result = np.empty(len(rows), np.int64)
