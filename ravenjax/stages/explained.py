@@ -67,7 +67,8 @@ class ExplainedState:
 def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> Any:
     """Return a program of the same runs, each compared with its golden run number by number.
 
-    checks: how many the loop has. spans: normal range of each number; (): no number has any.
+    checks: number of checks of the robot's loop. spans: normal range of each number; (): no normal
+    range is known.
     """
     use = Explained(checks, tuple(spans))
     setup = dataclasses.replace(program.setup, explained=use, inner=program.module)
@@ -76,19 +77,14 @@ def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> An
 
 def init(setup: Setup, params: Any) -> ExplainedState:
     """Return the state of the robot's loop, with no differences."""
-    run = inner_loop(setup)
-    never, state = jnp.int32(-1), run.init(setup, params)
+    loop = inner_loop(setup)
+    never, state = jnp.int32(-1), loop.init(setup, params)
     infinite = cast_to_real(setup, jnp.inf)
-    return ExplainedState(
-        tick=state,
-        numbers=tuple(
-            NumberHistory(never, None if span is None else never) for span in _spans(setup)
-        ),
-        margins=tuple(
-            MarginHistory(infinite, infinite, never) for _ in run.check_histories(setup, state)
-        ),
-        harm=never,
-    )
+    # A number without a normal range cannot leave it.
+    numbers = [NumberHistory(never, None if span is None else never) for span in _spans(setup)]
+    check_count = len(loop.check_histories(setup, state))
+    margins = (MarginHistory(margin=infinite, golden=infinite, tick=never),) * check_count
+    return ExplainedState(tick=state, numbers=tuple(numbers), margins=margins, harm=never)
 
 
 def advance(
@@ -100,73 +96,98 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
-    """Compute one tick as the robot's loop, then compare it with the golden run."""
-    run = inner_loop(setup)
-    length = run.series_length(setup)
+    """Compute the tick `now` of the robot's loop, then compare it with the golden run.
+
+    golden: series of the golden run in this tick. They are the numbers that the robot's loop
+    stores, then the compared numbers, then the margins of checks. Return the state, this run's
+    series, and the signals.
+    """
+    loop = inner_loop(setup)
+    length = loop.series_length(setup)
     checked = length + len(state.numbers)
-    after, series, signals = run.advance(
+    after, series, signals = loop.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    numbers, carried = [], []
-    for history, span, (number, present), other in zip(
+    numbers, stored_numbers = [], []
+    for history, span, (number, exists), golden_number in zip(
         state.numbers,
         _spans(setup),
-        run.crossing_numbers(setup, signals),
+        loop.crossing_numbers(setup, signals),
         golden[length:checked],
         strict=True,
     ):
-        number = jnp.asarray(number)
-        floats = number.dtype == jnp.float32
-        to_bits = lax.bitcast_convert_type if floats else lax.convert_element_type
-        bits = to_bits(number, jnp.int32)
-        there = lax.bitcast_convert_type(other, jnp.int32)
-        differs = first_tick(now, (bits != there) & present, history.differs)
-        leaves = history.leaves
-        if span is not None:
-            outside = _outside(number, span) & ~_outside(other if floats else there, span)
-            leaves = first_tick(now, outside & present, leaves)
-        numbers.append(NumberHistory(differs, leaves))
-        carried.append(lax.bitcast_convert_type(bits, jnp.float32))
-    live, margins, nearest = state.harm < 0, [], []
-    for before, check, other in zip(
-        state.margins, run.check_histories(setup, after).values(), golden[checked:], strict=True
+        new_history, bits = _compare_number(history, span, number, exists, golden_number, now)
+        numbers.append(new_history)
+        stored_numbers.append(lax.bitcast_convert_type(bits, jnp.float32))
+    # A check counts only before the first harm.
+    is_before_harm = state.harm < 0
+    margins, margin_histories = [], []
+    for before, check, golden_margin in zip(
+        state.margins, loop.check_histories(setup, after).values(), golden[checked:], strict=True
     ):
-        # A check counts only before the first harm
         margin = cast_to_real(setup, check.margin)
-        closer = live & (margin < before.margin)
-        nearest.append(
+        is_smallest = is_before_harm & (margin < before.margin)
+        margin_histories.append(
             MarginHistory(
-                margin=jnp.where(closer, margin, before.margin),
-                golden=jnp.where(live, other, before.golden),
-                tick=jnp.where(closer, now, before.tick),
+                margin=jnp.where(is_smallest, margin, before.margin),
+                golden=jnp.where(is_before_harm, golden_margin, before.golden),
+                tick=jnp.where(is_smallest, now, before.tick),
             )
         )
         margins.append(margin)
     monitor = after.monitor
-    harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
-    harm = jnp.where(harmful & live, now, state.harm)
-    explained = ExplainedState(after, tuple(numbers), tuple(nearest), harm)
-    return explained, (*series, *carried, *margins), signals
+    is_harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
+    harm = jnp.where(is_harmful & is_before_harm, now, state.harm)
+    explained = ExplainedState(after, tuple(numbers), tuple(margin_histories), harm)
+    return explained, (*series, *stored_numbers, *margins), signals
+
+
+def _compare_number(
+    history: NumberHistory,
+    span: Span,
+    number: Scalar,
+    exists: Scalar,
+    golden_number: Scalar,
+    now: Scalar,
+) -> tuple[NumberHistory, Scalar]:
+    """Return the history of a number after this tick, and the bits of the number as int32.
+
+    exists: bool, the number exists in this tick. golden_number: float32 with the bits of the golden
+    run's number.
+    """
+    number = jnp.asarray(number)
+    is_float = number.dtype == jnp.float32
+    to_bits = lax.bitcast_convert_type if is_float else lax.convert_element_type
+    bits = to_bits(number, jnp.int32)
+    golden_bits = lax.bitcast_convert_type(golden_number, jnp.int32)
+    differs = first_tick(now, (bits != golden_bits) & exists, history.differs)
+    leaves = history.leaves
+    if span is not None:
+        golden_value = golden_number if is_float else golden_bits
+        leaves_now = _outside(number, span) & ~_outside(golden_value, span)
+        leaves = first_tick(now, leaves_now & exists, leaves)
+    return NumberHistory(differs, leaves), bits
 
 
 def series_length(setup: Setup) -> int:
-    """Return the length of the series."""
+    """Return how many numbers of a golden run are stored in each tick."""
     assert setup.explained is not None
     return inner_loop(setup).series_length(setup) + len(_spans(setup)) + setup.explained.checks
 
 
 def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scalar]:
-    """Return the outcomes of the robot's loop and those of the observer."""
-    run = inner_loop(setup)
-    out = run.outcomes(setup, params, state.tick)
-    for place, history in zip(run.list_numbers(setup), state.numbers, strict=True):
-        out[f"{DIFFERS}{place.name}"] = history.differs
+    """Return the outcomes of the robot's loop and the outcomes of the observer."""
+    loop = inner_loop(setup)
+    columns = loop.outcomes(setup, params, state.tick)
+    for crossing, history in zip(loop.list_numbers(setup), state.numbers, strict=True):
+        columns[f"{DIFFERS}{crossing.name}"] = history.differs
         if history.leaves is not None:
-            out[f"{LEAVES}{place.name}"] = history.leaves
-    for name, history in zip(run.check_histories(setup, state.tick), state.margins, strict=True):
-        out |= {f"{NEAR}{name}": history.margin, f"{GOLDEN_NEAR}{name}": history.golden}
-        out[f"{NEAR_MS}{name}"] = history.tick
-    return out | {HARM: state.harm}
+            columns[f"{LEAVES}{crossing.name}"] = history.leaves
+    for name, history in zip(loop.check_histories(setup, state.tick), state.margins, strict=True):
+        columns[f"{NEAR}{name}"] = history.margin
+        columns[f"{GOLDEN_NEAR}{name}"] = history.golden
+        columns[f"{NEAR_MS}{name}"] = history.tick
+    return columns | {HARM: state.harm}
 
 
 def _spans(setup: Setup) -> tuple[Span, ...]:
@@ -177,4 +198,5 @@ def _spans(setup: Setup) -> tuple[Span, ...]:
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
+    # In this form NaN is outside.
     return ~((value >= low) & (value <= high))
