@@ -104,11 +104,10 @@ def parse_margin(text: str) -> Margin:
 
 
 def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
-    """Compare the results in folder `second` with those in folder `first`, and judge the change of
-    each margin's event.
+    """Compare the results in folder `second` with the results in folder `first`, and judge the
+    change of each margin's event. most: largest number of changed runs to list.
 
-    most: largest number of changed runs to list. Raise UserError for results that cannot be
-    compared, and StoreError for a folder that cannot be read.
+    Raise UserError for results that cannot be compared, and StoreError for unreadable folders.
     """
     compared = comparison.compare_folders(first, second, most)
     if not compared.pairs.compared:
@@ -128,9 +127,8 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
             rate = rates[EVENTS[margin.event]]
             first_text = wording.format_percent(rate.first.value)
             second_text = wording.format_percent(rate.second.value)
-            # A rate is a share, and the margin is in percentage points.
-            value, low, high = rate.difference
-            change = Estimate(100 * value, 100 * low, 100 * high)
+            # From shares to percentage points.
+            change = Estimate(*(100 * share for share in rate.difference))
         verdict = judge_change(change, margin.limit)
         return Judgement(margin, first_text, second_text, change, verdict)
 
@@ -141,8 +139,8 @@ def judge_change(change: Estimate, limit: float) -> Verdict:
     """Return "pass" if the whole interval of the change is within the limit, "fail" if no part is,
     else "undecided".
 
-    A positive limit is the largest accepted rise, a negative limit the largest accepted fall. A
-    change without an interval is compared as a single number.
+    A positive limit is the largest accepted rise, a negative one the largest accepted fall. Of a
+    change without an interval, the value is compared.
     """
     # With this sign, a change for the worse is positive.
     sign = math.copysign(1.0, limit)

@@ -79,8 +79,8 @@ class Fault:
         if self.effect not in _EFFECTS:
             raise UserError(describe_unknown_name("effect", self.effect, _EFFECTS))
         self._require_arguments()
-        positive: tuple[float, float] = (1, ENDLESS)
-        limits = {"duration": positive, "every": positive, "period": positive}
+        times = ("duration", "every", "period")
+        limits: dict[str, tuple[float, float]] = dict.fromkeys(times, (1, ENDLESS))
         limits |= {"start": (0, ENDLESS), "probability": (0, 1)}
         if self.effect == "bit_flip":
             limits["value"] = (0, 31)
@@ -106,8 +106,9 @@ class Fault:
             is_given = getattr(self, name) is not None
             if is_given != is_needed:
                 words = f"effect {self.effect}{' and a probability' if is_random else ''}"
-                verb = "needs" if is_needed else "takes no"
-                raise UserError(f"a fault with {words} {verb} {name}")
+                raise UserError(
+                    f"a fault with {words} {'needs' if is_needed else 'takes no'} {name}"
+                )
         if is_random and self.every is not None:
             raise UserError("a fault has a probability or every, not both")
 
@@ -191,17 +192,9 @@ def apply(
         element = jnp.reshape(jnp.arange(math.prod(shape)), shape)
         key = lax.convert_element_type(argument("key"), jnp.uint32)
         element = lax.convert_element_type(element, jnp.uint32)
-        slot = FaultSlot(
-            code=argument("at"),
-            effect=argument("at") * EFFECT_CODES[effect],
-            value=value,
-            trigger=tick,
-            start=argument("start"),
-            duration=argument("duration"),
-            every=argument("every"),
-            period=argument("period"),
-            key=key + element * jnp.uint32(CHANNEL_STRIDE),
-        )
+        at, element_key = argument("at"), key + element * jnp.uint32(CHANNEL_STRIDE)
+        times = (argument(name) for name in ("start", "duration", "every", "period"))
+        slot = FaultSlot(at, at * EFFECT_CODES[effect], value, tick, *times, key=element_key)
         since_start = reading - slot.start
         if fault.probability is not None:
             # The time since the last random start, or -1 if the fault does not act.
@@ -210,15 +203,9 @@ def apply(
             begins = random_uniform(key, tick, 1) < argument("probability", jnp.float32)
             since_random_start = jnp.where(continues, next_age, as_int(begins) - 1)
             since_start = jnp.where(since_start < 0, -1, since_random_start)
-        action = FaultAction(
-            (effect,),
-            fault=slot,
-            slot=open_window(slot, state.slot, since_start),
-            x=lax.convert_element_type(signal, real),
-            tick=tick,
-            on_channel=argument("at") > 0,
-            present=True,
-        )
+        opened = open_window(slot, state.slot, since_start)
+        x = lax.convert_element_type(signal, real)
+        action = FaultAction((effect,), slot, opened, x, tick, on_channel=at > 0, present=True)
         value, differs = action.replacement(kind, signal)
         activated = action.acts & differs
         faulty_signal = jnp.where(action.acts, value, signal)
@@ -240,22 +227,13 @@ def _initial_state(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) 
     def filled(x: float, dtype: Any = jnp.int32) -> Any:
         return _broadcast("", x, shape, dtype)
 
-    slot = SlotState(
-        active=filled(0) > 0,
-        age=filled(0),
-        latched=filled(0.0, real),
-        before=filled(math.nan, real),
-        first_tick=filled(-1),
-        changed_ticks=filled(0),
-        last_tick=filled(-1),
-    )
+    active, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
+    slot = SlotState(active, filled(0), zero, unseen, filled(-1), filled(0), filled(-1))
     return State(slot, filled(-1), history)
 
 
 def _broadcast_leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
-    """Return the argument `name`, int32 numbers for the leading axes of the signal, as an array of
-    the signal's shape.
-    """
+    """Return int32 numbers for the leading axes of the signal as an array of its shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
     return _broadcast(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)

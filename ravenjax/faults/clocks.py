@@ -64,10 +64,7 @@ class PedalPhases(NamedTuple):
     later: int | None = 0  # number of ticks by which these times may be delayed; None: unknown
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window of each fault; 0 if no window opens.
-
-        `opening`: windows on the pedal clock. `ticks`: length of the run.
-        """
+        """Return the first tick after the last window of each fault; 0 if no window opens."""
         window_end = np.zeros(len(opening.start), np.int64)
         if self.later is None:
             return np.full_like(window_end, ticks)
@@ -98,8 +95,7 @@ class Clocks(NamedTuple):
         return first_of_kind[self.kind]
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window of each fault on the packet clock; 0 if no
-        window opens.
+        """Return the first tick after each fault's last window on the packet clock; 0: none opens.
 
         rows: runs of the faults. opening: their windows. ticks: length of a run.
         """
@@ -120,11 +116,10 @@ class Clocks(NamedTuple):
         return np.where(opens, np.minimum(shut_tick, ticks), 0)
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window of each fault on the pedal clock; 0 if no
-        window opens.
+        """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
 
-        rows: runs of the faults. opening: their windows. ticks: length of a run. The result is
-        valid for runs in which no fault changes the pedal.
+        Arguments: see `packet_end`. The result is valid for runs in which no fault changes the
+        pedal.
         """
         window_end = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):

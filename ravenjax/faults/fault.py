@@ -50,8 +50,8 @@ class FaultState:
 
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:
-    """Return outcome columns: for each fault, the first and the last tick in which it changed its
-    channel (-1: never) and the number of these ticks; and the first tick and the sum of all faults.
+    """Return the outcome columns of faults: the first and the last tick in which each changed its
+    channel (-1: never), the number of such ticks, and the first tick and the sum of all faults.
     """
     columns: dict[str, Scalar] = {}
     first, total = jnp.int32(-1), jnp.int32(0)
@@ -67,15 +67,10 @@ def outcomes(state: FaultState) -> dict[str, Scalar]:
 
 def init(setup: Setup) -> FaultState:
     """Return the state before the first tick."""
-    slot = SlotState(
-        active=jnp.bool_(False),
-        age=jnp.int32(0),
-        latched=jnp.asarray(0.0, setup.precision.real),
-        before=jnp.asarray(jnp.nan, setup.precision.real),
-        first_tick=jnp.int32(-1),
-        changed_ticks=jnp.int32(0),
-        last_tick=jnp.int32(-1),
-    )
+    zero = jnp.asarray(0.0, setup.precision.real)
+    unseen = jnp.asarray(jnp.nan, setup.precision.real)
+    never = jnp.int32(-1)
+    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, never, jnp.int32(0), never)
     return FaultState((slot,) * setup.injection.slots)
 
 
@@ -107,8 +102,7 @@ def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerC
 
 
 def open_window(fault: FaultSlot, state: SlotState, since_start: Scalar) -> SlotState:
-    """Return the slot's state with the window as in this tick: whether it is open, and for how many
-    ticks it has been open.
+    """Return the slot's state with the window as in this tick.
 
     since_start: int32, the clock's reading minus the start of the fault; negative: before it.
     """

@@ -105,9 +105,7 @@ class FaultAction:
         self._on_channel = on_channel
 
     def replacement(self, kind: str, number: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the number that replaces `number` in a channel of this number type, and whether
-        the two differ in a bit.
-        """
+        """Return the number that replaces `number`, and whether the two differ in a bit."""
         value = _store(kind, self._y, number)
         differs = value != number
         if self._may_flip and kind == "float":
@@ -147,9 +145,7 @@ Target = tuple[Path, str]
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return all channels at which the campaign injects faults. A fault's channel code is the index
-    of its channel plus 1.
-    """
+    """Return all channels with faults. A fault's channel code is the index in this list plus 1."""
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
@@ -211,10 +207,8 @@ class Injector:
         return injects_faults(self.setup, *sites)
 
     def inject_parameters(self, params: Any) -> Any:
-        """Return the parameters of the robot with the faults at the site of parameters.
-
-        A channel of this site is the full path of a parameter. The faulty numbers are valid in this
-        tick.
+        """Return the parameters of this tick with their faults. A channel of the site of parameters
+        is the full path of a number.
         """
         keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
         numbers = Vec(
@@ -230,10 +224,7 @@ class Injector:
         return params
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """Return the signal of a site with its faults, and update `state`.
-
-        present: bool, the signal exists in this tick.
-        """
+        """Return a site's signal with its faults. present: bool, the signal exists in this tick."""
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -283,9 +274,7 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
-    """Return path and number type of each channel with faults, except of channels of parameters,
-    whose types are known only in the tick.
-    """
+    """Return path and number type of each channel with faults, except of parameters."""
     targets = {}
     for site, arm, name in channel_keys(setup):
         if site == PARAMETER:

@@ -137,30 +137,17 @@ def _read_constraints(
     for joint in joints:
         dof = dofs[joint]
         if model.dof_frictionloss[dof]:
-            loss = Constraint(
-                joint=index_of[joint],
-                limit=float(model.dof_frictionloss[dof]),
-                leader=-1,
-                polynomial=(0.0,),
-                solref=tuple(model.dof_solref[dof]),
-                solimp=tuple(model.dof_solimp[dof]),
-                invweight=float(weight[dof]),
-            )
-            constraints.append(loss)
+            limit = float(model.dof_frictionloss[dof])
+            soft = tuple(model.dof_solref[dof]), tuple(model.dof_solimp[dof]), float(weight[dof])
+            constraints.append(Constraint(index_of[joint], limit, -1, (0.0,), *soft))
     for k in np.flatnonzero(model.eq_active0):
         follower, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         # Without a leader, the joint is held at a constant position.
         coefficients = 5 if leader >= 0 else 1
-        coupling = Constraint(
-            joint=index_of[follower],
-            limit=0.0,
-            leader=index_of[leader],
-            polynomial=tuple(model.eq_data[k, :coefficients].tolist()),
-            solref=tuple(model.eq_solref[k]),
-            solimp=tuple(model.eq_solimp[k]),
-            invweight=float(sum(weight[dofs[j]] for j in (follower, leader) if j >= 0)),
-        )
-        constraints.append(coupling)
+        polynomial = tuple(model.eq_data[k, :coefficients].tolist())
+        weight_sum = float(sum(weight[dofs[j]] for j in (follower, leader) if j >= 0))
+        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
+        constraints.append(Constraint(index_of[follower], 0.0, index_of[leader], polynomial, *soft))
     return tuple(constraints)
 
 
@@ -295,19 +282,16 @@ def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
 def _constraint_force(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, mass: tuple[Vec, ...], force: Vec
 ) -> Vec:
-    """Return the joint forces of friction loss and couplings, by SWEEPS sweeps of projected
-    Gauss-Seidel over the constraints.
+    """Return the joint forces of friction loss and couplings, by projected Gauss-Seidel.
 
     mass: rows of the mass matrix. force: other joint forces.
     """
-    # For each constraint: its direction in joint space, the acceleration at which it aims, and its
-    # regularisation.
+    # Direction in joint space, acceleration aimed at, and regularisation of each constraint.
     rows: list[tuple[Vec, Scalar, Scalar]] = []
     for constraint in mechanism.constraints:
         direction, position = _deviation(mechanism, constraint, qpos)
-        velocity = dot(direction, qvel)
-        reference = constraint.reference(position, velocity, mechanism.timestep)
-        rows.append((direction, *reference))
+        aim = constraint.reference(position, dot(direction, qvel), mechanism.timestep)
+        rows.append((direction, *aim))
     if not rows:
         return qpos.map(lambda _: 0.0)
     directions = Vec(direction for direction, _, _ in rows)
@@ -326,16 +310,15 @@ def _constraint_force(
                 + softness * magnitudes[k]
             )
             magnitude = magnitudes[k] - residual / (response[k] + softness)
-            limit = mechanism.constraints[k].limit
-            if limit:
+            if limit := mechanism.constraints[k].limit:
                 magnitude = jnp.minimum(jnp.maximum(magnitude, -limit), limit)
             magnitudes[k] = magnitude
     return matvec(transpose(directions), Vec(magnitudes))
 
 
 def _deviation(mechanism: Mechanism, constraint: Constraint, qpos: Vec) -> tuple[Vec, Scalar]:
-    """Return the direction of a constraint, which is the derivative of its deviation by the joint
-    positions, and the deviation. Friction loss has no deviation.
+    """Return the derivative of a constraint's deviation by the joint positions, and the deviation.
+    Friction loss has no deviation.
     """
     direction = Vec(float(k == constraint.joint) for k in range(len(qpos)))
     if constraint.limit:

@@ -99,9 +99,7 @@ def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> V
 
 
 def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
-    """Return the position of a point in the frame of link `index`, m. `point` is given in the frame
-    of the base.
-    """
+    """Return a point, given in the frame of the base, in the frame of link `index`, m."""
     if index < 0:
         return point
     turns, position = _pose(links[index], qpos[index])
@@ -110,9 +108,8 @@ def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> V
 
 
 def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
-    """Return the rotations from a link's frame to its parent's frame, outermost first, and the
-    position of the link's origin in the parent's frame. q: position of the joint.
-    """
+    # Returns the rotations from a link's frame to its parent's, outermost first, and the position
+    # of its origin there. q: position of the joint.
     travel = q - link.reference if link.slide else 0.0
     last_turn = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
     turns = [_turn(2, link.beta), _turn(0, link.alpha), last_turn]
@@ -124,9 +121,8 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
-    """Return the motion and the wrench of each link, from the base to the tips, without joint
-    accelerations. upward: acceleration of the base, which stands for gravity.
-    """
+    # Returns motion and wrench of each link, from the base to the tips, without joint
+    # accelerations. upward: acceleration of the base, which stands for gravity.
     bodies: list[_Body] = []
     # Angular acceleration of each link, and acceleration of its origin.
     accelerations: list[tuple[Vec, Vec]] = []
@@ -171,10 +167,9 @@ def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
-    """Return the lower triangle of the mass matrix by the composite-rigid-body algorithm.
-
-    From the tips to the base, each body is added to its parent. A unit acceleration of the body's
-    joint needs a wrench, whose parts along the joint axes of all ancestors are the entries.
+    """Return the lower triangle of the mass matrix. From the tips to the base, each body is added
+    to its parent. A unit acceleration of its joint needs a wrench, whose parts along the joint axes
+    of all ancestors are the entries.
     """
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]

@@ -79,9 +79,8 @@ class _HomeJoint:
 
 
 def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
-    """Return the joints below a body, with axes, anchors and inertias in the frame of this body, at
-    home (qpos0). Bodies without a joint are added to the link that carries them.
-    """
+    # Returns the joints below a body at home (qpos0), in the body's frame. Bodies without a joint
+    # are added to the link that carries them.
     joints: list[_HomeJoint] = []
     # Position and rotation of each body, and the index of the link that carries it.
     poses = {base: (np.zeros(3), np.eye(3))}
@@ -199,9 +198,8 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 
 def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
-    """Return the links in their frames. Inertia without effect on a joint's own motion is moved to
-    the parent, which does not change the dynamics.
-    """
+    # Returns the links in their frames. Inertia without effect on a joint's own motion is moved to
+    # the parent, which does not change the dynamics.
     inertias = []
     for joint in joints:
         to_link = joint.rotation.T

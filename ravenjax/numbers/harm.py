@@ -71,15 +71,11 @@ class Moment:
     def exchange_memory(self, ticks: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
         """Return the values that were stored in the last tick, and store `update` of them.
 
-        ticks: number of values. empty: their value before the first tick. update: returns the
-        values to store, given the stored values.
+        ticks: number of values. empty: value before the first tick.
         """
-        if self.before is None:
-            stored = Vec.full(ticks, empty)
-            self.after.append(stored)
-        else:
-            stored = next(self.before)
-            self.after.append(update(stored))
+        is_begin = self.before is None
+        stored = Vec.full(ticks, empty) if self.before is None else next(self.before)
+        self.after.append(stored if is_begin else update(stored))
         return stored
 
     def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
@@ -104,10 +100,8 @@ class Formula(NamedTuple):
 
 @functools.cache
 def parse_harm(text: str) -> Formula:
-    """Compile the expression that defines a harm, such as "depth > 2".
-
-    Raise ValueError if the expression is not valid, or if it needs more than MAX_STORED_VALUES past
-    values.
+    """Compile the expression that defines a harm. Raise ValueError if it is not valid, or if it
+    needs more than MAX_STORED_VALUES past values.
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
@@ -193,13 +187,8 @@ def _compile_truth(node: ast.AST) -> Formula:
             [inner],
             [],
         ) if name in _IS_MAXIMUM and 0 <= a <= b:
-            return _over_window(
-                _compile_truth(inner),
-                is_maximum=_IS_MAXIMUM[name],
-                in_future=name in _FUTURE_OPERATORS,
-                begin=a,
-                end=b,
-            )
+            in_future = name in _FUTURE_OPERATORS
+            return _over_window(_compile_truth(inner), _IS_MAXIMUM[name], in_future, a, b)
     raise _error(
         node,
         "a comparison such as depth > 2, and, or, not, implies(a, b), once[0:100](..),"
@@ -220,9 +209,7 @@ def _combine(extreme: Any, parts: Sequence[Formula]) -> Formula:
 
 
 def _window_operation(is_maximum: bool) -> tuple[Any, float]:
-    """Return the operation that joins the values of a window, the maximum or the minimum, and its
-    result for a window without values.
-    """
+    """Return the operation that joins a window's values, and its result without values."""
     return (jnp.maximum, -float("inf")) if is_maximum else (jnp.minimum, float("inf"))
 
 
@@ -240,9 +227,7 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
 def _over_window(
     inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
 ) -> Formula:
-    """Compile a temporal operator with a window from `begin` to `end` ms in the past, or in the
-    future.
-    """
+    """Compile an operator with a window from `begin` to `end` ms in the past or the future."""
 
     def value(moment: Moment, delay: int) -> Scalar:
         extreme, empty = _window_operation(is_maximum)
@@ -263,7 +248,7 @@ def _over_window(
 
 
 def _robustness(use: HarmUse, moment: Moment) -> Scalar:
-    # Returns the robustness of a tick whose windows are over; -infinity before the first such tick.
+    # Returns the robustness of the latest tick whose windows are over; -infinity if there is none.
     formula = parse_harm(use.when)
     value = formula.value(moment, formula.future_ms)
     return jnp.where(moment.tick >= formula.future_ms, value, -jnp.inf)
@@ -304,8 +289,8 @@ def step(
 
 
 def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
-    """Return the outcome columns of each harm: the first tick with the harm (ms; -1: none), and the
-    margin, which is the smallest distance from the harm and is negative if the harm occurred.
+    """Return the outcome columns of each harm: its first tick (ms; -1: none), and its margin, the
+    smallest distance from the harm, negative if it occurred.
     """
     columns: dict[str, Scalar] = {}
     for use, harm in zip(setup.harms, state, strict=True):

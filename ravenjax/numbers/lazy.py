@@ -123,10 +123,7 @@ class Arrays:
 
 
 def _apply_in_float64(function: Callable[[Any], Any], x: Any) -> Any:
-    """Return `function(x)`, computed in float64 and rounded to the type of x.
-
-    x: a number or an array. A number that is not a NumPy float gives a Python float.
-    """
+    # Returns function(x), computed in float64 and rounded to the type of x, a number or an array.
     if np.ndim(x):
         return function(x.astype(np.float64)).astype(x.dtype)
     result_type = type(x) if isinstance(x, np.floating) else float
@@ -177,11 +174,9 @@ def run_eagerly(array: Any = None) -> Iterator[Any]:
     array: an array of NumPy, JAX, torch or another library of the array API standard, or numbers,
     which become a NumPy array. Yield the array.
     """
-    library = np
-    if hasattr(array, "__array_namespace__"):
-        library = array.__array_namespace__()
-    elif type(array).__module__.startswith("torch"):
-        # Arrays of torch do not name their library as the standard requires.
+    library = getattr(array, "__array_namespace__", lambda: np)()
+    # Arrays of torch do not name their library as the standard requires.
+    if type(array).__module__.startswith("torch"):
         library = sys.modules["torch"]
     replacements: Mapping[str, Any] = _NUMPY_BY_MODULE
     if library is np:

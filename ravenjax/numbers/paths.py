@@ -27,14 +27,10 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """Return the entries of a record or tuple by name, and whether a path may leave out the name;
-    None for a number.
-    """
-    fields = {}
+    """Return a node's entries by name, and whether paths may leave out the name; None: a number."""
+    fields = node._asdict() if hasattr(node, "_asdict") else {}
     if dataclasses.is_dataclass(node):
         fields = vars(node)
-    elif hasattr(node, "_asdict"):
-        fields = node._asdict()
     if fields:
         # A field that this setup does not have is None.
         return {name: item for name, item in fields.items() if item is not None}, False
@@ -62,9 +58,8 @@ def _entry_names(node: tuple[Any, ...], setup: Setup) -> tuple[str, ...]:
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`.
-
-    steps: the full path to the number. above: the steps to `node` itself.
+    """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`. Steps
+    form the full path to the number. above: the steps to `node` itself.
     """
     named_entries = _entries(node, setup)
     if named_entries is None:
@@ -77,10 +72,7 @@ def _walk(
 
 
 def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
-    """Return whether `path` names the number to which these steps lead.
-
-    A path may leave out optional steps, and then names the numbers of all their entries.
-    """
+    """Return whether `path` names the number to which these steps lead."""
     names = path.split(".")
     for step in steps:
         # A name that is none of this level's entries belongs to a later step.
@@ -118,16 +110,10 @@ def named_numbers(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
 
 
 def assign_numbers(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
-    """Return a copy of the record with `value` at each number that `path` names.
-
-    Raise KeyError for an unknown path.
-    """
+    """Return the record with `value` at each number that `path` names. Raises KeyError."""
     replaced_paths = named_numbers(node, setup, path)
-    numbers = [
-        value if full_path in replaced_paths else number
-        for full_path, number in path_leaves(node, setup)
-    ]
-    return tree.fill_tree(node, numbers)
+    leaves = path_leaves(node, setup)
+    return tree.fill_tree(node, [value if p in replaced_paths else number for p, number in leaves])
 
 
 def without_arm(path: str, arms: tuple[str, ...]) -> str:

@@ -107,16 +107,12 @@ def for_each_arm(setup: Setup, item: Any) -> tuple[Any, ...]:
 
 
 def narrow_numbers(setup: Setup, tree: Any) -> Any:
-    """Return a tree of numbers, each rounded to the type in which the original software stores
-    numbers (`float`).
-    """
+    """Return numbers rounded to the type in which the original software stores (`float`)."""
     return cast(tree, setup.precision.narrow)
 
 
 def widen_numbers(setup: Setup, tree: Any) -> Any:
-    """Return a tree of numbers, each converted to the type in which the original software computes
-    (`double`).
-    """
+    """Return numbers converted to the type in which the original software computes (`double`)."""
     return cast(tree, setup.precision.wide)
 
 

@@ -135,9 +135,7 @@ def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any
 
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
-    """Return the record `yes` if the condition is true, else `no`, chosen number by number with
-    `jnp.where`.
-    """
+    """Return the record `yes` if the condition is true, else `no`, number by number."""
     return trees.map_leaves(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 

@@ -151,8 +151,8 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return the parameters of detectors without built-in detectors: active after 500 ms, with the
-    files' own parameters. All thresholds are 1 until a campaign replaces them.
+    """Return the parameters for a robot without built-in detectors. Thresholds are 1 until a
+    campaign replaces them.
     """
     files = detector_files(setup)
     return WatchParams(
@@ -174,28 +174,22 @@ def init(setup: Setup, params: WatchParams) -> DetectorsState:
     zeros = Vec.full(POSITIONING, zero)
     no_alarm = ThresholdState(first_tick=jnp.int32(-1), alarms=jnp.int32(0), is_on=jnp.bool_(False))
     detectors = tuple(
-        DetectorState(
-            recent=Vec.full(detector.consecutive - 1, zero),
-            peak=zero,
-            thresholds=(no_alarm,) * detector.thresholds,
-        )
-        for detector in setup.detectors
+        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (no_alarm,) * use.thresholds)
+        for use in setup.detectors
     )
     file_states = tuple(
         for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
-    arm_state = DetectorArmState(mpos=zeros, mvel=zeros, jpos=zeros, jvel=zeros, mvel_step=zero)
-    return DetectorsState(for_each_arm(setup, arm_state), file_states, detectors)
+    arms = for_each_arm(setup, DetectorArmState(zeros, zeros, zeros, zeros, zero))
+    return DetectorsState(arms, file_states, detectors)
 
 
 def step(
     setup: Setup, params: WatchParams, state: DetectorsState, signal: WatchSignal
 ) -> DetectorsState:
-    """Return the state of all detectors after this tick.
-
-    signal: a DetectorSignal for a robot with built-in detectors. With a WatchSignal, all detectors
-    must be users' files.
+    """Return the state of all detectors after this tick. A robot without built-in detectors gives
+    a `WatchSignal`, another robot a `DetectorSignal`.
     """
     # For each arm: the state after this tick, and the scores of the built-in detectors.
     arm_results: Any = for_each_arm(setup, (state.arms[0], {}))
@@ -226,13 +220,9 @@ def step(
         highest = jnp.minimum(_largest(setup, arm_scores), MAX_SCORE)
         score = jnp.where(is_active, highest, 0.0)
         detectors.append(_update_alarms(before, thresholds, score, signal.tick))
-    return DetectorsState(
-        arms=tuple(arm_state for arm_state, _ in arm_results),
-        own=tuple(
-            tuple(arm_state for arm_state, _ in results) for results in file_results.values()
-        ),
-        detectors=tuple(detectors),
-    )
+    arm_states = tuple(state for state, _ in arm_results)
+    file_states = tuple(tuple(state for state, _ in arms) for arms in file_results.values())
+    return DetectorsState(arm_states, file_states, tuple(detectors))
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
@@ -318,9 +308,8 @@ def _score_arm(
 
 
 def _score(detector: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
-    """Return the score of a built-in detector for one arm, from all scores of this arm.
-
-    Detector `steps` has three scores, which are fused by the rule `detector.fusion`.
+    """Return the score of a built-in detector for one arm, from all scores of this arm. The three
+    scores of detector `steps` are fused by the rule `detector.fusion`.
     """
     if detector.kind != "steps":
         return scores[detector.kind]
@@ -340,9 +329,8 @@ def _score(detector: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
 def _update_alarms(
     before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar
 ) -> DetectorState:
-    """Return the state of a detector after a tick with this score.
-
-    An alarm is on while the score has exceeded the threshold in the last `consecutive` ticks.
+    """Return the state of a detector after a tick with this score. An alarm is on while the score
+    has exceeded the threshold in the last `consecutive` ticks.
     """
     lowest = reduce(jnp.minimum, [score, *before.recent])
     threshold_states = []

@@ -98,9 +98,8 @@ def advance(
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
     """Compute the tick `now` of the robot's loop, then compare it with the golden run.
 
-    golden: series of the golden run in this tick. They are the numbers that the robot's loop
-    stores, then the compared numbers, then the margins of checks. Return the state, this run's
-    series, and the signals.
+    golden: the golden run's series in this tick: the numbers that the robot's loop stores, the
+    compared numbers, and the margins of checks. Return state, series and signals of this run.
     """
     loop = inner_loop(setup)
     length = loop.series_length(setup)
@@ -143,18 +142,10 @@ def advance(
 
 
 def _compare_number(
-    history: NumberHistory,
-    span: Span,
-    number: Scalar,
-    exists: Scalar,
-    golden_number: Scalar,
-    now: Scalar,
+    history: NumberHistory, span: Span, number: Any, exists: Any, golden_number: Any, now: Any
 ) -> tuple[NumberHistory, Scalar]:
-    """Return the history of a number after this tick, and the bits of the number as int32.
-
-    exists: bool, the number exists in this tick. golden_number: float32 with the bits of the golden
-    run's number.
-    """
+    # Returns the history of a number after this tick, and the bits of the number as int32. exists:
+    # bool, in this tick. golden_number: float32 with the bits of the golden run's number.
     number = jnp.asarray(number)
     is_float = number.dtype == jnp.float32
     to_bits = lax.bitcast_convert_type if is_float else lax.convert_element_type

@@ -327,9 +327,8 @@ _COLUMNS = resources.read_tables(__file__, "monitor.toml")
 
 
 def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
-    """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms.
-
-    The table monitor.toml names for each column a field of the state, and a way to convert it.
+    """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms. The
+    file monitor.toml names the field of each column, and how it is converted.
     """
 
     def worst(name: str) -> Scalar:
@@ -349,10 +348,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "harm": lambda name: harm.decide_harm(setup, state.harms, getattr(state, name)),
     }
     columns = {
-        **{
-            column: conversions[conversion](field)
-            for column, (conversion, field) in _COLUMNS.items()
-        },
+        **{column: conversions[name](field) for column, (name, field) in _COLUMNS.items()},
         **finite.outcomes(state.finite),
         **harm.outcomes(setup, state.harms),
     }

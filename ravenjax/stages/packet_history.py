@@ -58,9 +58,7 @@ def packet_age(history: Vec, newer: Scalar) -> Scalar:
 
 
 def sent_within(history: Vec, ticks: Scalar) -> Scalar:
-    """Return the number of packets (int32) sent in the last `ticks` ticks (int32), including this
-    tick.
-    """
+    """Return how many packets (int32) were sent in the last `ticks` ticks, this tick included."""
     total = jnp.int32(0)
     for index, word in enumerate(history):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * index, 0), WORD)

@@ -86,9 +86,7 @@ class Lead(NamedTuple):
 
 
 def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence over time, with a pointwise 95 % band by Greenwood's formula and the
-    log(-log) transformation.
-    """
+    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log))."""
     return _curve(delays, 0.0)
 
 

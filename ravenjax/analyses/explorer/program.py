@@ -216,19 +216,17 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
     # The arms have the same value, and joints the same kind of range: the first is shown.
     value = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
     quantity = next(iter(bounds.allowed_values(robot, path)), None)
+    # Values of a parameter without a declared range.
+    defaults = {"unit": "", "low": None, "high": None, "meaning": ""}
     dtype = ready.varied[path].dtype
     is_whole = dtype.kind != "f"
-    # The text of a float32 is its shortest decimal number, such as 0.1.
-    shown_value = int(value) if is_whole else float(str(np.asarray(value, dtype)[()]))
     return {
         "path": path,
-        "value": shown_value,
+        # The text of a float32 is its shortest decimal number, such as 0.1.
+        "value": int(value) if is_whole else float(str(np.asarray(value, dtype)[()])),
         "type": str(dtype),
         "whole": is_whole,
-        "unit": quantity.unit if quantity else "",
-        "low": quantity.low if quantity else None,
-        "high": quantity.high if quantity else None,
-        "meaning": quantity.meaning if quantity else "",
+        **{name: getattr(quantity, name, default) for name, default in defaults.items()},
     }
 
 
@@ -240,8 +238,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     for site, arm, channel in table.injection_targets(injection):
         effects = site_effects[site]
         if site == "network":
-            # Effects whose injection is at this channel. A channel without one has the effects of
-            # the site.
+            # A network effect acts at one channel. Other channels have the site's effects.
             network_effects = [
                 name for name, injected in NETWORK_EFFECTS.items() if injected[0] == channel
             ]
@@ -283,17 +280,14 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 
 
 def _action_programs(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    """Return the number that stands for each action of the robot, such as lifting the foot pedal,
-    and the program "acted", which computes outcomes with an action at a given tick.
-
-    Both are empty for a robot without actions.
+    """Return a number for each action of the robot, such as lifting the foot pedal, and the program
+    "acted", which computes outcomes with an action. Both are empty for a robot without actions.
     """
     part = ready.config.robot.part("campaign")
     if not hasattr(part, "acted"):
         return {}, {}
     program, actions = part.acted(traced.printable_program(ready.program))
-    # An action occupies an additional fault slot, which is empty (0) in all runs of the plan.
-    # faults: arrays [runs, slots].
+    # An action occupies an additional fault slot, which is empty (0) in the plan's [runs, slots].
     faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
     plan = dataclasses.replace(ready, program=program, faults=faults)
     tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
@@ -319,15 +313,12 @@ def _replay_program(ready: Plan, tick: TracedTick) -> dict[str, Any]:
 
 def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
     """Return rows that describe the time series of `words.toml`, and the numbers of the signals
-    from which they are computed.
-
-    A row has the name, the shape, and for each number of the series its type and factor. A number
-    of a series is a signal of the tick times this factor. A series that depends on several signals
-    in another way is left out; the page computes it itself.
+    from which they are computed: each number of a series is a signal of the tick times a factor.
 
     To find signals and factors, the function computes the robot's series in one tick in which all
     signals are 0, and then in one tick for each signal, in which only this signal is 1. A multiple
-    of one signal then differs from zero in one tick.
+    of one signal differs from zero in one of these ticks. Other series are left out; the page
+    computes them itself.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
     probe_signals = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]

@@ -29,10 +29,7 @@ OnOperator = Callable[[int, int], None]
 
 @dataclasses.dataclass
 class Request:
-    """The settings of a calibration. Wrong settings raise UserError.
-
-    The fields `target` and `parsed_segments` follow from the settings.
-    """
+    """The settings of a calibration. Wrong settings raise UserError."""
 
     config: CampaignConfig
     signals: Sequence[str] = ()  # names of scores; * matches any letters; (): SIGNALS
@@ -85,20 +82,13 @@ def calibrate_monitor(
     design = OperationDesign(
         motions=tuple(request.motions) or varying_motions(request.config),
         robots=request.robots,
-        # The length after the conversion to hours, with which the target calculates.
+        # As the target calculates, after rounding to hours.
         length_s=request.target.length_h * 3600,
         seed=request.seed,
     )
     segments = request.parsed_segments
     peaks = simulate_operators(
-        request.config,
-        design,
-        terms,
-        segments,
-        out=out,
-        units=units,
-        engine=engine,
-        on_operator=on_operator,
+        request.config, design, terms, segments, out, units, engine=engine, on_operator=on_operator
     )
     result = calibration.calibrate_thresholds(peaks, terms, segments, request.target)
     writing.write_monitor(out, request.config, design, result)
@@ -177,8 +167,7 @@ def campaign_with_score_detectors(
             text = code.write_part([term], segments, title=title, segment=segment)
             path.write_text(text, encoding="utf-8")
             tables.append({"name": name, "file": str(path)})
-    # Only the detectors of the validated campaign are used. Its other values would lose what JSON
-    # cannot express.
+    # Other values would lose what JSON cannot express.
     raw = {**config.model_dump(mode="json"), "detector": tables}
     detectors = type(config).model_validate(raw).detector
     return config.model_copy(update={"detector": detectors})
@@ -190,8 +179,7 @@ def describe_design(
     """Return everything on which the scores of operations depend, as JSON values: the campaign, the
     design of the operations, the names of the terms, the segments and a hash of the code.
     """
-    # Tables and keys that are left out do not change fault-free operations, or `design` replaces
-    # them.
+    # Other tables and keys do not change fault-free operations, or `design` replaces them.
     unused_tables = {"group", "detector", "stop", "outcomes", "reaction"}
     campaign = config.model_dump(mode="json", exclude=unused_tables)
     for key in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
@@ -250,12 +238,5 @@ def simulate_new_operators(
         )
     terms = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
     return simulate_operators(
-        config,
-        design,
-        terms,
-        monitor.segments,
-        out=out,
-        units=units,
-        engine=engine,
-        on_operator=on_operator,
+        config, design, terms, monitor.segments, out, units, engine=engine, on_operator=on_operator
     )

@@ -74,7 +74,7 @@ def check_exchangeability(
         }
         for name, result in shifts.items()
     ]
-    # The names of the columns, so that a table without rows has them too.
+    # A table without rows has these columns, too.
     columns = ["score", "place", "p", "adjusted", "martingale", "shifted"]
     table = pd.DataFrame(rows, columns=columns)
     table.attrs |= {
@@ -143,10 +143,8 @@ def _read_operations(
 def _read_simulated_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
-    """Read operations that `ravenjax monitor operate` simulated.
-
-    Raise UserError for operations with other scores than those of the calibration, of another
-    length, or with the operators of the calibration.
+    """Read operations that `ravenjax monitor operate` simulated. Raise UserError for operations
+    with other scores, of another length or with the same operators as the calibration.
     """
     scores_folder = source / score_folder.FOLDER
     content = score_folder.read_design(scores_folder)
@@ -170,10 +168,10 @@ def _read_simulated_operations(
 
 
 def _read_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.DataFrame:
-    """Read the fault-free runs of a campaign that had the monitor as a detector.
+    """Read the fault-free runs of a campaign. Raise UserError if there is none, or if the campaign
+    did not have the monitor as a detector.
 
-    All runs count as one unit, because they have the same operator. Raise UserError if the campaign
-    did not have the monitor, or has no fault-free run.
+    All runs count as one unit, because they have the same operator.
     """
     campaign = manifest.read_manifest(source)
     _require_length(source, campaign.duration_ms / 1e3, record)
@@ -196,10 +194,8 @@ def _find_detector(source: Path, campaign: manifest.Manifest, sha256: str) -> in
     """Return the number of the campaign's detector whose file has this hash and that needs one
     millisecond above its threshold. Raise UserError if there is none.
     """
-    detector_files = {
-        table["name"]: Path(table.get("file") or "")
-        for table in campaign.config.get("detector", ())
-    }
+    tables = campaign.config.get("detector", ())
+    detector_files = {table["name"]: Path(table.get("file") or "") for table in tables}
     for number, detector in enumerate(campaign.detectors):
         # A table with several values of `consecutive` gives several detectors: name/1, name/4.
         file = detector_files.get(detector.name.split("/")[0], Path())

@@ -78,8 +78,8 @@ def _template_values(
 ) -> dict[str, Any]:
     """Return the values that the templates of Python and C files need.
 
-    `scales`: scale of each term in each segment. `state` in the result maps the name of each number
-    that is kept until the next millisecond to the name of the input with its value.
+    `state` in the result maps the name of each number that is kept until the next millisecond to
+    the name of the input with its value.
     """
     term_values = [
         {
@@ -109,9 +109,6 @@ def _fill(name: str, **values: object) -> str:
 
 def _write_float(value: float) -> str:
     """Return a float32 as a C literal."""
-    # Nine digits determine the bits.
+    # Nine digits determine the bits. C needs a point or an exponent before the suffix f.
     digits = f"{value:.9g}"
-    # A C literal needs a point or an exponent before the suffix f.
-    if "." not in digits and "e" not in digits:
-        digits += ".0"
-    return f"{digits}f"
+    return f"{digits}f" if "." in digits or "e" in digits else f"{digits}.0f"

@@ -130,7 +130,5 @@ def input_expressions(terms: Sequence[Score], segments: Segments) -> dict[str, s
 
 
 def input_name(term: Score, field: str) -> str:
-    """Return the name of the number that a term reads from a field of the robot's view, such as
-    boards_cmd_shoulder.
-    """
+    """Return a name for the number that a term reads from a field, such as boards_cmd_shoulder."""
     return f"{field}_{term.labels[0]}" if term.channels else field

@@ -22,10 +22,9 @@ FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Create a folder of operations, or continue one that exists already.
+    """Create or continue a folder of operations. Raise UserError if it has another design.
 
     `design`: everything on which the scores depend, as JSON values. It is stored in the folder.
-    Raise UserError if the folder has another design.
     """
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
@@ -34,9 +33,8 @@ def open_folder(folder: Path, design: dict[str, Any]) -> None:
         files.write_text(path, text)
     # Both designs are parsed from JSON, because JSON makes lists of tuples.
     stored, requested = read_design(folder), json.loads(text)
-    keys = {*stored, *requested}
-    different = sorted(key for key in keys if stored.get(key) != requested.get(key))
-    if different:
+    keys = sorted({*stored, *requested})
+    if different := [key for key in keys if stored.get(key) != requested.get(key)]:
         raise UserError(
             f"{folder} contains operations with another {' and '.join(different)}: name another"
             " folder, or continue with the same campaign, signals and options"
@@ -44,9 +42,7 @@ def open_folder(folder: Path, design: dict[str, Any]) -> None:
 
 
 def list_missing(folder: Path, units: int) -> list[int]:
-    """Return the numbers of the operators, out of 0 to `units` - 1, whose operations are not yet in
-    the folder.
-    """
+    """Return which of the operators 0 to `units` - 1 have no operations in the folder yet."""
     return [number for number in range(units) if not _file(folder, number).exists()]
 
 
@@ -83,9 +79,7 @@ def read_scores(folder: Path, units: int | None = None) -> OperationScores:
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """Return the design of a folder's operations, as stored by `open_folder`. Raise StoreError if
-    the file is missing or damaged.
-    """
+    """Return the stored design of a folder. Raise StoreError if it is missing or damaged."""
     try:
         content = files.parse_json((folder / DESIGN).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -50,9 +50,7 @@ class SearchRange:
     tolerance: float
 
     def spaced(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
-        """Return values [points, cells] that are evenly spaced on the scale, from `low` to `high`
-        [cells], both included.
-        """
+        """Return [points, cells] evenly spaced on the scale, from `low` to `high` [cells]."""
         share = np.linspace(0.0, 1.0, points)[:, None]
         if self.log:
             values = np.exp(np.log(low) * (1.0 - share) + np.log(high) * share)

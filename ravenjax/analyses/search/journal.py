@@ -50,9 +50,7 @@ class Journal:
         self._next = max((parts.row_range(path)[1] + 1 for path in part_files), default=0)
 
     def add(self, rows: pa.Table) -> None:
-        """Store finished runs (rows of the result table), numbered in the order of storing. Raise
-        StoreError if that fails.
-        """
+        """Store finished runs (rows of the result table). Raise StoreError if that fails."""
         numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
         self._next += len(rows)
         for name in ("index", "pair"):

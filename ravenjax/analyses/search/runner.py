@@ -81,9 +81,7 @@ def run_search(
 def _search_folder(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    """Run the search in a folder, and write its results. An interrupted search continues with the
-    runs of its journal.
-    """
+    """Run the search in a folder, from the runs of its journal on, and write its results."""
     search = config.search
     # Everything that must be equal for a search to continue with the stored runs.
     identity = files.json_values(

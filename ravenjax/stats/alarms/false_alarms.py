@@ -25,9 +25,7 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float) -> AlarmRate:
-    """Return the rate of `count` alarms in `hours` hours, with the exact 95 % Poisson interval
-    (Garwood 1936).
-    """
+    """Return the rate of alarms with its exact 95 % Poisson interval (Garwood 1936)."""
     if not hours:
         return AlarmRate(int(count))
     low, high = rate_bounds(count, hours)

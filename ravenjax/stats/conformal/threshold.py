@@ -48,9 +48,7 @@ class OperationScores(NamedTuple):
         return OperationScores(*(values[mask] for values in self))
 
     def first_operations(self) -> OperationScores:
-        """Return the first operation of each unit. First operations are independent of each
-        other.
-        """
+        """Return the first operation of each unit. These are independent of each other."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
 

@@ -83,10 +83,9 @@ def detector_tables(
     candidates: Sequence[Candidate], thresholds: Sequence[float], folder: Path
 ) -> list[dict[str, Any]]:
     """Return candidates as [[detector]] tables of a campaign, in order, and write the Python files
-    of the detectors to `folder`.
+    of the detectors to `folder`. Each detector has all `thresholds`.
 
-    Neighbouring candidates with the same score share one table and its file. The score is then
-    computed only once. Each detector has all `thresholds`.
+    Neighbouring candidates with the same score share one table, whose score is computed once.
     """
     folder.mkdir(exist_ok=True)
     tables, first_index = [], 0
@@ -94,13 +93,8 @@ def detector_tables(
         consecutive = [candidate.consecutive for candidate in same_score]
         path = folder / f"{_PREFIX}{first_index}.py"
         path.write_text(code.write_part(score.channel_scores), encoding="utf-8")
-        table = {
-            "name": path.stem,
-            "file": str(path),
-            "consecutive": consecutive,
-            "threshold": [float(threshold) for threshold in thresholds],
-        }
-        tables.append(table)
+        table = {"name": path.stem, "file": str(path), "consecutive": consecutive}
+        tables.append(table | {"threshold": [float(threshold) for threshold in thresholds]})
         first_index += len(consecutive)
     return tables
 
@@ -108,11 +102,10 @@ def detector_tables(
 def add_detectors(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
-    """Return a campaign with additional detectors, and the column prefix of each of them.
+    """Return a campaign (as JSON values) with additional [[detector]] tables, and for each new
+    detector the prefix of its columns in the result table, such as `detector3_`.
 
-    `raw`: the campaign as JSON values. `tables`: the [[detector]] tables to add. A prefix such as
-    `detector3_` begins the names of a detector's columns in the result table. The campaign loses
-    its [stop] table, so that it computes all runs.
+    The campaign loses its table [stop], so that it computes all runs.
     """
     config = validate_tables({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
     # Each number of consecutive ms in a table is a detector. New detectors follow the others.

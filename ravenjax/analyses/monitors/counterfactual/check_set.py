@@ -115,9 +115,7 @@ class Evidence(NamedTuple):
         )
 
     def margin(self, indices: Sequence[int]) -> Margin:
-        """Return the smallest margin with which the set of the candidates `indices` keeps the
-        requested rate of false alarms.
-        """
+        """Return the smallest margin with which a set keeps the requested rate of false alarms."""
         motions = join_scores(self.calibration_motions, indices)
         return calibrate_margin(motions, self.question.false_alarms_per_hour)
 
@@ -129,10 +127,7 @@ class Evidence(NamedTuple):
         return self.faults.lead_ms[:, list(indices), margin_index].max(axis=1)
 
     def detects_in_time(self, indices: Sequence[int]) -> np.ndarray:
-        """Return which faults a set detects in time with its own margin, bool [runs].
-
-        indices: the candidates of the set.
-        """
+        """Return which faults a set detects in time with its own margin, bool [runs]."""
         lead_ms = self.lead_times(indices, self.margin(indices).index)
         return lead_ms >= self.question.lead_ms
 
@@ -144,10 +139,8 @@ class Evidence(NamedTuple):
         rows = self.selection_half
         if without_group is not None:
             rows = rows & (self.faults.group != without_group)
-        lead_ms = self.faults.lead_ms[rows, :, SELECTION_MARGIN_INDEX]
-        return select_greedily(
-            lead_ms >= self.question.lead_ms, self.question.most, min_gain=MIN_GAIN
-        )
+        in_time = self.faults.lead_ms[rows, :, SELECTION_MARGIN_INDEX] >= self.question.lead_ms
+        return select_greedily(in_time, self.question.most, min_gain=MIN_GAIN)
 
     def coverage_of_new_groups(self) -> Rate | None:
         """Return the share of faults that are detected by a set that was selected without faults
@@ -169,10 +162,8 @@ class Evidence(NamedTuple):
         return units.rate_band(detected[self.test_half], units.group_units(group[self.test_half]))
 
     def random_set_coverages(self, size: int) -> np.ndarray:
-        """Return the share of the test half's faults that each of RANDOM_SETS random sets detects
-        in time, [RANDOM_SETS].
-
-        size: number of candidates in a set.
+        """Return the share of the test half's faults that each of RANDOM_SETS random sets of `size`
+        candidates detects in time, [RANDOM_SETS].
         """
         rng = np.random.default_rng([self.question.seed, 2])
         candidates = self.faults.lead_ms.shape[1]

@@ -49,9 +49,7 @@ class SelectedCheck(NamedTuple):
 
 
 class Counterfactual(NamedTuple):
-    """The result of `ravenjax counterfactual`. A CheckSet has the coverage and the false alarms of
-    a set of checks.
-    """
+    """The result of `ravenjax counterfactual`: sets of checks with coverage and false alarms."""
 
     question: Question
     config: CampaignConfig
@@ -120,9 +118,9 @@ def find_checks(
 ) -> Counterfactual:
     """Find a set of checks for the evading faults of a campaign.
 
-    Fault-free motions give the scales of the candidates, and then their false alarms. The runs of
-    the campaign give the lead times of their alarms. `on_stage` receives a description of each of
-    these three stages. Raise UserError if no fault evades or no candidate detects a fault in time.
+    `on_stage` is called with a description of each stage: fault-free motions for the scales of the
+    candidates, fault-free motions for their false alarms, and the runs of the campaign. Raise
+    UserError if no fault evades or no candidate detects a fault in time.
     """
     question.require()
     names = [group.name for group in config.group]
@@ -141,14 +139,10 @@ def find_checks(
     ):
         channel_folder, candidate_folder = Path(name) / "channels", Path(name) / "candidates"
 
-        def run_motions(
-            use: str, candidates: list[Candidate], folder: Path
-        ) -> observation.FreeMotion:
+        def run_motions(use: str, checks: list[Candidate], folder: Path) -> observation.FreeMotion:
             # Runs the fault-free motions that are reserved for one use, with these detectors.
             numbers = observation.motions_by_use(use, schedule.motions)
-            return observation.run_motions(
-                raw, schedule, numbers, candidates, folder, motion_engine
-            )
+            return observation.run_motions(raw, schedule, numbers, checks, folder, motion_engine)
 
         on_stage(
             f"scales of the candidates: a quarter of {schedule.motions} fault-free motions of"
@@ -162,30 +156,15 @@ def find_checks(
         test_motions = run_motions("test", candidates, candidate_folder)
         on_stage(f"runs of the campaign, with all candidates at {len(MARGINS)} margins")
         faults = observation.run_evading_faults(
-            raw,
-            candidates,
-            MARGINS,
-            folder=candidate_folder,
-            engine=engine,
-            groups=question.groups,
-            on_progress=on_progress,
+            raw, candidates, MARGINS, candidate_folder, engine, question.groups, on_progress
         )
-    selection_half, test_half = faults.halves(question.seed)
-    evidence = Evidence(
-        question=question,
-        calibration_motions=calibration_motions,
-        test_motions=test_motions,
-        faults=faults,
-        selection_half=selection_half,
-        test_half=test_half,
-    )
+    halves = faults.halves(question.seed)
+    evidence = Evidence(question, calibration_motions, test_motions, faults, *halves)
     indices = evidence.select_set()
     _require_cover(evidence, indices)
     single_sets = tuple(evidence.assess([index]) for index in range(len(candidates)))
-    set_by_name = {
-        candidate.name: single_set
-        for candidate, single_set in zip(candidates, single_sets, strict=True)
-    }
+    names = [candidate.name for candidate in candidates]
+    set_by_name = dict(zip(names, single_sets, strict=True))
     return Counterfactual(
         question=question,
         config=config,

@@ -202,14 +202,13 @@ def run_evading_faults(
 ) -> EvadingFaults:
     """Run the campaign with all candidates as detectors, and return its evading faults.
 
-    `margins`: thresholds of every detector. The files of the detectors are written to `folder`.
-    `groups`: the groups whose faults are returned; of all groups if empty. Raise UserError if no
-    fault evades.
+    `margins`: thresholds of every detector. `folder`: for the files of the detectors. `groups`:
+    groups whose faults are returned; (): all. Raise UserError if no fault evades.
     """
     config, prefixes = add_detectors(raw, detector_tables(candidates, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
     rules = campaign_choices(config)
-    # Only the columns that are used are read, because a table with all candidates is large.
+    # A table with all candidates is large, so only columns that are used are read.
     names = schema.arrow_schema(results.shape).names
     detector_prefixes = (*prefixes, *(f"golden_{prefix}" for prefix in prefixes))
     needed = {*facts.needed_columns(names, rules)}
@@ -234,14 +233,9 @@ def run_evading_faults(
     unit = np.arange(len(evading))
     if robot_columns:
         unit = evading.groupby(robot_columns, sort=False).ngroup().to_numpy()
-    return EvadingFaults(
-        group=group,
-        sampled=np.isin(group, list(draws.drawn_groups(raw) or ())),
-        unit=unit,
-        units_are_robots=bool(robot_columns),
-        harm_ms=harm_ms,
-        lead_ms=np.stack(lead_ms, axis=1),
-    )
+    sampled = np.isin(group, list(draws.drawn_groups(raw) or ()))
+    has_robots = bool(robot_columns)
+    return EvadingFaults(group, sampled, unit, has_robots, harm_ms, np.stack(lead_ms, axis=1))
 
 
 def detector_leads(
@@ -249,9 +243,9 @@ def detector_leads(
 ) -> np.ndarray:
     """Return the time from a detector's first alarm to the harm, ms [runs, thresholds].
 
-    `prefix`: the beginning of the names of the detector's columns in the result `table`. `harm_ms`:
-    time of the harm [runs]. The time is NEVER if there was no alarm. It is also NEVER if the golden
-    run has an alarm too, because such an alarm does not show the fault.
+    `prefix`: beginning of the names of the detector's columns. `harm_ms`: time of the harm [runs].
+    The result is NEVER without an alarm. It is NEVER, too, if the golden run has an alarm, because
+    such an alarm does not show the fault.
     """
     golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
     lead_ms = np.full((len(table), len(thresholds)), NEVER)

@@ -29,9 +29,7 @@ SHOWN_SHARE = 0.95
 
 def draw_figure(finding: Counterfactual, path: Path) -> None:
     """Write a figure as SVG: the share of the test half's faults that a set of checks detects at
-    least a given time before the harm.
-
-    It has one curve for the selected set, and dashed curves for other sets.
+    least a given time before the harm. The curves of sets that were not selected are dashed.
     """
     best_single_set = finding.best_single_set
     best_single = finding.candidates[best_single_set.indices[0]]
@@ -78,9 +76,7 @@ FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 def write_files(finding: Counterfactual, out_folder: Path) -> list[Path]:
     """Write the table, the figure, the detectors and the campaign. Return their paths, the campaign
-    last.
-
-    Raise StoreError if a file cannot be written.
+    last. Raise StoreError if a file cannot be written.
     """
     folder = out_folder / FOLDER
     require_writable(folder)
@@ -101,9 +97,8 @@ def write_files(finding: Counterfactual, out_folder: Path) -> list[Path]:
 
 
 def detector_names(finding: Counterfactual) -> list[str]:
-    """Return a name for each check of the selected set, as a detector of the campaign.
-
-    It is the candidate's name, with a number if the campaign has a detector of this name already.
+    """Return a name for each check of the selected set, as a detector of the campaign: the name of
+    the candidate, with a number if the campaign has a detector of this name already.
     """
     used_names = {detector.name for detector in finding.config.detector}
     names = []
@@ -119,7 +114,7 @@ def detector_names(finding: Counterfactual) -> list[str]:
 def campaign_with_set(finding: Counterfactual) -> str:
     """Return the campaign as TOML, with the selected set as additional detectors."""
     raw: dict[str, Any] = finding.config.model_dump(mode="json", exclude_defaults=True)
-    # The name has an upper limit of characters, so that a long one is cut.
+    # The length of a name is limited.
     raw["campaign"]["name"] = f"{finding.config.campaign.name[:90]}_watched"
     added = [
         {

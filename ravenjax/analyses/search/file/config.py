@@ -169,9 +169,7 @@ class SearchConfig:
 
 
 def json_schema_of(robot: Robot) -> dict[str, Any]:
-    """Return the JSON Schema of a search file for a robot: the schema of a campaign file with one
-    group and a section [search].
-    """
+    """Return the JSON Schema of a search file: of a campaign with one group and a [search]."""
     schema: dict[str, Any] = {**json_schema.campaign_schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
         section = model.model_json_schema(ref_template="#/$defs/{model}")

@@ -110,9 +110,7 @@ class Outcome:
         return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> list[str]:
-        """Return messages on mistakes, such as a column that a result table of this shape does not
-        have.
-        """
+        """Return messages on mistakes, such as a column that tables of this shape do not have."""
         dtypes = {
             column.name: column.dtype
             for column in schema.table_columns(shape)
