@@ -135,8 +135,7 @@ def _curve(delays: Delays, start: float) -> Incidence:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
     time, index = np.unique(delays.time.astype(float), return_inverse=True)
-    # Numbers of runs at each time: observed until this time, with the event at this time, and still
-    # under observation.
+    # Numbers of runs at each time: observed until then, with the event then, and under observation.
     ended = np.bincount(index, delays.count)
     had_event = np.bincount(index, delays.count * delays.occurred)
     at_risk = delays.n - np.cumsum(ended) + ended
@@ -174,13 +173,9 @@ def _share_without_event(weight: np.ndarray, occurred: np.ndarray, order: np.nda
     sorted_weight = weight[:, order]
     # Weight of the runs that were observed at least as long as each run.
     at_risk = sorted_weight[:, ::-1].cumsum(axis=1)[:, ::-1]
-    event_share = np.divide(
-        sorted_weight * occurred[order],
-        at_risk,
-        out=np.zeros_like(sorted_weight),
-        where=at_risk > 1e-9,
-    )
-    return np.cumprod(1 - event_share, axis=1)
+    share, events = np.zeros_like(at_risk), sorted_weight * occurred[order]
+    np.divide(events, at_risk, out=share, where=at_risk > 1e-9)
+    return np.cumprod(1 - share, axis=1)
 
 
 def _time_of_fraction(time: np.ndarray, curve: np.ndarray, fraction: float) -> float:

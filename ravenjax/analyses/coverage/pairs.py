@@ -47,8 +47,7 @@ class Pair(NamedTuple):
     harms: bool
     response: str  # of the checks, a word of the verdict
     kind: str  # "cut set", "masked", or "" if the pair harms as its faults alone do
-    # Checks and detectors that detect one of the faults if it is alone, but not the pair.
-    defeated: Sequence[str]
+    defeated: Sequence[str]  # checks and detectors that detect one of the faults, but not the pair
 
     def cells(self) -> dict[str, Any]:
         """Return the row of the pair in the table."""

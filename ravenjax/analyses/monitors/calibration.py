@@ -46,15 +46,11 @@ class Test(NamedTuple):
     operations: int
     hours: float  # total duration of the operations without an alarm
     alarms: int  # number of operations with an alarm
-    first_operations: (
-        AlarmRate  # rate in the first operation of each operator; these are independent
-    )
+    first_operations: AlarmRate  # rate in each operator's first operation; these are independent
 
     @property
     def per_hour(self) -> float:
-        """Number of operations with an alarm, per hour of operations without an alarm; infinite or
-        NaN without such hours.
-        """
+        """Number of operations with an alarm, per hour of operations without an alarm."""
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
@@ -87,10 +83,9 @@ def count_units(threshold_units: int) -> int:
     rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
     units = rounds * ROUND_SIZE
     if rest:
-        # The first operator of the last round determines scales.
+        # One more operator of the last round determines scales.
         units += 1 + rest
-    # The first operator that tests the monitor comes after the one for scales and the ones for the
-    # threshold.
+    # The operator of the test comes after those for scales and the threshold.
     return max(units, 1 + THRESHOLD_OPERATORS + 1)
 
 
@@ -160,8 +155,7 @@ def calibrate_thresholds(
             " does not follow the operator. Write more --hours (finished operations are kept),"
             " allow more false alarms, or let the campaign draw robots that work"
         ) from None
-    term_scales = tuple(tuple(float(scale) for scale in row) for row in scales)
-    monitor = Monitor(terms, segments, term_scales, result.value)
+    monitor = Monitor(terms, segments, tuple(map(tuple, scales.tolist())), result.value)
     tested = OperationScores(*(values[uses.test] for values in scores))
     alarms, first = tested.score > result.value, tested.first_operations()
     test = Test(

@@ -32,8 +32,7 @@ class Segments:
         # Either both the name and the edges are given, or neither is.
         if not is_name or not is_ascending or bool(self.field) != bool(self.edges):
             raise ValueError("expected the name of a signal and ascending numbers")
-        # The edges as the float32 numbers with which a monitor compares. A frozen dataclass can be
-        # changed only in this way.
+        # The edges as float32 numbers. A frozen dataclass can be changed only in this way.
         object.__setattr__(self, "edges", tuple(float(edge) for edge in edges))
 
     @property
@@ -51,10 +50,7 @@ class Segments:
 
     @staticmethod
     def parsed(text: str) -> Segments:
-        """Return the segments of a text such as "tick=1000,5000"; WHOLE for an empty text.
-
-        Raise ValueError for any other text.
-        """
+        """Return the segments of a text such as "tick=1,5"; WHOLE for "". Raises ValueError."""
         if not text:
             return WHOLE
         field, _, edges = text.strip().partition("=")
@@ -101,21 +97,16 @@ class Monitor:
 
 
 def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
-    """Return a score with scale 1 for each channel of the scores, so that each channel can have a
-    limit. A channel that is in several scores is returned once.
+    """Return a score with scale 1 for each channel of the scores. A channel that is in several
+    scores is returned once.
     """
-    channel_scores = [
-        channel_score.scaled([1.0]) for score in scores for channel_score in score.channel_scores
-    ]
-    return tuple({score.name: score for score in channel_scores}.values())
+    channels = [channel.scaled([1.0]) for score in scores for channel in score.channel_scores]
+    return tuple({channel.name: channel for channel in channels}.values())
 
 
 def input_expressions(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """Return the inputs of a monitor in order: the name of each number, and the Python expression
-    that reads the number from the robot's view.
-
-    For example, {"boards_cmd_shoulder": "view.boards_cmd[0]"}. `terms`: scores with one channel
-    each.
+    """Return the names of a monitor's inputs in order, each with the Python expression that reads
+    it from the robot's view, such as {"boards_cmd_shoulder": "view.boards_cmd[0]"}.
     """
     expressions = {}
     for term in terms:

@@ -49,9 +49,7 @@ class OperationDesign:
     stream: int = CALIBRATION_STREAM
 
     def operator(self, number: int) -> tuple[str, int]:
-        """Return the name of the motion and the random seed of the operator `number`. They depend
-        only on the number and on the design's motions, seed and stream.
-        """
+        """Return motion and random seed of an operator. They depend only on number and design."""
         rng = np.random.default_rng([self.seed, self.stream, number])
         return self.motions[int(rng.integers(len(self.motions)))], int(rng.integers(2**31))
 
@@ -77,14 +75,9 @@ def fault_free_campaign(config: CampaignConfig, design: OperationDesign) -> Camp
     has_list = any(axis.kind == "list" for axis in config.parameters.values())
     # 0: the campaign draws no robots, and has one run.
     drawn_robots = design.robots if design.robots > 1 or has_list else 0
-    tables = fault_free_tables(
-        config.model_dump(mode="json"),
-        drawn_robots,
-        name="fault_free",
-        duration_s=design.length_s,
-        observe_ms=None,
-    )
-    return validate_tables(tables)
+    raw = config.model_dump(mode="json")
+    settings = {"name": "fault_free", "duration_s": design.length_s, "observe_ms": None}
+    return validate_tables(fault_free_tables(raw, drawn_robots, **settings))
 
 
 def campaign_of_operator(
@@ -129,10 +122,7 @@ class OperationRunner:
     def __init__(
         self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
     ) -> None:
-        """Choose an engine, and plan the operations of the first operator.
-
-        Raise UserError for a campaign that cannot run as fault-free operations.
-        """
+        """Choose an engine. Raise UserError for a campaign that cannot run without faults."""
         require_runnable(config, design)
         compile_cache.enable_cache()
         self.config, self.design = fault_free_campaign(config, design), design
@@ -145,10 +135,8 @@ class OperationRunner:
         self._thread_data, self._compile_lock = threading.local(), threading.Lock()
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
-        """Yield the scores of the operators with these numbers, in order.
-
-        Several operators are computed in parallel. Closing the iterator cancels the operators that
-        have not begun.
+        """Yield the scores of these operators in order. Several are computed in parallel. Closing
+        the iterator cancels operators that have not begun.
         """
         # Enough operators in parallel to fill the engine. One more thread plans the next operator
         # while the others compute.
@@ -194,10 +182,8 @@ class OperationRunner:
         lanes = kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         # The kernel may have more lanes than rows. The additional lanes are not used.
-        outcomes = {
-            name: column[: len(rows)]
-            for name, column in kernel.run(block, ready.columns).outcomes.items()
-        }
+        lane_outcomes = kernel.run(block, ready.columns).outcomes
+        outcomes = {name: column[: len(rows)] for name, column in lane_outcomes.items()}
         columns = [outcomes[f"detector{d}_score"] for d in range(len(self.detectors))]
         scores = np.stack(columns, axis=1).astype(np.float32)
         scores[outcomes["failed_ms"] >= 0] = np.nan

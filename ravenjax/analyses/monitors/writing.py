@@ -39,16 +39,13 @@ ENGINE = "simd"
 def write_monitor(
     out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated
 ) -> None:
-    """Write the files of a monitor into the folder `out`, which already contains its operations:
-    its code in Python and C, a test of the C code, reference scores, and a record.
+    """Write a monitor's code in Python and C, test vector, reference scores and record into the
+    folder `out`, which already contains its operations.
     """
     monitor, notes = result.monitor, describe_promise(result, design)
-    detector = {
-        "name": "monitor",
-        "file": code.PART,
-        "threshold": [_round_to_nine_digits(monitor.threshold)],
-    }
-    title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
+    thresholds = [_nine_digits(monitor.threshold)]
+    detector = {"name": "monitor", "file": code.PART, "threshold": thresholds}
+    title = f"{' '.join(notes)} As a detector: threshold = {thresholds}"
     operations = score_folder.read_scores(out / score_folder.FOLDER)
     texts = {
         code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
@@ -61,10 +58,7 @@ def write_monitor(
     for name, text in texts.items():
         files.write_text(out / name, text)
     templates = wording.text_templates(__package__)
-    templates.filters |= {
-        "short": _round_to_nine_digits,
-        "toml": lambda value: tomlkit.item(value).as_string(),
-    }
+    templates.filters |= {"short": _nine_digits, "toml": lambda x: tomlkit.item(x).as_string()}
     record = templates.get_template(f"{RECORD}.j2").render(
         config=config,
         design=design,
@@ -79,9 +73,7 @@ def write_monitor(
 
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
-    """Return lines of text that state the largest false-alarm rate of the monitor, and the
-    conditions under which the monitor keeps this rate.
-    """
+    """Return lines of text on the largest false-alarm rate of the monitor and its conditions."""
     template = wording.text_templates(__package__).get_template("promise.txt.j2")
     return template.render(
         target=result.target, threshold=result.threshold, design=design
@@ -89,9 +81,8 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """Return the monitor of a folder, and its record: the content of the file RECORD.
-
-    Raise StoreError if a file is missing, damaged, or was changed after the calibration.
+    """Return the monitor of a folder, and the content of its file RECORD. Raise StoreError if a
+    file is missing, damaged, or was changed after the calibration.
     """
     path = folder / RECORD
     try:
@@ -126,11 +117,9 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
-    """Return the reference scores, with which `ravenjax monitor check` compares the scores of new
-    operations.
+    """Return the scores with which `ravenjax monitor check` compares the scores of new operations.
 
-    There is one row for the first operation of each operator. Operators that determined the scales
-    are left out, because their scores depend on the scales.
+    There is one row for the first operation of each operator who did not determine the scales.
     """
     first = peaks.first_operations()
     determined_scales = calibration.assign_uses(first.unit).scale
@@ -139,10 +128,8 @@ def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
 
 
 def score_columns(monitor: Monitor, peaks: np.ndarray) -> dict[str, np.ndarray]:
-    """Return columns [operations] by name: the joint score (SCORE), and the score of each term of
-    the monitor in each segment.
-
-    `peaks`: largest scores [operations, terms * segments].
+    """Return columns [operations] by name: the joint score (SCORE), and the score of each term in
+    each segment. `peaks`: largest scores [operations, terms * segments].
     """
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
@@ -158,7 +145,7 @@ def _csv(table: pd.DataFrame) -> str:
     return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
 
 
-def _round_to_nine_digits(value: float) -> float:
+def _nine_digits(value: float) -> float:
     """Round to nine digits, from which the bits of a float32 can be restored."""
     return float(f"{value:.9g}")
 
@@ -225,10 +212,8 @@ def compute_test_vector(
 def _test_vector_campaign(
     config: CampaignConfig, monitor: Monitor, seed: int, file: Path
 ) -> CampaignConfig:
-    """Return a campaign with one short run, whose signals become the test vector.
-
-    Its only detector is the monitor, in the Python file `file`. The run has one arm, and the fault
-    FAULT if the robot has the fault's site.
+    """Return a campaign with one short run of one arm, whose signals become the test vector. Its
+    only detector is the monitor, in the Python file `file`.
     """
     content, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}

@@ -124,10 +124,9 @@ def find_brackets(
 def _bracket_first_harm(
     harm: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `state`, `low` and `high` of `Brackets`, each [cells].
+    """Return `state`, `low` and `high` of `Brackets`.
 
-    `harm`: 1 harm, 0 no harm, NaN no valid outcome, of each value [values, cells]. `values`: in
-    ascending order, [values, cells].
+    `values`: ascending [values, cells]. `harm` of each: 1 harm, 0 no harm, NaN no valid outcome.
     """
     is_harmful = harm == 1.0
     first = np.argmax(is_harmful, axis=0)

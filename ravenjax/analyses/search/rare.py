@@ -99,7 +99,7 @@ def _column_value(distance: np.ndarray, search: Rare) -> np.ndarray:
 
 def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
     """Return values of the event's column, and for each value the share of plain Monte Carlo runs
-    that were at least as near to the event. distances: of all these runs, [runs].
+    that were at least as near to the event. distances: of these runs.
     """
     valid = np.sort(distances[distances < INVALID_DISTANCE])
     if not len(valid):
@@ -114,9 +114,7 @@ def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 
 def _level_values(result: RareEvent, search: Rare) -> list[dict[str, float]]:
-    """Return the value of the event's column and its probability for each level of the subset
-    simulation. The event itself is the last entry.
-    """
+    """Return value and probability of each level of the subset simulation, the event last."""
     # Each level is reached by the share 1 / steps of the runs of the level before.
     distances = [level for level in result.levels if level > 0.0]
     probabilities = [search.steps ** -(i + 1.0) for i in range(len(distances))]

@@ -194,14 +194,11 @@ def bootstrap(
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
     rng = np.random.default_rng(seed)
-    batch_sizes = [min(batch, resamples - first) for first in range(0, resamples, batch)]
+    sizes = [min(batch, resamples - first) for first in range(0, resamples, batch)]
     with np.errstate(invalid="ignore", divide="ignore"):
         value = np.asarray(statistic(np.arange(units)[None]), float)[0]
         samples = np.concatenate(
-            [
-                np.asarray(statistic(rng.integers(units, size=(b, units))), float)
-                for b in batch_sizes
-            ]
+            [np.asarray(statistic(rng.integers(units, size=(b, units))), float) for b in sizes]
         )
     low, high = band_ends(samples)
     return Estimate(value, low, high)

@@ -40,11 +40,10 @@ class Shift(NamedTuple):
 
 
 def test_shift(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> Shift:
-    """Test whether the scores of new units come from the same distribution as the calibration
-    scores.
+    """Test whether scores of new units come from the same distribution as the calibration scores.
 
     Each array has one score per independent unit. A Kolmogorov-Smirnov test and a martingale test
-    are combined by Bonferroni's inequality: the smaller p-value counts twice. `seed`: random
+    are combined by Bonferroni's inequality: the smaller p-value is doubled. `seed`: of the random
     numbers that put equal scores in order.
     """
     from scipy.stats import ks_2samp  # slow to import

@@ -149,7 +149,7 @@ class Template:
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group = self.config.group[0]
-        # A list with the value of each point, for each key that differs between points.
+        # The values of all points, for each key that differs between points.
         columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
         columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
         axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}
