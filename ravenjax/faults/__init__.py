@@ -179,8 +179,7 @@ def apply(
         reading = tick - began if clock is None else _broadcast_leading("clock", clock, shape)
         effect, history = fault.effect, state.history
         if effect == "delay":
-            # The signals of this tick and of earlier ticks, newest first. A delay overwrites the
-            # signal with one of them.
+            # A delay overwrites the signal with a signal of an earlier tick. Newest first.
             past = (signal, *(jnp.where(is_first_call, signal, old) for old in history))
             effect, history, value = "overwrite", past[:-1], signal
             for ticks, old in enumerate(past):

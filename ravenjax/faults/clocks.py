@@ -102,8 +102,7 @@ class Clocks(NamedTuple):
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
-        # No packet number is higher than the number of ticks. Only windows that repeat need the
-        # number of the newest packet.
+        # No packet number is higher than `ticks`. Only windows that repeat need the newest number.
         newest = np.full(len(rows), ticks, np.int64)
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
@@ -118,8 +117,7 @@ class Clocks(NamedTuple):
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
 
-        Arguments: see `packet_end`. The result is valid for runs in which no fault changes the
-        pedal.
+        Arguments: see `packet_end`. Valid only for runs in which no fault changes the pedal.
         """
         window_end = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):

@@ -87,8 +87,7 @@ class TriggerClocks:
 
 
 def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    # Returns the slot's state with the window as in this tick, from the clock of the fault's
-    # trigger: time, packets or pedal.
+    # Returns the slot's state with its window as in this tick, by the clock of its trigger.
     triggers = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[triggers[0]]

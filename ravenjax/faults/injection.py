@@ -171,9 +171,7 @@ def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """Return `y` (float) in the number type of the channel, whose number is `old`. A number beyond
-    int32 becomes -2147483648.
-    """
+    """Return `y` (float) in the type of the number `old`. Beyond int32 it becomes -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -207,9 +205,7 @@ class Injector:
         return injects_faults(self.setup, *sites)
 
     def inject_parameters(self, params: Any) -> Any:
-        """Return the parameters of this tick with their faults. A channel of the site of parameters
-        is the full path of a number.
-        """
+        """Return parameters with their faults. A channel of this site is a full path."""
         keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
         numbers = Vec(
             jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys

@@ -38,8 +38,7 @@ class _Body:
     omega: Vec  # angular velocity
     matrix: Vec  # U
     wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
-    # Second moments J, first moment h and mass of the composite body: the link, and all links that
-    # it carries.
+    # Second moments J, first moment h and mass of the link with all links that it carries.
     moments: Matrix
     first: Vec
     mass: Number
@@ -152,8 +151,7 @@ def _kinematics(
 
 
 def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
-    # Returns the bias of each joint: the sum of the wrenches of all links that the joint carries,
-    # along the joint's axis.
+    # Returns the bias of each joint: the wrenches of all links it carries, along the joint's axis.
     wrenches = [body.wrench for body in bodies]
     bias: list[Number] = [0.0] * len(links)
     for index in reversed(range(len(links))):

@@ -48,8 +48,7 @@ class Link:
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
     """Return the joints below body `base`, in the order of the model's degrees of freedom.
 
-    Body `base` is treated as fixed. Joint positions are measured as in the model. All joints must
-    be hinges or slides.
+    Body `base` is fixed. Joint positions are as in the model. All joints are hinges or slides.
     """
     joints = _home_joints(model, model.body(base).id)
     _choose_frames(joints)

@@ -236,8 +236,7 @@ def _over_window(
         inner_value = inner.value(moment, latest_delay)
         covered, span = moment.mask_before_run(latest_delay, inner_value, empty), 1
         # `covered` covers the latest `span` ms of the window. It is combined with its own delayed
-        # value, which doubles the span each time. This needs as much memory as a ring buffer, with
-        # fewer operations.
+        # value, which doubles the span each time. A ring buffer would need more operations.
         while (step := min(span, end - begin + 1 - span)) > 0:
             covered = extreme(covered, moment.delay(covered, step, empty))
             span += step

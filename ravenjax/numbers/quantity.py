@@ -38,8 +38,7 @@ class Quantity:
     whole: bool = False
     joints: tuple[str, ...] = ()  # joints to which the range applies; (): all numbers of the field
     why: str = ""  # reason for the range, if the meaning does not include it
-    # Key of [campaign] and the value with which the number has an effect; None: the number always
-    # has an effect.
+    # Key of [campaign] and the value with which the number has an effect; None: no condition.
     read_when: tuple[str, str] | None = None
 
     @property

@@ -106,12 +106,9 @@ INT32_MIN = -2147483648
 
 
 def to_int32(x: Scalar) -> Scalar:
-    """Return x as int32, as C's `(int)x` on x86: truncated toward zero. NaN and numbers outside of
-    int32 give -2147483648.
-    """
+    """Return C's `(int)x` on x86: truncated toward zero; NaN and overflow give -2147483648."""
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
-    # The inner `where` keeps numbers that do not fit away from the conversion, whose result would
-    # depend on the machine.
+    # The inner `where` avoids conversions whose result depends on the machine.
     return jnp.where(fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), INT32_MIN)
 
 
@@ -147,8 +144,7 @@ def largest(numbers: Iterable[Scalar]) -> Scalar:
 def first_tick(tick: Scalar, occurs: Scalar, before: Scalar) -> Scalar:
     """Return the tick in which an event occurred first; -1: it has not occurred.
 
-    tick: this tick. occurs: bool, the event occurs in this tick. before: the result of the last
-    tick.
+    tick: this tick. occurs: bool, the event occurs now. before: the result of the last tick.
     """
     return jnp.where(occurs & (before < 0), tick, before)
 

@@ -98,8 +98,7 @@ def _by_quality(quality: Scalar, numbers: Sequence[float]) -> Scalar:
 def _next_quality(quality: Scalar, drawn: Scalar) -> Scalar:
     """Return the next quality, int32. drawn: uniform random number in [0, 1)."""
     next_quality = jnp.int32(0)
-    # The next quality is at least k if the number is not below the sum of the first k
-    # probabilities.
+    # The quality is at least k if `drawn` is not below the sum of the first k probabilities.
     for k in (1, 2, 3):
         sums = [sum(row[:k]) for row in TRANSITIONS]
         next_quality = next_quality + as_int(drawn >= _by_quality(quality, sums))

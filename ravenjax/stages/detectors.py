@@ -151,9 +151,7 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return the parameters for a robot without built-in detectors. Thresholds are 1 until a
-    campaign replaces them.
-    """
+    """Return parameters without built-in detectors. A campaign replaces the thresholds of 1."""
     files = detector_files(setup)
     return WatchParams(
         armed_after=np.int32(500),

@@ -67,8 +67,7 @@ class ExplainedState:
 def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> Any:
     """Return a program of the same runs, each compared with its golden run number by number.
 
-    checks: number of checks of the robot's loop. spans: normal range of each number; (): no normal
-    range is known.
+    checks: number of the loop's checks. spans: normal range of each number; (): none is known.
     """
     use = Explained(checks, tuple(spans))
     setup = dataclasses.replace(program.setup, explained=use, inner=program.module)

@@ -39,8 +39,7 @@ def init() -> PacketClock:
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
     """Return the clock after tick `now` (int32).
 
-    fresh: whether a packet arrived in this tick, bool. cycles: number of control cycles until the
-    next packet, int32.
+    fresh: whether a packet arrived in this tick, bool. cycles: cycles until the next, int32.
     """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 

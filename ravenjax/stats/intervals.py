@@ -112,14 +112,12 @@ def anytime_bounds(
 
     Each rate p is tested against p - half_width and p + half_width by Wald's likelihood ratio (Ann.
     Math. Stat. 16, 1945). By Ville's inequality the mean of both exceeds 1/alpha at any n with a
-    probability of at most alpha. Bounds for `half_width` need the fewest runs until their interval
-    has this half-width.
+    probability of at most alpha. Of all tests, this one reaches `half_width` with the fewest runs.
     """
     from scipy.special import xlogy
 
     def upper_bound(k: np.ndarray) -> np.ndarray:
-        # Returns the lowest rate that the test excludes. The likelihood ratio rises with the rate,
-        # so bisection finds it.
+        # Returns the lowest rate that the test excludes, by bisection: the ratio rises with it.
         low, high = np.zeros(k.shape), np.ones(k.shape)
         for _ in range(50):
             rate = (low + high) / 2

@@ -58,8 +58,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     # Half an event is added to events and to other trials, so that no logarithm is infinite.
     events, others = hits.sum() + 0.5, trials.sum() - hits.sum() + 0.5
     share = events / (trials.sum() + 1.0)
-    # The grid of the mean: six standard errors of its logit, which are larger if units differ by
-    # more than chance.
+    # The grid of the mean: six standard errors of its logit, larger if units differ much.
     expected = trials * events / (trials.sum() + 1.0)
     excess = ((hits - expected) ** 2 / (expected * (1.0 - share))).sum() / len(hits)
     error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))

@@ -317,8 +317,7 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
 
     To find signals and factors, the function computes the robot's series in one tick in which all
     signals are 0, and then in one tick for each signal, in which only this signal is 1. A multiple
-    of one signal differs from zero in one of these ticks. Other series are left out; the page
-    computes them itself.
+    of one signal differs from zero in one of these ticks. The page computes other series itself.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
     probe_signals = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
@@ -343,8 +342,7 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
                     "name": name,
                     "shape": np.shape(values)[1:],
                     "types": [str(dtypes[signal]) for signal in series_signals],
-                    # The only value that is not zero is the factor. Seven digits remove the noise
-                    # of single precision.
+                    # The only value that is not zero is the factor, in single precision.
                     "scales": [float(f"{number:.7g}") for number in flat.sum(axis=0)],
                 }
             )

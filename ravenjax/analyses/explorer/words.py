@@ -104,8 +104,7 @@ def _describe_channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
 
 
 def _value_ranges(config: CampaignConfig) -> dict[str, list[float]]:
-    # Returns the smallest and the largest value of each "site/effect" in the campaign, for the
-    # page's slider.
+    # Returns the smallest and largest value of each "site/effect", for the page's slider.
     values = defaultdict[str, list[float]](list)
     for group in config.group:
         # A group with listed runs has faults for each run.

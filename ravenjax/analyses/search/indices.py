@@ -84,8 +84,7 @@ def _analyse_outcome(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
-    # Returns the design's points of the unit cube [points, inputs], and the function that analyses
-    # their outcomes.
+    # Returns the design's points of the unit cube, and the function that analyses outcomes.
     if isinstance(search, Sobol):
 
         def analyse_sobol(values: np.ndarray) -> Indices:

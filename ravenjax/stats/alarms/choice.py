@@ -58,8 +58,7 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
 def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
     """Return which alarms may have the lowest cost, bool [alarms].
 
-    A missed hazard costs as much as `weight` false alarms. There is one hazard per hour. times: see
-    `false_rates`.
+    A missed hazard costs as much as `weight` false alarms. There is one hazard per hour.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
     # The smallest difference of costs between a first and a second alarm, [alarms, alarms].

@@ -12,8 +12,7 @@ def mcnemar_test(first: ArrayLike, second: ArrayLike) -> float:
     """Return the p-value of McNemar's exact test of an event under two conditions; 1 if no run
     differs.
 
-    first, second: bool [n], the event occurred in the run under this condition. Raise ValueError if
-    the lengths differ.
+    first, second: bool [n], the event occurred. Raise ValueError if the lengths differ.
     """
     from scipy.stats import binomtest
 

@@ -32,8 +32,7 @@ class Shift(NamedTuple):
     p: float  # of both tests, by Bonferroni's inequality; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # largest value of the martingale
-    # Median share of the calibration scores that are below a new score; about 0.5 if nothing
-    # changed.
+    # Median share of calibration scores below a new score; about 0.5 if nothing changed.
     median_rank: float
     new_units: int
     calibration_units: int

@@ -78,8 +78,7 @@ class CheckSet(NamedTuple):
     false_alarms: AlarmRate  # in the test motions
     selection_coverage: Rate  # share of the faults for selection that the set detects in time
     test_coverage: Rate  # share of the faults for the test that the set detects in time
-    # Median time from the first alarm to the harm, over the covered faults of the test; NaN if the
-    # set covers none.
+    # Median time from the first alarm to the harm, over covered faults of the test; NaN if none.
     median_lead_ms: float
 
 
@@ -96,8 +95,7 @@ class Evidence(NamedTuple):
     def assess(self, indices: Sequence[int]) -> CheckSet:
         """Return the set of the candidates `indices` with its margin, false alarms and coverage.
 
-        The set detects a fault in time if its first alarm comes at least `question.lead_ms` before
-        the harm.
+        The set detects a fault in time if an alarm comes at least `question.lead_ms` before harm.
         """
         margin = self.margin(indices)
         lead_ms = self.lead_times(indices, margin.index)
@@ -147,8 +145,7 @@ class Evidence(NamedTuple):
         of their group. Return None if there is only one group.
 
         For each group, a set is selected from the faults of all other groups. The share estimates
-        the coverage of kinds of faults that are not known during the selection. The interval is
-        over groups.
+        the coverage of kinds of faults that are unknown so far. The interval is over groups.
         """
         group = self.faults.group
         if len(np.unique(group)) < 2:
@@ -174,9 +171,7 @@ class Evidence(NamedTuple):
 
 
 def join_scores(motions: FreeMotion, indices: Sequence[int]) -> FreeMotion:
-    """Return the motions with one score for a whole set, peaks [motions, runs]: the largest score
-    of the candidates `indices`.
-    """
+    """Return the motions with the largest score of a set's candidates, peaks [motions, runs]."""
     return motions._replace(peaks=motions.peaks[:, :, list(indices)].max(axis=2))
 
 

@@ -95,8 +95,7 @@ class Counterfactual(NamedTuple):
     def missed_groups(self) -> list[tuple[str, int, int]]:
         """The groups with faults of the test half that the set does not detect in time.
 
-        Each tuple is (name of the group, missed faults, all faults). Groups with more missed faults
-        come first.
+        Each tuple is (group, missed faults, all faults), with the most missed faults first.
         """
         rows = self.evidence.test_half
         detected = self.evidence.detects_in_time(self.selected_set.indices)[rows]

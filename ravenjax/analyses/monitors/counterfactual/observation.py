@@ -114,8 +114,7 @@ def run_motions(
     tables = detector_tables(candidates, (1.0,), folder)
 
     def simulate(number: int) -> tuple[np.ndarray, np.ndarray]:
-        # Returns scores [runs, candidates] and hours [runs] of one motion. A failed run has no
-        # hours.
+        # Returns scores [runs, candidates] and hours [runs] of one motion; 0 for a failed run.
         config, prefixes = add_detectors(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
         results = runner.run_campaign(config, None, engine)

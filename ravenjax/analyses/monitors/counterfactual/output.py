@@ -54,8 +54,7 @@ def draw_figure(finding: Counterfactual, path: Path) -> None:
     for number, (name, set_lead_ms) in enumerate(lead_ms.items()):
         share = (set_lead_ms[:, None] >= axis_ms).mean(axis=0)
         low = high = ()
-        # Only the selected set has a band. Its interval assumes that faults are independent, which
-        # faults of one robot are not.
+        # Only the selected set has a band, which assumes that faults are independent.
         if name == selected_name and not evidence.faults.units_are_robots:
             fault_count = np.full(len(share), len(set_lead_ms))
             low, high = rate_bounds(np.round(share * len(set_lead_ms)), fault_count)

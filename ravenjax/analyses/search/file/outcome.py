@@ -129,9 +129,7 @@ class Outcome:
 
 
 def parse_outcome(text: str) -> Outcome:
-    """Return the outcome of a text such as "response = stopped". Raise ValueError for a text of
-    another form.
-    """
+    """Return the outcome of a text such as "response = stopped". Raises ValueError."""
     if match := _FORM.match(text):
         column, relation, limit = match[1], match[2] or "", match[3] or ""
         if relation == "=" and limit:
