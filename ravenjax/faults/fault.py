@@ -101,7 +101,7 @@ def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerC
 
 
 def open_window(fault: FaultSlot, state: SlotState, since_start: Scalar) -> SlotState:
-    """Return the slot's state with the window as in this tick.
+    """Return the slot's state: whether its window is open in this tick, and for how many ticks.
 
     since_start: int32, the clock's reading minus the start of the fault; negative: before it.
     """

@@ -140,6 +140,8 @@ def _choose_frames(joints: list[_HomeJoint]) -> None:
             joint.origin = _foot(joint, child.anchor, child.axis)
         else:
             joint.origin = joint.anchor
+        # The common normal to the first child's axis, if the joint is a hinge with a child. It is
+        # None if both axes are the same line.
         x_axis = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))

@@ -149,7 +149,7 @@ def _compile_number(node: ast.AST) -> Callable[[Moment], Scalar]:
 
 
 def _compile_comparison(node: ast.Compare) -> Formula:
-    # Compiles a > b or a < b, or a chain such as a < b < c.
+    # Compiles a > b or a < b, whose robustness is a - b or b - a, or a chain such as a < b < c.
     terms = [_compile_number(term) for term in (node.left, *node.comparators)]
 
     def robustness(moment: Moment, delay: int) -> Scalar:

@@ -181,6 +181,7 @@ def run_eagerly(array: Any = None) -> Iterator[Any]:
     replacements: Mapping[str, Any] = _NUMPY_BY_MODULE
     if library is np:
         array = np.asarray(array)
+    # JAX itself computes with its arrays.
     elif library.__name__ == "jax.numpy":
         replacements = {}
     else:

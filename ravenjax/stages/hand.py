@@ -60,12 +60,13 @@ def init(setup: Setup) -> HandState:
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
     """Return the state of the hand after a tick in which the cue pulls with the force `pull` (3,
-    device units). The step is the implicit midpoint rule. A NaN force counts as 0.
+    device units). A NaN force counts as 0.
     """
     stiffness, damping = hand_impedance(params)
     # NaN is not equal to itself.
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
+    # Implicit midpoint rule, solved for the mean of the velocities before and after the tick.
     momentum = 2.0 * params.mass / TICK_S
     mean_velocity = force + state.velocity * momentum - state.displacement * stiffness
     mean_velocity = mean_velocity * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))

@@ -113,8 +113,9 @@ def step(
     """Compute one tick of one arm: return the state after the tick, and the force of each cue."""
     error = signal.model_position - signal.robot_position
     distance = norm(error)
-    inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
-    direction = error * inverse
+    # The direction of a tiny error is zero.
+    inverse_distance = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
+    direction = error * inverse_distance
     relative_velocity = signal.model_velocity - signal.robot_velocity
     closing_speed = dot(relative_velocity, direction)
 

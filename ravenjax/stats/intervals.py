@@ -90,8 +90,8 @@ def rate_bounds(
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
     as an expected count.
 
-    `alpha`: 1 - confidence. `half_width`: the bounds are `anytime_bounds`. If k is 0 the lower
-    bound is 0, and if k is n the upper bound is 1.
+    `alpha`: 1 - confidence. With a `half_width`, the bounds are those of `anytime_bounds`. If k is
+    0 the lower bound is 0, and if k is n the upper bound is 1.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 

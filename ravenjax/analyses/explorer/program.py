@@ -150,7 +150,7 @@ def _effect(name: str) -> dict[str, Any]:
 
 
 def _example_faults(ready: Plan) -> list[dict[str, Any]]:
-    """Return the first fault of each group: its words and its start."""
+    """Return the first fault of each group: its site, channel, effect and so on, and its start."""
     faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
     names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
     examples: pd.DataFrame = faulty[list(names)].rename(columns=names)

@@ -167,7 +167,7 @@ def campaign_with_score_detectors(
             text = code.write_part([term], segments, title=title, segment=segment)
             path.write_text(text, encoding="utf-8")
             tables.append({"name": name, "file": str(path)})
-    # Other values would lose what JSON cannot express.
+    # Only the detectors are used: JSON cannot express all other values of the campaign.
     raw = {**config.model_dump(mode="json"), "detector": tables}
     detectors = type(config).model_validate(raw).detector
     return config.model_copy(update={"detector": detectors})

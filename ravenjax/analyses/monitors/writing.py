@@ -235,7 +235,7 @@ def _test_vector_campaign(
         for path, value in content["parameters"].items()
         if config.parameters[path].kind == "fixed" and not any(arm in path for arm in other_arms)
     }
-    # A detector stores its last score, which is needed, only if it waits for 2 scores.
+    # Only a detector that waits for several scores stores its last score, which is recorded.
     detector = {"name": "monitor", "file": str(file), "consecutive": 2}
     raw["detector"] = [detector | {"threshold": [monitor.threshold]}]
     return validate_tables(raw)

@@ -59,7 +59,7 @@ def precision_recall_band(
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.
 
-    The bands are those of `roc_band`.
+    The bands and the other arguments are as in `roc_band`.
     """
 
     def curve(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:

@@ -261,8 +261,8 @@ def find_evading_faults(
     """Return which rows of a result table are evading faults, bool [rows], and the time of the
     harm of each of these faults, ms.
 
-    A fault with several runs has one row in the result. `groups`: the groups whose faults are
-    returned; of all groups if empty.
+    Of a fault with several runs, one row is returned. `groups`: groups whose faults are returned;
+    (): all.
     """
     runs = facts.derive_facts(table, rules)
     # `sample` marks one run of each fault. A time of -1 means that there was no unintended motion.
