@@ -159,7 +159,7 @@ def read_channel(signal: Any, path: Path) -> Scalar:
 
 
 def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
-    """Return a copy of a site's signal with `value` at `path`."""
+    """Return a copy of a site's signal with `value` at `path`, names of fields and indices."""
     if not path:
         return value
     step, rest = path[0], path[1:]

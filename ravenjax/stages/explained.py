@@ -147,6 +147,7 @@ def _compare_number(
     # bool, in this tick. golden_number: float32 with the bits of the golden run's number.
     number = jnp.asarray(number)
     is_float = number.dtype == jnp.float32
+    # Numbers are compared bit by bit. Whole numbers and truth values become int32.
     to_bits = lax.bitcast_convert_type if is_float else lax.convert_element_type
     bits = to_bits(number, jnp.int32)
     golden_bits = lax.bitcast_convert_type(golden_number, jnp.int32)

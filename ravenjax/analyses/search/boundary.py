@@ -148,11 +148,12 @@ def _list_changes(harm: np.ndarray, values: np.ndarray) -> tuple[tuple[float, fl
 
 
 def expected_runs(template: Template, search: Boundary) -> int:
-    """Return the approximate number of runs of a search."""
+    """Return the approximate number of runs: of the scan and of the bisection in every cell."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
-    span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
-    steps = math.ceil(math.log2(max(1.0, span / (search.scan - 1))))
+    # Each step of the bisection halves an interval of the scan, until it is narrow enough.
+    narrow_intervals = (math.log(high / low) if log else 1.0) / search.tolerance
+    steps = math.ceil(math.log2(max(1.0, narrow_intervals / (search.scan - 1))))
     return template.cases * len(search.signs) * (search.scan + steps)
 
 
