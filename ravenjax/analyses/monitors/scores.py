@@ -111,7 +111,8 @@ def _scores_of(signal: Signal) -> Iterator[Score]:
         kinds.append(("bound", ""))
     if signal.steps:
         kinds.append(("rate", ""))
-    kinds += [("residual", field) for field in signal.against]
+    for field in signal.against:
+        kinds.append(("residual", field))
     for kind, against in kinds:
         for set_name, indices in _channel_sets(signal):
             # A signal without channels has one number, without a label.
