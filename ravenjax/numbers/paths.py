@@ -27,7 +27,9 @@ class _Step(NamedTuple):
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """Return a node's entries by name, and whether paths may leave out the name; None: a number."""
+    """Return the entries of a record or tuple by name, and whether a path may leave out the name.
+    Return None for a number.
+    """
     fields = node._asdict() if hasattr(node, "_asdict") else {}
     if dataclasses.is_dataclass(node):
         fields = vars(node)

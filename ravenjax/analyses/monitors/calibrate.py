@@ -179,7 +179,7 @@ def describe_design(
     """Return everything on which the scores of operations depend, as JSON values: the campaign, the
     design of the operations, the names of the terms, the segments and a hash of the code.
     """
-    # Other tables and keys do not change fault-free operations, or `design` replaces them.
+    # These tables and keys do not change fault-free operations, or `design` contains them.
     unused_tables = {"group", "detector", "stop", "outcomes", "reaction"}
     campaign = config.model_dump(mode="json", exclude=unused_tables)
     for key in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):

@@ -140,7 +140,7 @@ def _bracket_first_harm(
 
 
 def _list_changes(harm: np.ndarray, values: np.ndarray) -> tuple[tuple[float, float], ...]:
-    # Returns pairs of neighbouring values with different outcomes; none if one is not valid.
+    # Returns pairs of neighbouring values with different outcomes; () if an outcome is NaN.
     if np.isnan(harm).any():
         return ()
     last_before = np.flatnonzero(harm[1:] != harm[:-1])

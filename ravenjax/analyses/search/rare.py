@@ -40,6 +40,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
     records = []
     for case in range(template.cases):
         margins: list[np.ndarray] = []
+        # g appends the margins of its runs to the list.
         g = _limit_state(template, evaluator, case, margins)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
         plain_margins = np.concatenate([np.zeros(0), *margins])
