@@ -17,6 +17,7 @@ import dataclasses
 import functools
 import itertools
 import operator
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -119,6 +120,10 @@ def parse_harm(text: str) -> Formula:
             " without a window, which cover the whole past"
         )
     return formula
+
+
+WINDOW_END = re.compile(r"\d+(?=\s*[:\]])")
+"""Finds both ends of each window of an expression, ms."""
 
 
 def _error(node: ast.AST, expected: str) -> ValueError:
@@ -246,9 +251,10 @@ def _over_window(
     return Formula(future_ms, value)
 
 
-def _robustness(use: HarmUse, moment: Moment) -> Scalar:
+def _robustness(use: HarmUse, moment: Moment, tick_ms: int) -> Scalar:
     # Returns the robustness of the latest tick whose windows are over; -infinity if there is none.
-    formula = parse_harm(use.when)
+    # Compiled code counts ticks, so the windows are converted.
+    formula = parse_harm(WINDOW_END.sub(lambda end: str(int(end[0]) // tick_ms), use.when))
     value = formula.value(moment, formula.future_ms)
     return jnp.where(moment.tick >= formula.future_ms, value, -jnp.inf)
 
@@ -260,7 +266,7 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
     for use in setup.harms:
         # The evaluation stores the values before the first tick in `moment.after`.
         moment = Moment(zeros, jnp.int32(0))
-        _robustness(use, moment)
+        _robustness(use, moment, setup.period_ms)
         memory, peak = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
         states.append(HarmState(for_each_arm(setup, memory), peak, jnp.int32(-1)))
     return tuple(states)
@@ -280,7 +286,8 @@ def step(
             Moment(arm_signals, tick, iter(arm_memory))
             for arm_signals, arm_memory in zip(signals, before.memory, strict=True)
         ]
-        robustness = cast_to_real(setup, largest(_robustness(use, moment) for moment in moments))
+        arm_robustness = (_robustness(use, moment, setup.period_ms) for moment in moments)
+        robustness = cast_to_real(setup, largest(arm_robustness))
         memory = cast_to_real(setup, tuple(tuple(moment.after) for moment in moments))
         first = first_tick(tick, robustness > 0.0, before.first)
         new_states.append(HarmState(memory, jnp.maximum(before.peak, robustness), first))

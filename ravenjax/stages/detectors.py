@@ -205,7 +205,7 @@ def step(
             loaded.step(values, arm_state, view, setup.precision.real, score=part.SCORE)
             for arm_state, view in zip(arm_states, signal.views, strict=True)
         ]
-    is_active = signal.armed & (signal.tick >= params.armed_after)
+    is_active = signal.armed & (setup.to_ms(signal.tick) >= params.armed_after)
     detectors = []
     for detector, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True

@@ -165,7 +165,7 @@ class Actor(PlannedCampaign):
                 high[active] = np.where(is_late, middle, high[active])
                 low[active] = np.where(is_late, low[active], middle)
 
-        bisect(HORIZON_MS)
+        bisect(HORIZON_MS // self.plan.tick_ms)
         report(f"{int((last < GRID).sum())} runs of full length that confirm a deadline")
         # Pairs whose run of full length does harm: the deadline is earlier.
         is_late = last < GRID
@@ -221,10 +221,11 @@ def find_deadlines(
     )
     actions = pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()})
     table = faults[faults["harm"] >= 0].merge(actions, how="cross")
-    columns = ("row", "number", "effect_ms", "harm")
-    pairs = FaultActions(*(table[name].to_numpy() for name in columns))
+    tick_ms = actor.plan.tick_ms
+    times = (table[name].to_numpy() // tick_ms for name in ("effect_ms", "harm"))
+    pairs = FaultActions(table["row"].to_numpy(), table["number"].to_numpy(), *times)
     last, table["monotone"] = actor.find(pairs, report)
-    table["deadline_ms"] = (last - pairs.effect).astype(float)
+    table["deadline_ms"] = (last - pairs.effect) * float(tick_ms)
     report(f"{len(table)} runs with an action but no fault")
     table["harms_alone"] = actor.harmful(pairs, pairs.effect, alone=True)
     # An operator who follows the cue takes the robot's first action, after a reaction time.

@@ -71,7 +71,7 @@ class Auth:
         # this host are unknown.
         here = name in (*LOOPBACK, self.host) and port == str(self.port)
         is_own = self.token is not None or here
-        if host is None or not is_own:
+        if not host or not is_own:
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"

@@ -59,7 +59,7 @@ class DistantRobot:
         self.row = self._frame.row[: blueprint.layout.simulated]
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
         self._rest = tree.tree_leaves(_resting(blueprint))
-        self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.entering))
+        self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.step_inputs))
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
         # Positions in the row of the numbers that the half tick computes. In its output, the

@@ -207,10 +207,10 @@ class SimulatedRobot:
         self.now = 0  # the next tick
         self._series = self._shown[1, blueprint.layout.simulated :]
         series = self._series.size
-        self._reference = self._own.entering[:series]
+        self._reference = self._own.step_inputs[:series]
         self._apart = False
-        self._told_apart = self._own.entering[series]
-        self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
+        self._told_apart = self._own.step_inputs[series]
+        self.packets = [stepper.step_inputs[series + 1 :] for stepper in (self._own, self._beside)]
         """Where a packet from outside enters the robot and its golden run."""
         self._fresh = self._own.snapshot()
         places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))

@@ -11,15 +11,16 @@ import numpy as np
 
 from ravenjax.analyses.monitors import code
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.errors import UserError, format_value
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
 """Thresholds of every detector, as factors on a candidate's scale."""
 SELECTION_MARGIN_INDEX = MARGINS.index(1.25)
 """Index of the margin with which a set is selected. Afterwards the margin is calibrated."""
-CONSECUTIVE_MS = (1, 4)
-"""Numbers of consecutive ms above the threshold that raise an alarm. Each is another candidate."""
+CONSECUTIVE_TICKS = (1, 4)
+"""Numbers of ticks in a row above the threshold that raise an alarm. Each is another candidate."""
 
 
 class Question(NamedTuple):
@@ -62,21 +63,21 @@ class Candidate(NamedTuple):
     """A check that the robot does not have, but could have."""
 
     score: Score
-    consecutive: int  # number of consecutive ms above the threshold that raise an alarm
+    consecutive: int  # number of consecutive ticks above the threshold that raise an alarm
 
     @property
     def name(self) -> str:
-        """The score's name, with the number of consecutive ms if it is not 1: mvel_rate_4ms."""
+        """The score's name, with the number of ticks if it is not 1: mvel_rate_4ticks."""
         if self.consecutive == 1:
             return self.score.name
-        return f"{self.score.name}_{self.consecutive}ms"
+        return f"{self.score.name}_{self.consecutive}ticks"
 
     @property
     def words(self) -> str:
         """Words that say what the check observes."""
         if self.consecutive == 1:
             return self.score.words
-        return f"{self.score.words}, in {self.consecutive} consecutive ms"
+        return f"{self.score.words}, in {self.consecutive} consecutive ticks"
 
 
 def detector_tables(
@@ -108,7 +109,7 @@ def add_detectors(
     The campaign loses its table [stop], so that it computes all runs.
     """
     config = validate_tables({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
-    # Each number of consecutive ms in a table is a detector. New detectors follow the others.
+    # Each number of consecutive ticks in a table is a detector. New detectors follow the others.
     added_count = sum(len(table["consecutive"]) for table in tables)
     detector_count = len(config.detectors)
     added = range(detector_count - added_count, detector_count)
@@ -116,26 +117,26 @@ def add_detectors(
 
 
 def list_single_channels(scores: Sequence[Score]) -> list[Candidate]:
-    """Return a candidate for each channel of each score and each number of CONSECUTIVE_MS."""
+    """Return a candidate for each channel of each score and each number of CONSECUTIVE_TICKS."""
     return [
         Candidate(channel, consecutive)
         for score in scores
         for channel in score.channel_scores
-        for consecutive in CONSECUTIVE_MS
+        for consecutive in CONSECUTIVE_TICKS
     ]
 
 
 def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Return a candidate for each score and each number of CONSECUTIVE_MS. The scale of a channel
-    is the channel's largest value in fault-free motion.
+    """Return a candidate for each score and each number of CONSECUTIVE_TICKS. The scale of a
+    channel is the channel's largest value in fault-free motion.
 
     `peaks`: these values, one for each candidate of `list_single_channels`, in the same order.
     """
-    channel_peaks = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE_MS))
+    channel_peaks = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE_TICKS))
     candidates, first = [], 0
     for score in scores:
         end = first + len(score.scales)
-        for column, consecutive in enumerate(CONSECUTIVE_MS):
+        for column, consecutive in enumerate(CONSECUTIVE_TICKS):
             scales = channel_peaks[first:end, column].tolist()
             candidates.append(Candidate(score.scaled(scales), consecutive))
         first = end

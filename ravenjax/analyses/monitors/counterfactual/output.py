@@ -177,7 +177,7 @@ def candidate_table(finding: Counterfactual) -> list[dict[str, object]]:
                 "signal": score.signal,
                 "against": score.against,
                 "layer": score.layer,
-                "consecutive_ms": candidate.consecutive,
+                "consecutive_ticks": candidate.consecutive,
                 "looks_at": candidate.words,
                 "scales": "; ".join(scales),
                 "margin": single_set.margin.value,

@@ -139,10 +139,11 @@ class Template:
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
             places = axis.places(unit[:, i])
-            values[:, i] = np.where(whole[:, i], axis.at(places, whole=True), axis.at(places))
             is_time = slot != PARAMETER and name != "value"
+            step = self.config.robot.period_ms if is_time else 1
+            values[:, i] = np.where(whole[:, i], axis.at(places, whole=step), axis.at(places))
             if is_time and not axis.listed:
-                smallest = 1 if name in ("duration_ms", "period_ms") else 0
+                smallest = step if name in ("duration_ms", "period_ms") else 0
                 values[:, i] = np.maximum(values[:, i], smallest)
         return values
 
