@@ -48,9 +48,10 @@ def hazard_charts(
     if row.struck_ms is None:
         return []
     # Moments may be a few ms apart, so their lines have no text. The page lists their colours.
-    moments = [("strike", 0.0, "")] + [
-        (kind, ms, "") for kind, ms in row.after.items() if kind != "cue" or not blinded
-    ]
+    moments = [("strike", 0.0, "")]
+    for kind, ms in row.times_after_activation.items():
+        if kind != "cue" or not blinded:
+            moments.append((kind, ms, ""))
     end = max(ms for _, ms, _ in moments) + AFTER_MS
     end = min(max(end, SHORTEST_MS), LONGEST_MS)
     inside = (course.ms >= row.struck_ms - BEFORE_MS) & (course.ms <= row.struck_ms + end)

@@ -229,7 +229,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         "right_responses": len(right),
         "median_reaction_ms": reduce(statistics.median, "reaction_ms", right),
         "score": reduce(statistics.fmean, "score", answerable),
-        "farthest_mm": reduce(max, "farthest_mm", struck),
+        "farthest_mm": reduce(max, "peak_unintended_mm", struck),
         "deepest_mm": reduce(max, "deepest_mm", struck),
     }
 

@@ -251,11 +251,11 @@ class Session:
         for order, number in self.director.step(self.ticks, self.frame, self.clock):
             if order == "arm":
                 self.robot.arm(number)
-                self.judge.armed(number, self.ticks)
+                self.judge.begin_hazard(number, self.ticks)
             else:
                 self._read_checks()
                 self.robot.disarm()
-                self.judge.disarmed(self.ticks)
+                self.judge.end_hazard(self.ticks)
         if goes_on:
             self.robot.step()
         if self.view == VIRTUAL:
@@ -333,11 +333,11 @@ class Session:
         # Carries out a command of type "operator", which is also a response for the judge.
         by = command.get("by", "operator")
         if by == "operator":
-            self.judge.command(command, self.ticks)
+            self.judge.record_command(command, self.ticks)
         match command["do"]:
             case "estop":
                 if by != "operator":
-                    self.judge.interrupted(self.ticks, f"estop by {by}")
+                    self.judge.interrupt(self.ticks, f"estop by {by}")
                 self.robot.press(self.estop_row)
             case "restart":
                 if self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
@@ -361,19 +361,19 @@ class Session:
             case "arm":
                 self.director.command(command)
             case "disarm":
-                self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupt(self.ticks, "instructor")
                 self.director.command(command)
             case "start" if not self.over:
                 self._start("instructor")
             case "pause" if self.phase not in (PAUSED, OVER):
-                self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupt(self.ticks, "instructor")
                 self._resume_to, self.phase = self.phase, PAUSED
             case "resume" if self.phase == PAUSED:
                 # The operator may have moved a hand or the foot during the pause.
                 self._release_pedal("resume")
                 self.phase = self._resume_to
             case "reset" if not self.over:
-                self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupt(self.ticks, "instructor")
                 self._restart("reset")
             case "end":
                 self._end("interrupted" if command.get("by") == "terminal" else "instructor")
@@ -388,9 +388,9 @@ class Session:
         self.arbiter.rearm(why, self.ticks)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if own:
-            self.judge.walked_away()
+            self.judge.leave_console()
         else:
-            self.judge.lifted(self.ticks, why)
+            self.judge.lift_pedal(self.ticks, why)
 
     def _start(self, by: str) -> None:
         if self.started is None:
@@ -464,7 +464,7 @@ class Session:
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
-        self.judge.restarted(self.ticks)
+        self.judge.restart(self.ticks)
         self.task.restart()
         self.phase, self.view = READY, REAL
 

@@ -62,8 +62,10 @@ def text_of(html):
 def test_the_table_is_read_back_as_it_was_written(folder):
     found = reader.read_table(folder)
     assert found == [MET, MISSED, ALARMED, UNSTRUCK]
-    assert found[2].after == {"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
-    assert found[3].after == {} and reader.read_table(folder.parent) == []
+    assert found[2].times_after_activation == {
+        **{"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
+    }
+    assert found[3].times_after_activation == {} and reader.read_table(folder.parent) == []
 
 
 def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
