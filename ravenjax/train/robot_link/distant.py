@@ -107,7 +107,7 @@ class DistantRobot:
                 self._outcomes[name] -= past  # negative: before this table's start
 
     @property
-    def heard(self) -> bool:
+    def reports_arrive(self) -> bool:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
@@ -120,7 +120,7 @@ class DistantRobot:
     def disarm(self) -> None:
         self.remote.order({"order": "disarm"})
 
-    def press(self, row: int) -> None:
+    def press_estop(self, row: int) -> None:
         self.remote.order({"order": "estop"})
 
     def _at_rest(self) -> None:

@@ -106,12 +106,14 @@ class PacketSession:
         frame = self.robot.tick(packet)
         is_taken = frame.number("last_seq") == float(np.float32(self._number))
         self.taken = driver if total is not None and is_taken else ""
-        frame["cue_on"], frame["pedal"] = self.scenario.cue.on, self.arbiter.down
+        frame["cue_on"], frame["pedal"] = self.scenario.cue.on, self.arbiter.pedal_down
         frame["console_alive"] = self.arbiter.owner != NOBODY
 
     def conclude(self) -> list[Event]:
         """Compute the second half: trips of the checks, and why pedals do not count."""
-        self.pedals.update({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
+        self.pedals.update(
+            {name: self.arbiter.refusal_reason(name, self.ticks) for name in NETWORK}
+        )
         frame, trips = self.frame, self.frame.number("trips")
         if trips != self._trips and self.ticks - self._looked >= CHECKS_EVERY:
             self._trips, self._looked = trips, self.ticks
@@ -132,12 +134,12 @@ class PacketSession:
             case "disarm":
                 self.robot.disarm()
             case "estop":
-                self.robot.press(self.robot.blueprint.plan.runs - 1)
-                self.arbiter.rearm("", self.ticks)
+                self.robot.press_estop(self.robot.blueprint.plan.runs - 1)
+                self.arbiter.require_lifts("", self.ticks)
             case "restart":
                 self.robot.reset()
                 self._number, self._trips, self.checks = 0, 0.0, {}
-                self.arbiter.rearm("restart", self.ticks)
+                self.arbiter.require_lifts("restart", self.ticks)
             case "end":
                 self.over = True
 

@@ -274,7 +274,7 @@ class Session:
             "console": self._alive,
             "pedal": self._pedal != 0.0,
         }
-        if self.robot.heard:
+        if self.robot.reports_arrive:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
@@ -282,18 +282,18 @@ class Session:
         self._reported_state |= state
         if self._is_running:
             self._update()
-        reasons = {console: self._why_not(console) for console in console_arbiter.NETWORK}
+        reasons = {console: self._refusal_reason(console) for console in console_arbiter.NETWORK}
         for event in self.pedals.update(reasons):
             self._add_event("refused", **event)
         if self._is_running:
             self.ticks += 1
         return self._events
 
-    def _why_not(self, console: str) -> str:
+    def _refusal_reason(self, console: str) -> str:
         """Return why a pedal that a console holds down does not count; "" if it counts or is up."""
         if self.over:
             return ""
-        why = self.arbiter.why_not(console, self.ticks)
+        why = self.arbiter.refusal_reason(console, self.ticks)
         if not self.arbiter.is_pedal_down(console):
             return why
         if self.phase in (protocol.PAUSED, protocol.STOPPED, protocol.LOST):
@@ -341,7 +341,7 @@ class Session:
             case "estop":
                 if sender != "operator":
                     self.judge.interrupt(self.ticks, f"estop by {sender}")
-                self.robot.press(self._estop_fault_row)
+                self.robot.press_estop(self._estop_fault_row)
             case "restart":
                 if self.phase == protocol.STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
                     self._restart("restart")
@@ -389,7 +389,7 @@ class Session:
 
         why: for the event. by_operator: the operator has handed the console over or left it.
         """
-        self.arbiter.rearm(why, self.ticks)
+        self.arbiter.require_lifts(why, self.ticks)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if by_operator:
             self.judge.leave_console()
@@ -473,7 +473,7 @@ class Session:
     def _restart(self, why: str) -> None:
         # Homes the robot. Its hazard ends, and no pedal counts until it was lifted.
         self._read_checks()
-        self.arbiter.rearm(why, self.ticks)
+        self.arbiter.require_lifts(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
@@ -497,7 +497,7 @@ class Session:
         # Ordered as the channels `session_tick` to `cue_on`.
         row[self._session_places] = (
             *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
-            *(protocol.CONSOLES.index(self.arbiter.owner), self.robot.heard),
+            *(protocol.CONSOLES.index(self.arbiter.owner), self.robot.reports_arrive),
             *(self.director.hazard_number, task.target, task.progress, self.cue_on),
         )
 
@@ -505,15 +505,15 @@ class Session:
         # Updates task, judge and phase after the robot's tick.
         frame = self.frame
         # A distant robot may stop reporting; its state is then unknown.
-        if not self.robot.heard and self.phase in (
+        if not self.robot.reports_arrive and self.phase in (
             protocol.READY,
             protocol.RUNNING,
             protocol.STOPPED,
         ):
             self._release_pedal("link")
             self.phase = protocol.LOST
-        elif self.robot.heard and self.phase == protocol.LOST:
-            self.arbiter.rearm("link", self.ticks)
+        elif self.robot.reports_arrive and self.phase == protocol.LOST:
+            self.arbiter.require_lifts("link", self.ticks)
             self.phase = protocol.READY
         self._events += self.task.step(frame, self.ticks)
         # Reading the checks takes as long as a tick, so it is not done in each tick.

@@ -39,7 +39,7 @@ class Integrator:
     def disarm(self):
         self.orders.append(("disarm",))
 
-    def press(self, row):
+    def press_estop(self, row):
         self.orders.append(("press", row))
 
     def outcomes(self):
@@ -114,7 +114,7 @@ def test_what_the_checks_did_is_told_now_and_then(rig):
 
 @pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
 def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
-    def press(mode, count=3):
+    def press_estop(mode, count=3):
         del rig.machine.packets[:]
         for _ in range(count):
             rig.console.send(surgeon_mode=mode)
@@ -133,7 +133,7 @@ def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
 
 
 def test_pedals_alone_decide_between_itp_and_crtk(rig):
-    def press(itp, crtk, count=3):
+    def press_estop(itp, crtk, count=3):
         del rig.machine.packets[:]
         for _ in range(count):
             moved = dict.fromkeys(BOTH, STILL | {"delta_um": [7, 0, 0]})
