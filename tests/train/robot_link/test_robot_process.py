@@ -114,7 +114,7 @@ def test_what_the_checks_did_is_told_now_and_then(rig):
 
 @pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
 def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
-    def press_estop(mode, count=3):
+    def press(mode, count=3):
         del rig.machine.packets[:]
         for _ in range(count):
             rig.console.send(surgeon_mode=mode)
@@ -133,7 +133,7 @@ def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
 
 
 def test_pedals_alone_decide_between_itp_and_crtk(rig):
-    def press_estop(itp, crtk, count=3):
+    def press(itp, crtk, count=3):
         del rig.machine.packets[:]
         for _ in range(count):
             moved = dict.fromkeys(BOTH, STILL | {"delta_um": [7, 0, 0]})
