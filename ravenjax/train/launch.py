@@ -213,7 +213,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     with recorder.open_recording(options.folder, session.layout.names(), header) as writer:
         while not session.over:
             block, events = [], []
-            while len(block) < recorder.BLOCK and not session.over:
+            while len(block) < recorder.BLOCK_ROWS and not session.over:
                 interruption.check_interruption()
                 events += session.tick(driver.poll())
                 block.append(session.frame.row.copy())

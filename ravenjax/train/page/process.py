@@ -242,9 +242,9 @@ class PageServer:
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         # These take a while to import.
-        from ravenjax.train.recording.reader import sessions_beside
+        from ravenjax.train.recording.reader import find_sessions
 
-        sessions = sessions_beside(self._folder.parent)
+        sessions = find_sessions(self._folder.parent)
         if path == "/sessions":
             from ravenjax.document import html
 
