@@ -111,7 +111,7 @@ def spawn_bridge(
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
     helper.send((rings, ros, arms, setup.tools, gain, contact))
-    if trouble := helper.answer():
+    if trouble := helper.receive_answer():
         raise UserError(trouble)
     console.process_says = helper.answers
     say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in arms)}")
