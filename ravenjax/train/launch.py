@@ -36,7 +36,12 @@ from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, RemoteRobot
-from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_words, open_consoles
+from ravenjax.train.robot_link.process import (
+    ConsoleOptions,
+    format_counts,
+    hash_hazards,
+    open_consoles,
+)
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
@@ -91,9 +96,9 @@ def run_realtime(
 ) -> FinishedSession:
     """Run a session in real time, and return its results when all of its files are written.
 
-    with_page: whether browsers can follow it. linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
-    both the session and the page. helpers: page and recorder that were started before, with the
-    tokens of `options`; None: they are started now.
+    with_page: whether browsers can follow it. linger_s: how long the page stays open after the
+    session; None: until Ctrl-C. One Ctrl-C ends both the session and the page. helpers: page and
+    recorder that were started before, with the tokens of `options`; None: they are started now.
     """
     start_s = time.monotonic()
     profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
@@ -148,7 +153,7 @@ def run_realtime(
         elsewhere = options.robot is not None
         consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
         if itp is not None:
-            stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
+            stack.callback(lambda: say(f"console: {format_counts(itp.counters())}"))
         consoles = [*filter(None, (browser, *consoles, script))]
         say("recorder: opening its file")
         helpers.recorder.receive_answer()

@@ -26,8 +26,8 @@ class Helper:
         """target: called in the process with a connection and `given`. The connection delivers the
         options and takes the answer. stack: ends the process.
         """
-        self._connection, process_end = multiprocessing.Pipe()
-        stack.callback(self._connection.close)
+        self.connection, process_end = multiprocessing.Pipe()
+        stack.callback(self.connection.close)
         self.process = spawn_process(stack, target, process_end, *given)
         # Only the process holds its end, so that `recv` fails when the process has ended.
         process_end.close()
@@ -35,7 +35,7 @@ class Helper:
     def send(self, options: Any) -> None:
         """Send the process its options. Raises UserError if the process has ended."""
         try:
-            self._connection.send(options)
+            self.connection.send(options)
         except OSError:
             raise self._end_error() from None
 
@@ -43,10 +43,10 @@ class Helper:
         """Return the process's answer to its options. Raises UserError if it takes longer than
         STARTING_S, or if the process has ended.
         """
-        if not self._connection.poll(STARTING_S):
+        if not self.connection.poll(STARTING_S):
             raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
-            return self._connection.recv()
+            return self.connection.recv()
         except (EOFError, ConnectionResetError):
             raise self._end_error() from None
 

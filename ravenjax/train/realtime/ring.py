@@ -64,14 +64,18 @@ class Ring:
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
-        """Return rows from number `first` on, at most `limit`: (number of the first returned row,
-        copies, uint8 [n, row_bytes]). That number exceeds `first` if rows were overwritten.
+        """Return the number of the first returned row, and copied rows, uint8 [n, row_bytes].
+
+        The rows are those from number `first` on, at most `limit`. If the writer has overwritten
+        some, the returned number is larger than `first`.
         """
+        # One row less than the capacity, because the writer may be writing the oldest row.
         end = self.written
         first = max(first, end - self.capacity + 1, 0)
         last = end if limit is None else min(end, first + limit)
         rows = self._rows[np.arange(first, last) % self.capacity].copy()
-        lost = max(0, self.written - self.capacity + 1 - first)  # rows overwritten during the copy
+        # Rows that were overwritten during the copy are left out.
+        lost = max(0, self.written - self.capacity + 1 - first)
         return first + lost, rows[lost:]
 
     def close(self) -> None:

@@ -83,7 +83,7 @@ def test_trouble_elsewhere_is_told_once(blueprint, rings):
         return "the disk is full"
 
     try:
-        loop.run_loop(session, [Mover(session)], rings=(frames, rings[1]), trouble=trouble)
+        loop.run_loop(session, [Mover(session)], rings=(frames, rings[1]), find_failure=trouble)
     finally:
         frames.close()
     (one,) = (event for event in read_json(rings[1].read(0)[1]) if event["kind"] == "trouble")

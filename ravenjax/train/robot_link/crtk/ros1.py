@@ -35,7 +35,7 @@ class Ros1Transport:
         self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
         # The last report of the node of each kind.
-        self._told: dict[str | int, Any] = {"connected": 0}
+        self._reports: dict[str | int, Any] = {"connected": 0}
         # Message types as their publishers define them, by number of the topic.
         self._defined: dict[int, messages.MessageTypes] = {}
         ours, theirs = socket.socketpair()
@@ -54,7 +54,7 @@ class Ros1Transport:
         try:
             self._link.send(([self._described(name) for name in published], heard))
             end = time.monotonic() + PATIENCE_S
-            while "ready" not in self._told:  # messages that arrive meanwhile are dropped
+            while "ready" not in self._reports:  # messages that arrive meanwhile are dropped
                 if not self._link.poll(max(0.0, end - time.monotonic())):
                     raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
                 self._receive()
@@ -80,7 +80,7 @@ class Ros1Transport:
 
     def connected(self) -> bool:
         """Whether any of the subscribed topics has a publisher."""
-        return self._told["connected"] > 0
+        return self._reports["connected"] > 0
 
     def close(self) -> None:
         """End the node. It unregisters at the ROS master when the connection closes."""
@@ -102,7 +102,7 @@ class Ros1Transport:
             ) from None
         if word == "error":
             raise UserError(f"ROS 1: {content}: {_HELP}")
-        self._told[word] = content
+        self._reports[word] = content
         if word == "defined":
             number, definition = content
             kind = messages.kind_of(self._subscribed[number])
