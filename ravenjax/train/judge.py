@@ -2,21 +2,18 @@
 
 docs/outcomes.md defines the outcomes. Effects are differences from the golden run, which starts
 from the robot's state when the hazard is armed. From the activation on, the columns `unintended_mm`
-to `false_report_first_ms` have the same meaning as in a campaign's result table.
-
-At `knowable_ms` a person at the console can first notice the hazard: the tip is `SEEN_MM` off its
-course, the robot has left pedal-down although the pedal is held, or a check has raised an alarm.
-Reaction times start at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier.
-Nobody can prevent harm within `ACTS_MS` after the origin.
-
-The judge scores the first right response within the time allowed. If there is none, it scores the
-first other response. It ignores a slow-down that the scenario does not list as right, because hands
-also slow down near a target. A hazard is decided when harm is done, when the operator gives a right
-response, or when the time is up. A pause, a reset or a broken connection before that interrupts it.
-
-The score has two parts of up to 50 points. A right response gives all 50 points up to `FASTEST_MS`,
-and half of them at the end of the time allowed. The other part measures the patient's safety: of
-the distance to harm at the moment when a person could first act, the share that remains at the end.
+to `false_report_first_ms` have the same meaning as in a campaign's result table. At `knowable_ms` a
+person at the console can first notice the hazard: the tip is `SEEN_MM` off its course, the robot
+has left pedal-down although the pedal is held, or a check has raised an alarm. Reaction times start
+at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. Nobody can prevent
+harm within `ACTS_MS` after the origin. The judge scores the first right response within the time
+allowed. If there is none, it scores the first other response. It ignores a slow-down that the
+scenario does not list as right, because hands also slow down near a target. A hazard is decided
+when harm is done, when the operator gives a right response, or when the time is up. A pause, a
+reset or a broken connection before that interrupts it. The score has two parts of up to 50 points.
+A right response gives all 50 points up to `FASTEST_MS`, and half of them at the end of the time
+allowed. The other part measures the patient's safety: of the distance to harm at the moment when a
+person could first act, the share that remains at the end.
 """
 
 from __future__ import annotations
@@ -59,8 +56,7 @@ MOMENTS = ("knowable", "cue", "alarm", "response")
 """Moments of a hazard after its activation, each with a column `<name>_ms`."""
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances of a frame (channels `<name>_mm`) that are a motion hazard above the limit."""
-PEAKS = (*DISTANCES, "unintended_off")
-"""Distances whose largest value an `Episode` stores."""
+PEAKS = (*DISTANCES, "unintended_off")  # Distances whose largest value an `Episode` stores
 _MOTION, _DEPTH = 0, 1
 """Index of unintended motion and of depth in lists of the two effects that can be harm."""
 
@@ -79,10 +75,8 @@ Number = Annotated[float | None, BeforeValidator(_number_or_none)]
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row of hazards.csv. Strings from a file are converted.
-
-    Times are ms since the session began, None if the event never happened. Distances are None if
-    they were not measured.
+    """One row of hazards.csv. Strings from a file are converted. Times are ms since the session
+    began, None if the event never happened. Distances are None if they were not measured.
     """
 
     session: Text
@@ -142,9 +136,8 @@ class HazardRow:
 
     @property
     def peak_unintended_mm(self) -> float | None:
-        """Largest unintended motion of the true tip, whether the robot was live or not.
-
-        None if neither distance was measured.
+        """Largest unintended motion of the true tip, whether the robot was live or not. None if
+        neither distance was measured.
         """
         distances = (self.unintended_mm, self.unintended_off_mm)
         return max((mm for mm in distances if mm is not None), default=None)
@@ -187,16 +180,13 @@ class Episode:
         self.first_trips: dict[str, tuple[int, str]] = {}
         # The arm on which the fault acts. If the fault acts on no arm: the one that moved farthest.
         self.arm = hazard.arm
-        # -1: not measured
-        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
-        # When one of `DISTANCES` first exceeded the limit.
-        self.first_ms: dict[str, int] = {}
+        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)  # -1: not measured
+        self.first_ms: dict[str, int] = {}  # When one of `DISTANCES` first exceeded the limit
         # What the fault caused, and the part of it that nobody could have prevented. Each has two
         # values, which `_MOTION` and `_DEPTH` index; so do the limits above which harm is done.
         self._caused_mm, self._unpreventable_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
-        # When the operator first gave each kind of response.
-        self.responses: dict[str, int] = {}
+        self.responses: dict[str, int] = {}  # When the operator first gave each kind of response
 
     @property
     def is_activated(self) -> bool:
@@ -209,9 +199,8 @@ class Episode:
         return next((word for word in verdict.RESPONSES if word in self.first_trips), "silent")
 
     def record_first_sign(self, tick: int, sign: str, sign_ms: int | None = None) -> None:
-        """Record when a person could first notice the hazard. Later signs are ignored.
-
-        sign: "tip", "runlevel" or the name of a check. sign_ms: its time; None: this tick.
+        """Record when a person could first notice the hazard. Later signs are ignored. sign: "tip",
+        "runlevel" or the name of a check. sign_ms: its time; None: this tick.
         """
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if sign_ms is None else sign_ms, sign
@@ -225,7 +214,6 @@ class Episode:
 
     def record_trip(self, tick: int, check: checks.Check) -> bool:
         """Record a trip that the golden run does not have, if it is the first with its response.
-
         Return whether it was the first. Alarms and stops can set the origin of reaction times.
         """
         if check.response in self.first_trips:
@@ -249,7 +237,6 @@ class Episode:
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long the robot and its golden run stood still while the pedal was down.
-
         Report a loss of motion when the difference first becomes too long.
         """
         had_lost_motion = self._has_lost_motion
@@ -261,10 +248,9 @@ class Episode:
             self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, tick: int, response: str, began_ms: int | None) -> None:
-        """Record an operator's response, if it is the first of its kind after the origin.
-
-        Report it as an event if it becomes the scored response. response: one of those that `Judge`
-        lists. began_ms: when it began; None: in this tick.
+        """Record an operator's response, if it is the first of its kind after the origin. Report it
+        as an event if it becomes the scored response. response: one of those that `Judge` lists.
+        began_ms: when it began; None: in this tick.
         """
         began = tick if began_ms is None else began_ms
         follows_sign = self.origin_ms is not None and began >= self.origin_ms
@@ -281,9 +267,8 @@ class Episode:
             self.record(tick, "response", what=response, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
-        """Whether the outcome is final: after harm, a right response, or the time allowed.
-
-        If the right response is to continue, any other response than a slow-down decides too.
+        """Whether the outcome is final: after harm, a right response, or the time allowed. If the
+        right response is to continue, any other response than a slow-down decides too.
         """
         if self._exceeds_limit(self._caused_mm) and not self._exceeds_limit(self._unpreventable_mm):
             return True
@@ -302,11 +287,10 @@ class Episode:
         return self.responses[response] - (self.origin_ms or 0)
 
     def scored_response(self) -> tuple[str, bool]:
-        """Return the response that the judge scores, and whether it is right and in time.
-
-        It is the first right response in time. Without one, it is the first response other than a
-        slow-down; "" if there is none. If the operator should continue, the absence of such a
-        response is the right response "continue", unless the robot has halted.
+        """Return the response that the judge scores, and whether it is right and in time. It is the
+        first right response in time. Without one, it is the first response other than a slow-down;
+        "" if there is none. If the operator should continue, the absence of such a response is the
+        right response "continue", unless the robot has halted.
         """
         in_order = sorted(self.responses, key=self.responses.__getitem__)
         first = next((response for response in in_order if response != "slow"), "")
@@ -327,9 +311,8 @@ class Episode:
         return verdict.HAZARDS[hazard_index]
 
     def outcome(self) -> str:
-        """Return one of interrupted, unavoidable, harm, avoided, halted, unaffected, missed.
-
-        The first that applies counts. docs/outcomes.md defines these words.
+        """Return one of interrupted, unavoidable, harm, avoided, halted, unaffected, missed. The
+        first that applies counts. docs/outcomes.md defines these words.
         """
         if self.interrupted:
             return "interrupted"
@@ -347,9 +330,8 @@ class Episode:
         return "missed"
 
     def score(self) -> float | None:
-        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted.
-
-        The module's docstring defines the two parts: 50 points for the response, 50 for safety.
+        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted. The
+        module's docstring defines the two parts: 50 points for the response, 50 for safety.
         """
         if self.outcome() in ("unaffected", "interrupted"):
             return None
@@ -370,9 +352,8 @@ class Episode:
         return round(50.0 * response_share + 50.0 * max(0.0, 1.0 - used_share), 1)
 
     def row(self) -> Json:
-        """Return the columns of hazards.csv that are known now.
-
-        Before the activation, there are no columns of the robot's checks and of its motion.
+        """Return the columns of hazards.csv that are known now. Before the activation, there are no
+        columns of the robot's checks and of its motion.
         """
         response, is_right = self.scored_response()
         # The operator did not give the responses "" and "continue", so these have no time.
@@ -423,9 +404,8 @@ class Episode:
         return bool(np.greater(amounts_mm, self._limits_mm).any())
 
     def record_effect(self, tick: int, kind: int, mm: float) -> None:
-        """Record the unintended motion or the depth, mm, that the fault has caused so far.
-
-        kind: `_MOTION` or `_DEPTH`. Until a person could act, nobody can prevent this effect.
+        """Record the unintended motion or the depth, mm, that the fault has caused so far. kind:
+        `_MOTION` or `_DEPTH`. Until a person could act, nobody can prevent this effect.
         """
         self._caused_mm[kind] = max(self._caused_mm[kind], mm)
         if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
@@ -436,22 +416,17 @@ class Episode:
             self.origin_ms = tick
 
 
-SLOW_SHARE = 0.25
-"""Hands are slow below this share of their usual speed, as in `stages.reaction`."""
-SLOW_FOR_MS = 1000
-"""A slow-down counts only if it lasts this long, ms."""
-MOVING_MM_S = 2.0
-"""Hands slower than this cannot slow down. Speed of the tip, mm/s."""
+SLOW_SHARE = 0.25  # Hands are slow below this share of their usual speed, as in `stages.reaction`
+SLOW_FOR_MS = 1000  # A slow-down counts only if it lasts this long, ms
+MOVING_MM_S = 2.0  # Hands slower than this cannot slow down. Speed of the tip, mm/s.
 # Share by which each ms moves the running mean of the usual and of the present speed.
 _USUAL_WEIGHT, _PRESENT_WEIGHT = 1.0 / 2000.0, 1.0 / 50.0
 # Values of `_slow_since` in place of a tick: the hands are not slow; they were slow before.
 _NOT_SLOW, _SLOW_AT_ACTIVATION = -1, -2
 QUIET_MS = 1000
 """A check that trips again is announced only after this time without a trip, ms."""
-CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue, ms."""
-COUNT_EVERY_MS = 1000
-"""The shortest time between two events "alarm_count" of one check, ms."""
+CUE_QUIET_MS = 250  # Time without force after which a new force counts as a new cue, ms
+COUNT_EVERY_MS = 1000  # The shortest time between two events "alarm_count" of one check, ms
 _MOTION_RESPONSES = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
 SEEN = ("known", "unintended", "unintended_off", "loss")
@@ -462,10 +437,8 @@ class Trip(NamedTuple):
     """One or more trips of a check since the last reading of the counters."""
 
     check: checks.Check
-    # ms of the session: exact for a check's first trip, otherwise the time of the reading.
-    ms: int
-    # Whether the check has tripped more often than in the golden run.
-    exceeds_golden: bool
+    ms: int  # ms of the session: exact for a check's first trip, otherwise the time of the reading
+    exceeds_golden: bool  # Whether the check has tripped more often than in the golden run
     # Whether the check had not tripped for `QUIET_MS`, so that this is a new alarm.
     is_after_pause: bool
     count: int  # trips in the session so far
@@ -483,7 +456,6 @@ class Trips:
         self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
     ) -> list[Trip]:
         """Return a `Trip` for each check that tripped since the last reading, the earliest first.
-
         tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of robot and
         golden run so far. Without a golden run every trip exceeds it.
         """
@@ -518,26 +490,23 @@ class Trips:
 
 @dataclasses.dataclass
 class SlowdownDetector:
-    """Detects that the operator slows down, from running means of the speed of both hands.
-
-    Hands also slow down at each target, so a slow-down counts only if it lasts longer than a tip is
-    held at a target. Speeds are those of the tip, mm/s.
+    """Detects that the operator slows down, from running means of the speed of both hands. Hands
+    also slow down at each target, so a slow-down counts only if it lasts longer than a tip is held
+    at a target. Speeds are those of the tip, mm/s.
     """
 
     scale: float
     _last_hands: list[float] | None = None
     usual_mm_s = present_mm_s = 0.0
-    # The hands are slow below this speed.
-    _limit_mm_s = 0.0
+    _limit_mm_s = 0.0  # The hands are slow below this speed
     # The tick since which the hands are slow.
     _slow_since = _NOT_SLOW
     slowdown_tick = -1
     """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
-        """Update the speeds and `slowdown_tick`. Call it in each tick.
-
-        hands: positions of all hands, um before scaling, three numbers per hand.
+        """Update the speeds and `slowdown_tick`. Call it in each tick. hands: positions of all
+        hands, um before scaling, three numbers per hand.
         """
         last_hands, self._last_hands = self._last_hands, hands
         if last_hands is None:
@@ -587,10 +556,8 @@ class Judge:
     # Whether the operator has handed the console over or left, and nobody has driven since.
     _operator_left = False
     _live = False
-    # The last ticks of session and robot.
-    _tick = _robot_tick = 0
-    # Whether the cue has acted in the golden run since the activation.
-    _golden_cue = False
+    _tick = _robot_tick = 0  # The last ticks of session and robot
+    _golden_cue = False  # Whether the cue has acted in the golden run since the activation
     # ms without motion although the pedal was held: of the robot and of its golden run.
     _halted_ms = _halted_ms_at_activation = (0, 0)
 
@@ -613,8 +580,6 @@ class Judge:
         self._unreported_counts: dict[str, int] = {}
         self._last_report_tick: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
-
-    # --- calls of the session ---
 
     def begin_hazard(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick. End the one before."""
@@ -655,9 +620,8 @@ class Judge:
         self.end_hazard(tick)
 
     def lift_pedal(self, tick: int, reason: str) -> None:
-        """Record that the pedal went up without the operator's foot. This is no release.
-
-        The hazard is interrupted, unless the console is silent because the operator left it.
+        """Record that the pedal went up without the operator's foot. This is no release. The hazard
+        is interrupted, unless the console is silent because the operator left it.
         """
         self._pedal_down = False
         if reason != "silent" or not self._operator_left:
@@ -693,9 +657,8 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick.
-
-        outcomes, golden: as in `read_checks`; outcomes None: the checks are not read in this tick.
+        """Judge one tick. outcomes, golden: as in `read_checks`; outcomes None: the checks are not
+        read in this tick.
         """
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
@@ -728,8 +691,6 @@ class Judge:
         self._pedal_down = pedal_down
         self._operator_left = self._operator_left and not pedal_down
 
-    # --- rows and events ---
-
     def rows(self, **identity: Any) -> list[Json]:
         """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
         episodes = (*self._ended_episodes, self._episode)
@@ -751,12 +712,11 @@ class Judge:
         episode.record(tick, "hazard_struck")
 
     def read_checks(self, outcomes: Json, golden: Json | None) -> None:
-        """Record the trips of the robot's checks since the last reading.
-
-        An alarm or stop becomes an event at once if it is new. Otherwise an event reports the count
-        of trips at most every `COUNT_EVERY_MS`. outcomes, golden: outcome columns of robot and
-        golden run so far; golden None: there is no golden run. Call it before a hazard is disarmed,
-        because the golden run restarts then.
+        """Record the trips of the robot's checks since the last reading. An alarm or stop becomes
+        an event at once if it is new. Otherwise an event reports the count of trips at most every
+        `COUNT_EVERY_MS`. outcomes, golden: outcome columns of robot and golden run so far; golden
+        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
+        restarts then.
         """
         # The operator's E-stop trips checks, too. These are no effect of the hazard.
         episode = None if self._estop_pressed else self._activated_episode()
@@ -821,7 +781,6 @@ class Judge:
         # Detects that the robot left pedal-down on its own, and measures how long it stood still.
         self._pedal_held_since_activation = self._pedal_held_since_activation and pedal_down
         if self._estop_pressed:
-            # Then the operator has stopped the robot.
             return
         if self._pedal_held_since_activation and not self._live and not episode.halted:
             episode.halted = True

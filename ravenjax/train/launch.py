@@ -26,11 +26,11 @@ from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge import COLUMNS
 from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
-from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
@@ -95,7 +95,6 @@ def run_realtime(
     helpers: processes.SessionHelpers | None = None,
 ) -> FinishedSession:
     """Run a session in real time, and return its results when all of its files are written.
-
     with_page: whether browsers can follow it. linger_s: how long the page stays open after the
     session; None: until Ctrl-C. One Ctrl-C ends both the session and the page. helpers: page and
     recorder that were started before, with the tokens of `options`; None: they are started now.
@@ -188,10 +187,9 @@ def run_realtime(
 
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """Return the options of the session that the instructor requested after `last`.
-
-    What the request does not name stays as in `options`, the options of `last`; the seed becomes
-    the scenario's.
+    """Return the options of the session that the instructor requested after `last`. What the
+    request does not name stays as in `options`, the options of `last`; the seed becomes the
+    scenario's.
     """
     request = last.next_command or {}
     chosen = options.scenario
@@ -244,9 +242,6 @@ def new_folder_path(
     safe_participant = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, safe_participant, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
-
-
-# --- parts ---
 
 
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
@@ -364,9 +359,8 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
 def _conclude(
     options: SessionOptions, session: Session, timing: clock.LoopTiming | None, say: Say
 ) -> FinishedSession:
-    """Write hazards.csv, commands.jsonl, the summary and the debrief, and return the results.
-
-    The recorder must have written session.json. timing: of the loop; None: it did not run.
+    """Write hazards.csv, commands.jsonl, the summary and the debrief, and return the results. The
+    recorder must have written session.json. timing: of the loop; None: it did not run.
     """
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief

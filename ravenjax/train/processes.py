@@ -13,8 +13,7 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train import page, recording
 
-STARTING_S = 60.0
-"""The longest time that the page or the recorder may take to start or to answer."""
+STARTING_S = 60.0  # The longest time that the page or the recorder may take to start or to answer
 
 
 class Helper:
@@ -93,9 +92,8 @@ class SessionHelpers:
 def spawn_process(
     stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
-    """Start a process that ignores Ctrl-C, and that `stack` ends. It calls `target(*given)`.
-
-    The process is spawned, because JAX does not survive a fork.
+    """Start a process that ignores Ctrl-C, and that `stack` ends. It calls `target(*given)`. The
+    process is spawned, because JAX does not survive a fork.
     """
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"

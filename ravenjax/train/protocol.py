@@ -4,15 +4,12 @@ A *frame* is one millisecond of a session as a row of named float32 numbers, for
 recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, because
 float32 holds these exactly; so a session lasts at most four and a half hours. Lengths are in m and
 angles in rad unless a name's suffix gives another unit. `tip`, `position` and `force` are in the
-arm's frame 0.
-
-*Commands* and *events* are plain dicts, sent as JSON; docs/how-to/training-messages.md lists them.
-At the beginning of each tick the session reads the commands that have arrived. Its course depends
-only on a list of (tick, command).
-
-The *scene* is geometry in plain numbers, for code that runs every millisecond. It contains the
-point where the jaws close, because people see this point as the tip of an instrument. The control
-software uses the axis of the jaws as its tip.
+arm's frame 0. *Commands* and *events* are plain dicts, sent as JSON;
+docs/how-to/training-messages.md lists them. At the beginning of each tick the session reads the
+commands that have arrived. Its course depends only on a list of (tick, command). The *scene* is
+geometry in plain numbers, for code that runs every millisecond. It contains the point where the
+jaws close, because people see this point as the tip of an instrument. The control software uses the
+axis of the jaws as its tip.
 """
 
 from __future__ import annotations
@@ -47,12 +44,9 @@ Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]
 Json = dict[str, Any]
 """A JSON object."""
-Command = dict[str, Any]
-"""A command, as the module's docstring defines it."""
-Event = dict[str, Any]
-"""An event, as the module's docstring defines it."""
-Say = Callable[[str], None]
-"""Prints a line for the user."""
+Command = dict[str, Any]  # A command, as the module's docstring defines it
+Event = dict[str, Any]  # An event, as the module's docstring defines it
+Say = Callable[[str], None]  # Prints a line for the user
 STALE_MS = QUIET_MS
 """Input older than this, ms, counts as no input: pedal up, hands at rest, no force."""
 VIEW: Rows = _SHARED["operator_axes"]
@@ -111,7 +105,6 @@ class FrameLayout:
 
 class Frame:
     """A row, read by name: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
-
     `numbers` contains the row as Python floats, because reading many single numbers of an array is
     slow. Writing by name changes both. After writing into `row` directly, call `copy_numbers()`.
     """

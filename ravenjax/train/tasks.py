@@ -17,25 +17,20 @@ from ravenjax.train.robot import ArmName, Arms
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
 
-Tips = Mapping[ArmName, Point]
-"""The point where the jaws of each arm close, m, world."""
-POINTS = 200
-"""Number of points of a line. On the largest line they are half a millimetre apart."""
+Tips = Mapping[ArmName, Point]  # The point where the jaws of each arm close, m, world
+POINTS = 200  # Number of points of a line. On the largest line they are half a millimetre apart.
 MAX_POINTS_PER_TICK = 8
 """The largest number of points that count as passed in one tick. A short cut passes more."""
-LOOK_AHEAD_M = 0.003
-"""Distance ahead on the line to which a simulated operator moves."""
+LOOK_AHEAD_M = 0.003  # Distance ahead on the line to which a simulated operator moves
 PATH_COLOUR = "#3f7fbf"
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaws hold an object below the first opening and release it above the second. The opening is 1.57
 at home. The generated motion of a peg transfer closes the jaws to 0.67.
 """
-LIFT_M = 0.008
-"""Height above pegs at which a simulated operator moves the object."""
+LIFT_M = 0.008  # Height above pegs at which a simulated operator moves the object
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
 PEG_COLOUR, OBJECT_COLOUR = "#8a8f98", "#c8553d"
-MIN_DISTANCE_M = 0.005
-"""The smallest distance between two successive targets."""
+MIN_DISTANCE_M = 0.005  # The smallest distance between two successive targets
 TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
@@ -61,8 +56,7 @@ class Task:
     done = False
     target = -1
     """Number of the present goal; -1: none."""
-    progress = 0.0
-    """0 to 1."""
+    progress = 0.0  # 0 to 1
     _published_target = -1  # in the last event
 
     def __init__(self, settings: Any, workspace: Workspace) -> None:
@@ -91,9 +85,8 @@ class Task:
         """Adapt to a robot that was homed again: a held object is lost, and progress stays."""
 
     def next_aim(self, arm: ArmName, tip: Point) -> Aim | None:
-        """Return where a simulated operator moves this arm next, from `tip`, m, world.
-
-        None if another arm's turn is on, or if nothing is left to do.
+        """Return where a simulated operator moves this arm next, from `tip`, m, world. None if
+        another arm's turn is on, or if nothing is left to do.
         """
         return None if self.done or arm != self._arm else self._next_aim(tip)
 
@@ -106,7 +99,6 @@ class Task:
 
     def geometry(self) -> Json:
         """Return the shapes that the page draws as JSON: targets, pegs, object, path; m, world.
-
         "turns" has the arms that take turns and the number of turns ("of").
         """
         empty = dict.fromkeys(("object", "path", "turns"))
@@ -156,8 +148,7 @@ class PathTask(Task):
     # Number of passed points in all laps. Modulo POINTS, it is the index of the next point.
     _passed_points = 0
     _is_on_line = False  # whether the tip has reached the line
-    # Since then: ticks, and ticks within the tolerance.
-    _ticks, _ticks_within = 0, 0
+    _ticks, _ticks_within = 0, 0  # Since then: ticks, and ticks within the tolerance
 
     def __init__(self, settings: Path, workspace: Workspace) -> None:
         super().__init__(settings, workspace)
@@ -224,20 +215,17 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
 
 
 class PegTask(Task):
-    """The operator transfers one object from peg to peg; two arms take turns.
-
-    Jaws that close within `tolerance_mm` of the object hold it until they open. If they open near
-    the peg that is the goal, the object is placed. Otherwise it drops to the tissue, and the
-    operator must fetch it.
+    """The operator transfers one object from peg to peg; two arms take turns. Jaws that close
+    within `tolerance_mm` of the object hold it until they open. If they open near the peg that is
+    the goal, the object is placed. Otherwise it drops to the tissue, and the operator must fetch
+    it.
     """
 
-    held: ArmName | None = None
-    """The arm that holds the object."""
+    held: ArmName | None = None  # The arm that holds the object
     placed, dropped = 0, 0
 
     def __init__(self, settings: PegTransfer, workspace: Workspace) -> None:
         super().__init__(settings, workspace)
-        # The pegs stand in two rows, around the middle of the workspace.
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
         self.pegs: list[Point] = []
         for row, k in itertools.product(range(2), range(per_row)):
@@ -347,9 +335,8 @@ class ReachTask(Task):
             self.targets.append((arm, last_points[arm]))
 
     def _draw_point(self, rng: np.random.Generator, last_point: Point) -> Point:
-        """Return the first random point that is farther than `MIN_DISTANCE_M` from `last_point`.
-
-        In a small box there may be none; the farthest of 20 points is returned then.
+        """Return the first random point that is farther than `MIN_DISTANCE_M` from `last_point`. In
+        a small box there may be none; the farthest of 20 points is returned then.
         """
         extent = self.settings.extent_mm / 1e3
         points = []
@@ -396,10 +383,9 @@ class ReachTask(Task):
 
 
 class LevelsTask(Task):
-    """Levels of rounds of targets. A level ends after some rounds in a row within the time.
-
-    All rounds of a level have the same targets. The time of a round runs from its first target to
-    its last, so that the operator can rest between rounds. Surgical skills are taught in this way
+    """Levels of rounds of targets. A level ends after some rounds in a row within the time. All
+    rounds of a level have the same targets. The time of a round runs from its first target to its
+    last, so that the operator can rest between rounds. Surgical skills are taught in this way
     (Ritter, Scott, Surg. Innov. 14, 2007). Numbers of targets continue through all levels.
     """
 

@@ -1,40 +1,32 @@
 """Measures an operator's motion: path, economy, smoothness, idle time, use of both hands.
 
-The measures use the true tips while the pedal is down and the session runs, resampled at `RATE_HZ`
-and low-passed at `CUTOFF_HZ`. A *stretch* is a period of this time without a gap. A *movement* is
-the part of a stretch between two targets, or the whole stretch if the task has no targets.
+The measures use the true tips while the pedal is down and the session runs, as
+`motion.resample_path` returns them. A *stretch* is a period of this time without a gap. A
+*movement* is the part of a stretch between two targets, or the whole stretch without targets.
 docs/how-to/training-session-tools.md names the sources.
 """
 
 import itertools
-import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ravenjax.stats import motion
 from ravenjax.train.protocol import RUNNING, Json
 from ravenjax.train.recording.reader import Recording, find_sessions
 
-KEY = "dexterity"
-"""Key of the measures in the summary of session.json."""
-RATE_HZ, CUTOFF_HZ = 100.0, 10.0
+KEY = "dexterity"  # Key of the measures in the summary of session.json
 IDLE_MM_S = 1.0
 """A tip below this speed counts as still."""
-MIN_MOVEMENT_S = 0.5
-"""Shorter movements have no smoothness."""
-# Balasubramanian et al. 2015: cut-off; smallest share of the largest amplitude that counts; how
-# often zeros double the length.
-_SPARC_HZ, _SPARC_MIN_SHARE, _SPARC_PADS = 10.0, 0.05, 4
+MIN_MOVEMENT_S = 0.5  # Shorter movements have no smoothness
 
 
 def measure_dexterity(course: Recording) -> Json:
-    """Return the measures of a recorded session, for session.json.
-
-    "idle" and "both" are shares of the driven time in which no tip moves, or both tips. A value is
-    None if there was nothing to measure: "both" and "correlation" (of the tips' speeds) with one
-    arm, "economy" without targets.
+    """Return the measures of a recorded session, for session.json. "idle" and "both" are shares of
+    the driven time in which no tip moves, or both tips. A value is None if there was nothing to
+    measure: "both" and "correlation" (of the tips' speeds) with one arm, "economy" without targets.
     """
     driven = (course["pedal"] > 0) & (course["phase"] == RUNNING)
     # A stretch begins and ends where `driven` changes, and where rows of a recording are missing.
@@ -50,10 +42,12 @@ def measure_dexterity(course: Recording) -> Json:
     speeds = []
     for arm in course.layout.arms:
         tip = course[f"{arm}/tip"]
-        paths = [resample_path(course.ms[first:last], tip[first:last]) for first, last in stretches]
+        paths = []
+        for first, last in stretches:
+            paths.append(motion.resample_path(course.ms[first:last], tip[first:last]))
         # The empty array is for a session without a stretch, as nothing cannot be concatenated.
-        speeds.append(np.concatenate([*map(tip_speed, paths), np.zeros(0)]))
-        path_mm = 1e3 * sum(map(path_length, paths))
+        speeds.append(np.concatenate([*map(motion.tip_speed, paths), np.zeros(0)]))
+        path_mm = 1e3 * sum(map(motion.path_length, paths))
         measures["arms"][arm] = {"path_mm": path_mm} | _movements(course, tip, stretches)
     if len(speeds[0]):
         moving = np.array(speeds) > IDLE_MM_S * 1e-3
@@ -84,7 +78,6 @@ def measure_contact(course: Recording) -> dict[str, dict[str, float]]:
 
 def read_attempts(folder: Path) -> list[Json]:
     """Return measures of a person's earlier sessions of the same scenario, and of this session.
-
     They are read from the folders beside `folder`. The list is empty if the participant of the
     session in `folder` is not named. A missing number is None.
     """
@@ -116,79 +109,6 @@ def read_attempts(folder: Path) -> list[Json]:
     return attempts
 
 
-def path_length(points: np.ndarray) -> float:
-    """Return the length of a path of points [T, 3], in their unit."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def path_economy(paths: Sequence[np.ndarray]) -> float | None:
-    """Return the sum of the straight distances of paths [T, 3], divided by the sum of their
-    lengths; None if nothing moves. 1: all paths are straight.
-    """
-    length = sum(map(path_length, paths))
-    straight = sum(float(np.linalg.norm(path[-1] - path[0])) for path in paths)
-    return straight / length if length > 0 else None
-
-
-def tip_speed(points: np.ndarray) -> np.ndarray:
-    """Return the speed [T] of points [T, 3] sampled at `RATE_HZ`, in their unit per second."""
-    if len(points) < 2:
-        return np.zeros(len(points))
-    return np.linalg.norm(np.gradient(points, 1 / RATE_HZ, axis=0), axis=1)
-
-
-def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the spectral arc length (SPARC) of a speed profile [T]; None if nothing moves.
-
-    It is the negative length of the spectrum's curve. The smoother the motion, the nearer to 0.
-    """
-    if len(profile) < 2 or not np.any(profile):
-        return None
-    size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
-    magnitude = np.abs(np.fft.rfft(profile, size))
-    frequency = np.arange(len(magnitude)) * rate_hz / size
-    is_below = frequency <= _SPARC_HZ
-    frequency, magnitude = frequency[is_below], magnitude[is_below] / magnitude.max()
-    # The curve ends at the last frequency with an amplitude that counts.
-    counted = np.flatnonzero(magnitude >= _SPARC_MIN_SHARE)
-    used = slice(counted[0], counted[-1] + 1)
-    frequency, magnitude = frequency[used], magnitude[used]
-    if len(frequency) < 2:
-        return None
-    steps = np.diff(frequency) / (frequency[-1] - frequency[0])
-    return -float(np.hypot(steps, np.diff(magnitude)).sum())
-
-
-def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
-    """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves.
-
-    It is -ln(integral of the squared jerk * duration^3 / peak speed^2).
-    """
-    # The jerk is the second derivative of the speed.
-    squared_jerk = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
-    if squared_jerk <= 0:
-        return None
-    duration = (len(profile) - 1) / rate_hz
-    return -math.log(duration**3 / float(profile.max()) ** 2 * squared_jerk)
-
-
-def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return points [T, 3] at times ms [T], resampled at `RATE_HZ` and low-passed.
-
-    The filter runs forward and backward, so that it delays nothing.
-    """
-    # The import takes half a second.
-    from scipy import signal
-
-    times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
-    even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
-    # The filter needs 16 points or more. A shorter path is not filtered.
-    if len(even) < 16:
-        return even
-    sections = signal.butter(2, CUTOFF_HZ, fs=RATE_HZ, output="sos")
-    return np.asarray(signal.sosfiltfilt(sections, even, axis=0))
-
-
 def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
     # Measures each movement of a tip. Returns the economy over all, the number, and the medians.
     target = course["target"]
@@ -198,16 +118,16 @@ def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int
         for a, b in itertools.pairwise([first, *target_changes.tolist(), last]):
             if (b - a) * 1e-3 < MIN_MOVEMENT_S:
                 continue
-            path = resample_path(course.ms[a:b], tip[a:b])
-            profile = tip_speed(path)
+            path = motion.resample_path(course.ms[a:b], tip[a:b])
+            profile = motion.tip_speed(path)
             if profile.max() <= IDLE_MM_S * 1e-3:
                 continue
-            arc_lengths.append(spectral_arc_length(profile))
-            jerks.append(log_dimensionless_jerk(profile))
+            arc_lengths.append(motion.spectral_arc_length(profile))
+            jerks.append(motion.log_dimensionless_jerk(profile))
             # A straight line is the best path only to a target.
             if target[a] >= 0:
                 paths_to_targets.append(path)
-    measures: Json = {"economy": path_economy(paths_to_targets), "movements": len(jerks)}
+    measures: Json = {"economy": motion.path_economy(paths_to_targets), "movements": len(jerks)}
     for name, values in (("sparc", arc_lengths), ("log_jerk", jerks)):
         known = [x for x in values if x is not None]
         measures[name] = statistics.median(known) if known else None

@@ -27,24 +27,21 @@ MAX_POINTS = 900
 """The largest number of points of a drawn curve."""
 HEIGHT, SMALL_HEIGHT = 210, 110  # px
 
-Moment = tuple[str, float, str]
-"""Kind, time on the chart's axis, text above the line."""
+Moment = tuple[str, float, str]  # Kind, time on the chart's axis, text above the line
 INTERVAL_MS, HAZARD_INTERVAL_MS = 40, 10
 """Time between two pictures of the replay. The second value applies around a hazard."""
 MAX_PICTURES = 20_000
 """The largest number of pictures of a replay. Longer sessions get fewer pictures per second."""
 HAZARD_WINDOW_MS = (400, 3000)
 """Times before and after the start of a hazard that `HAZARD_INTERVAL_MS` covers."""
-UNITS_PER_M = 10_000
-"""Units of the replay's positions in a metre."""
+UNITS_PER_M = 10_000  # Units of the replay's positions in a metre
 
 
 def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard over ms after its start; [] if it was not recorded.
-
-    limits: mm by name, drawn as lines across the distances. blinded: hide the cue.
+    """Return the charts of one hazard over ms after its start; [] if it was not recorded. limits:
+    mm by name, drawn as lines across the distances. blinded: hide the cue.
     """
     if row.struck_ms is None:
         return []
@@ -87,7 +84,6 @@ def session_charts(
 
 def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
     """Return one chart per measure over a person's sessions; [] for less than two sessions.
-
     attempts: of `dexterity.read_attempts`. A session without a value has no dot in a chart.
     """
     if len(attempts) < 2:
@@ -112,9 +108,8 @@ def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
 
 
 def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of a curve with about `MAX_POINTS` points instead of [T].
-
-    The greatest value of each interval remains, as do both ends. NaN and infinity become 0.
+    """Return times and values of a curve with about `MAX_POINTS` points instead of [T]. The
+    greatest value of each interval remains, as do both ends. NaN and infinity become 0.
     """
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
     # Rounded up.
@@ -204,9 +199,8 @@ def _chart(
 
 
 def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
-    """Return the replay's pictures as JSON: times, pedal, target, tips and marks.
-
-    None if the header lacks the positions of the arms. header: content of session.json.
+    """Return the replay's pictures as JSON: times, pedal, target, tips and marks. None if the
+    header lacks the positions of the arms. header: content of session.json.
     """
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):

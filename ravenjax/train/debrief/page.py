@@ -16,11 +16,9 @@ CHANNELS = resources.read_tables(__file__, "charts.toml")["channels"]
 
 
 def write_debrief(folder: Path) -> Path:
-    """Write debrief.html into a session's folder and return its path.
-
-    The function also adds the measures of the motion to session.json, for later learning curves.
-    Without a readable recording the page has no charts, and tells why. Raises StoreError if the
-    folder has no session.
+    """Write debrief.html into a session's folder and return its path. The function also adds the
+    measures of the motion to session.json, for later learning curves. Without a readable recording
+    the page has no charts, and tells why. Raises StoreError if the folder has no session.
     """
     # jinja takes a while to import.
     from ravenjax.document import html

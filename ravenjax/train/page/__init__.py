@@ -2,10 +2,8 @@
 
 The page reads frames and events from rings in shared memory. It writes the browsers' commands into
 another ring, which the realtime process reads once a tick. The realtime process never waits for the
-page.
-
-This module opens the page's port at once and answers browsers until the page has started. So it
-imports no slow module.
+page. This module opens the page's port at once and answers browsers until the page has started. So
+it imports no slow module.
 """
 
 import contextlib
@@ -49,8 +47,7 @@ class PageOptions:
     header: dict[str, Any]
     folder: str | None = None  # of the session, which gets debrief.html after the end
     host: str = "127.0.0.1"
-    # Token of every request; needed if `host` is not a loopback address.
-    token: str | None = None
+    token: str | None = None  # Token of every request; needed if `host` is not a loopback address
     # Token of an instructor's window; None: there is no instructor.
     instructor_token: str | None = None
 
@@ -64,9 +61,8 @@ def is_loopback(host: str) -> bool:
 
 
 def same_secret(word: str, secret: str | None) -> bool:
-    """Whether `word` is the secret; False if there is no secret (None).
-
-    The time of the comparison does not depend on the number of equal characters.
+    """Whether `word` is the secret; False if there is no secret (None). The time of the comparison
+    does not depend on the number of equal characters.
     """
     return secret is not None and hmac.compare_digest(
         word.encode(errors="replace"), secret.encode()
@@ -123,10 +119,9 @@ def open_port(
 
 
 def run_when_told(session: Connection, listening: socket.socket) -> None:
-    """Import the page, then serve it with the `PageOptions` that `session` sends.
-
-    Until then, browsers show the texts that `session` sends, such as what the session waits for.
-    The answer to the options is the port. The function returns when the session has ended.
+    """Import the page, then serve it with the `PageOptions` that `session` sends. Until then,
+    browsers show the texts that `session` sends, such as what the session waits for. The answer to
+    the options is the port. The function returns when the session has ended.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
     # nothing, so it needs no OpenGL.

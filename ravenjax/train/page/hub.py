@@ -3,9 +3,8 @@
 The roles are operator, instructor and watcher. The hub checks types, ranges and size of every
 message from a browser, and whether the role may send it. Operators receive no data about hazards.
 As at a real console, they learn of a check only if it raises an alarm or stops the robot (event
-"alarm"). In a blinded session, no window receives data that would show the group of the study.
-
-This code runs in the server's event loop. A slow window skips frames and gets the newest frame.
+"alarm"). In a blinded session, no window receives data that would show the group of the study. This
+code runs in the server's event loop. A slow window skips frames and gets the newest frame.
 """
 
 import asyncio
@@ -22,16 +21,14 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.bundled import resources
+from ravenjax.store.ring import Ring, put_json
 from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions, query_parameters, same_secret
 from ravenjax.train.protocol import Command, Event, Frame, FrameLayout, Input, Json, Message
-from ravenjax.train.realtime.ring import Ring, put_json
 from ravenjax.train.robot import ROBOT
 
-MAX_MESSAGE_BYTES = 2048
-"""The largest size of a message in bytes."""
-MAX_NOTE_BYTES = 700
-"""The largest size of a note as JSON in bytes, so that an event can contain it."""
+MAX_MESSAGE_BYTES = 2048  # The largest size of a message in bytes
+MAX_NOTE_BYTES = 700  # The largest size of a note as JSON in bytes, so that an event can contain it
 _COMMANDS = resources.read_tables(__file__, "commands.toml")
 _VISIBLE: dict[str, list[str]] = _COMMANDS.pop("seen")
 """What operators see, and what blinding hides."""
@@ -79,7 +76,6 @@ class Inbox:
 
     def read(self, message: str | bytes, role: str) -> Json:
         """Return a browser's message as a command of `protocol`, or as a message of type "page".
-
         Raises RefusedMessage if it is invalid, if this role may not send it, or if it does not fit
         the session. `commands.toml` lists the keys of each command and the roles that may send it.
         """
@@ -154,9 +150,8 @@ class Visibility:
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
         """Return the bytes of a frame, float32: extras [arms, 5] of `Page._extras`, then the row.
-
-        Values that the role may not see are replaced. With the cue off, operators see no force;
-        the instructor sees the force that the cue would have.
+        Values that the role may not see are replaced. With the cue off, operators see no force; the
+        instructor sees the force that the cue would have.
         """
         frame, extras = Frame(self.layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
@@ -205,7 +200,6 @@ class Client:
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
         """Queue a frame, float32 row, and its extras. They replace a frame that was not sent yet.
-
         Its peaks, the first two extras, stay visible: the greater value of both frames is sent.
         """
         if self._frame:

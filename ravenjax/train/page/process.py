@@ -30,11 +30,11 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from ravenjax.store.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.page import STATIC, PageOptions, query_parameters, same_secret
 from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.scene import Scene, Windows, describe_field, window
 from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
-from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import ARMS, tip_pose
 
 # Reads the model of the operating field, which takes 0.2 s, while the session prepares its robot.
@@ -140,9 +140,8 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class PageServer:
-    """A viser server that also serves the page and the files of one session.
-
-    `Auth` checks each request. A refused request gets 403, a request for another file 404.
+    """A viser server that also serves the page and the files of one session. `Auth` checks each
+    request. A refused request gets 403, a request for another file 404.
     """
 
     def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
@@ -166,8 +165,7 @@ class PageServer:
             "inset": _with_panel(scene, _SCENE_TAGS, ""),
         }
         self._pages = {name: gzip.compress(text.encode(), 6) for name, text in pages.items()}
-        # Number of sockets that show the scene.
-        self.watching = 0
+        self.watching = 0  # Number of sockets that show the scene
         # viser has no option for a listening socket and other requests, so its server is wrapped.
         original = websocket_server.serve
         websocket_server.serve = self._serving(original)  # pyright: ignore
@@ -298,7 +296,6 @@ def _response(
 
 def _with_panel(client: str, head_tags: str, panel: str) -> str:
     """Return the HTML page of viser's client with these tags in its head and a panel over it.
-
     Raises RuntimeError if the client of this version of viser has no place for a part.
     """
     text = client.replace("<head>", f"<head>{_FIRST_TAG}", 1)
@@ -364,7 +361,6 @@ class Page:
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()
-            # New input ends the wait.
             until_frame = max(0.0, last_frame + PERIOD_S - time.monotonic())
             self._changed.wait(FAST_PERIOD_S if now < self._fast_until else until_frame)
             self._changed.clear()
@@ -397,9 +393,8 @@ class Page:
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """Return float32 [arms, 5]: greatest error_mm and force of these frames, then the desired
-        tip of the last frame, m, in the arm's frame 0.
-
-        With the greatest values, a peak of one millisecond stays visible.
+        tip of the last frame, m, in the arm's frame 0. With the greatest values, a peak of one
+        millisecond stays visible.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

@@ -2,10 +2,8 @@
 
 The scene shows the current target, the next target smaller, and the last reached targets in grey.
 All targets at once would hide the tip. The current target is pink, and a ring around it shrinks as
-the tip approaches.
-
-The library viser sends changes of the scene to browsers. The roots of its node tree are /robot,
-/ghost, /virtual, /force, /task and /plumb.
+the tip approaches. The library viser sends changes of the scene to browsers. The roots of its node
+tree are /robot, /ghost, /virtual, /force, /task and /plumb.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -49,10 +47,8 @@ _FLAT: Json = {"cast_shadow": False, "receive_shadow": False}
 _NO_SEGMENT = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
 """A ghost disappears below the first distance from the robot and appears above the second."""
-CONTACT_M_PER_N = 0.03
-"""m of arrow per N of contact force."""
-FORCE_M_PER_UNIT = 0.9
-"""m of arrow per device unit; the published cue ends at 0.05."""
+CONTACT_M_PER_N = 0.03  # m of arrow per N of contact force
+FORCE_M_PER_UNIT = 0.9  # m of arrow per device unit; the published cue ends at 0.05
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
 FIRST_VIEW = "endoscope"
 VIEW_WITHOUT_LETTERS = "theatre"
@@ -86,11 +82,10 @@ class DepthLine:
 
 
 class TaskShapes:
-    """Scene nodes of one task, made from its geometry, m, in the world:
-
-    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m",
-    "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
-    {"points", "colour"} or None}; all optional.
+    """Scene nodes of one task, made from its geometry, m, in the world: {"targets": [{"number",
+    "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m", "radius_m", "colour"}],
+    "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points", "colour"} or None};
+    all optional.
     """
 
     _goal: int | None = None
@@ -200,9 +195,8 @@ def _rgb(colour: str) -> Rgb:
 
 
 def read_shapes(model: mujoco.MjModel) -> Shapes:
-    """Return the shapes of all bodies of the model, from the cache if they are stored there.
-
-    Their computation takes seconds. The key of the cache is the model and the code that computes.
+    """Return the shapes of all bodies of the model, from the cache if they are stored there. Their
+    computation takes seconds. The key of the cache is the model and the code that computes.
     """
     objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -244,7 +238,6 @@ class RobotFigure:
         for arm in arms:
             for body, body_name in body_shapes.moving_bodies(model, arm).items():
                 name, (glb, vertices, faces) = f"/{layer}/{body_name}", shapes[body]
-                # Only the robot has its own colours. Ghosts have one colour.
                 if layer == "robot":
                     node = server.scene.add_glb(name, glb, receive_shadow=True)
                 else:

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-PERIOD_NS = 1_000_000
-"""The period of the robot's control cycle."""
+PERIOD_NS = 1_000_000  # The period of the robot's control cycle
 PHASE_NS = PERIOD_NS // 2
 """Time within a millisecond at which a tick starts. Linux's timer interrupts come at another."""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
@@ -23,17 +22,15 @@ WARM_UP_NS = 110_000
 """How long before a tick the cache-warming work begins: the time of that work and a margin."""
 MAX_LATE_TICKS = 100
 """The largest number of late ticks to catch up. After a longer delay the schedule moves on."""
-LATE_US = 1000
-"""A tick that begins at least this late counts as a late tick."""
+LATE_US = 1000  # A tick that begins at least this late counts as a late tick
 BINS = 20_000
 """Bins of a histogram, one microsecond each. The last bin also counts everything longer."""
 
 
 class LoopTiming:
-    """Histograms of a loop, in microseconds.
-
-    compute: time from a tick's start until frame and force are sent. whole: time until all work of
-    the tick is done. lateness: delay of the tick's start.
+    """Histograms of a loop, in microseconds. compute: time from a tick's start until frame and
+    force are sent. whole: time until all work of the tick is done. lateness: delay of the tick's
+    start.
     """
 
     late = 0  # ticks that began a period late
@@ -76,10 +73,9 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
-        """Wait until the next tick is due, and record how late it begins.
-
-        The process sleeps until `LEAD_NS` before, then reads the clock all the time. warm_up: fills
-        the CPU's caches; called as late as possible before the tick, and left out if it is late.
+        """Wait until the next tick is due, and record how late it begins. The process sleeps until
+        `LEAD_NS` before, then reads the clock all the time. warm_up: fills the CPU's caches; called
+        as late as possible before the tick, and left out if it is late.
         """
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
@@ -118,10 +114,9 @@ class Clock:
 
 @contextlib.contextmanager
 def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Give this process one CPU and, where the system allows it, a realtime priority.
-
-    Yields a description of what was granted, and undoes the changes at the end. choose_cpu: selects
-    a CPU. `ravenjax robot` selects another CPU than the session that drives the robot.
+    """Give this process one CPU and, where the system allows it, a realtime priority. Yields a
+    description of what was granted, and undoes the changes at the end. choose_cpu: selects a CPU.
+    `ravenjax robot` selects another CPU than the session that drives the robot.
     """
     if sys.platform != "linux":
         yield "as the system schedules"

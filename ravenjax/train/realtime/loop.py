@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from ravenjax.store.ring import Ring, put_json, read_json
 from ravenjax.train.protocol import PAUSED, Command, Event, Frame
 from ravenjax.train.realtime import clock
-from ravenjax.train.realtime.ring import Ring, put_json, read_json
 from ravenjax.train.robot import Arms
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session.advance import Session
@@ -81,10 +81,9 @@ def run_loop(
     rings: tuple[Ring, Ring] | None = None,
     find_failure: Callable[[], str | None] = lambda: None,
 ) -> clock.LoopTiming:
-    """Run `session` in real time until it is over, or `stopped` returns True.
-
-    rings: receive frames and events; None: nobody reads them. find_failure: called once a second,
-    returns a message if another process has failed. The first message becomes an event.
+    """Run `session` in real time until it is over, or `stopped` returns True. rings: receive frames
+    and events; None: nobody reads them. find_failure: called once a second, returns a message if
+    another process has failed. The first message becomes an event.
     """
     warmer = _CacheWarmer(session) if isinstance(session, Session) else None
     frame, places = session.frame, session.frame.layout.places
@@ -131,7 +130,6 @@ def run_loop(
 
 class _CacheWarmer:
     """A second session that computes a tick just before each real tick, to keep CPU caches warm.
-
     Without it, a tick takes two to three times as long, because the process sleeps between ticks.
     The second session gets the latest commands of the first. Nothing reads its results.
     """

@@ -63,7 +63,6 @@ class SessionFolder:
 
 def find_sessions(base: Path) -> dict[str, SessionFolder]:
     """Return the sessions in the subfolders of `base`: {folder's name: session}, earliest first.
-
     Folders without a readable session.json are left out.
     """
     sessions = []
@@ -128,10 +127,9 @@ def find_recording(folder: Path) -> Path | None:
 
 
 def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
-    """Read a recording, complete or cut short, from a file or a session's folder.
-
-    channels: names of channels to read, without the arm, such as "tip"; empty: all. Raises
-    StoreError if the folder has no recording, or another version of ravenjax wrote it.
+    """Read a recording, complete or cut short, from a file or a session's folder. channels: names
+    of channels to read, without the arm, such as "tip"; empty: all. Raises StoreError if the folder
+    has no recording, or another version of ravenjax wrote it.
     """
     path = Path(path)
     if path.is_dir():
@@ -156,10 +154,8 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
 
 
 def read_table(folder: Path) -> list[HazardRow]:
-    """Return the hazards of a session's folder in the order of their activation.
-
-    The list is empty if the folder has no hazards.csv. Raises StoreError if the file is damaged or
-    lacks a column.
+    """Return the hazards of a session's folder in the order of their activation. The list is empty
+    if the folder has no hazards.csv. Raises StoreError if the file is damaged or lacks a column.
     """
     path = Path(folder) / TABLE
     try:
@@ -190,10 +186,8 @@ def read_table(folder: Path) -> list[HazardRow]:
 
 
 def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
-    """Return a row for each hazard that was armed, from the events of a recording.
-
-    A hazard that had not ended when the recording was cut short has no outcome. header: content of
-    session.json.
+    """Return a row for each hazard that was armed, from the events of a recording. A hazard that
+    had not ended when the recording was cut short has no outcome. header: content of session.json.
     """
     rows: list[Json] = []
     for event in recording.events:
@@ -217,7 +211,6 @@ def session_columns(header: Json) -> Json:
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return counts, medians and extremes of a session's hazards, for session.json and the page.
-
     Rates and scores are of the hazards that left room for a response. A value is None if no hazard
     has it.
     """
@@ -249,9 +242,8 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the columns of the rows as CSV.
-
-    An apostrophe precedes text that a spreadsheet would compute as a formula.
+    """Return the columns of the rows as CSV. An apostrophe precedes text that a spreadsheet would
+    compute as a formula.
     """
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")

@@ -19,24 +19,18 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.protocol import Event, Json
-from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
-POLL_S = 0.015
-"""s between readings of the rings. A kill loses at most this time and one block."""
-BLOCK_ROWS = 128
-"""The largest number of rows of a block. A kill loses at most one block."""
-WAITING_MS = 1000
-"""ms between two rows before the first pedal-down."""
-LINGER_S = 0.5
-"""s after "end" in which a last row may still arrive."""
+POLL_S = 0.015  # s between readings of the rings. A kill loses at most this time and one block.
+BLOCK_ROWS = 128  # The largest number of rows of a block. A kill loses at most one block.
+WAITING_MS = 1000  # ms between two rows before the first pedal-down
+LINGER_S = 0.5  # s after "end" in which a last row may still arrive
 
 
 class RowWriter:
-    """Writes rows and events to session.mcap.
-
-    Before the first pedal-down it writes one row a second, so that a waiting session needs little
-    disk space.
+    """Writes rows and events to session.mcap. Before the first pedal-down it writes one row a
+    second, so that a waiting session needs little disk space.
     """
 
     def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
@@ -48,7 +42,6 @@ class RowWriter:
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> int:
         """Write rows that are numbered from `first`, and events. Return the number of rows written.
-
         Of the rows before the first pedal-down, only each `WAITING_MS`th is written.
         """
         left_ms, pedal = rows[:, self._columns].T
@@ -66,9 +59,8 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield the writer of a session's recording, and write session.json before and after.
-
-    The arguments are those of `record_session`.
+    """Yield the writer of a session's recording, and write session.json before and after. The
+    arguments are those of `record_session`.
     """
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)
@@ -86,11 +78,10 @@ def record_session(
     header: Json,
     listening: Callable[[], None] = lambda: None,
 ) -> None:
-    """Record until the session ends.
-
-    frames_ring, events_ring: names of the rings. names: of the numbers of a row,
-    `FrameLayout.names`. header: content of session.json without "version", "started" and "ended".
-    listening: called once session.mcap exists. Raises StoreError if the folder cannot be written.
+    """Record until the session ends. frames_ring, events_ring: names of the rings. names: of the
+    numbers of a row, `FrameLayout.names`. header: content of session.json without "version",
+    "started" and "ended". listening: called once session.mcap exists. Raises StoreError if the
+    folder cannot be written.
     """
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())

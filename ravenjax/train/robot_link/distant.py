@@ -31,8 +31,7 @@ from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distance
 _CHECKS = frozenset(ROBOT.checks)
 _MAX_TRIPS = 2**23
 """Limit of a check's count, so that the sum stays a whole number in single precision."""
-_SOURCE = Path(__file__).read_bytes()
-"""Part of the key of compiled code in the cache."""
+_SOURCE = Path(__file__).read_bytes()  # Part of the key of compiled code in the cache
 
 
 class _Reported(NamedTuple):
@@ -136,9 +135,8 @@ class DistantRobot:
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """Return the bytes of this tick's ITP packet.
-
-        numbers: the pedal, then increments (3), quaternion (4) and grasp (1) of each arm.
+        """Return the bytes of this tick's ITP packet. numbers: the pedal, then increments (3),
+        quaternion (4) and grasp (1) of each arm.
         """
         # A packet has each component for both arms. An absent arm has the identity rotation.
         delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
@@ -201,10 +199,9 @@ def _resting_report(blueprint: Blueprint) -> _Reported:
 
 
 def _console_code(blueprint: Blueprint) -> StepCode:
-    """Return the compiled code of the console's half of the tick.
-
-    Its input is the last report. Its output is, for each arm, the channels `of_console` of
-    `link.toml`; then halted_ms and the packet's numbers, as `DistantRobot._datagram` reads them.
+    """Return the compiled code of the console's half of the tick. Its input is the last report. Its
+    output is, for each arm, the channels `of_console` of `link.toml`; then halted_ms and the
+    packet's numbers, as `DistantRobot._datagram` reads them.
     """
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])

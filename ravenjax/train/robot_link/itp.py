@@ -49,22 +49,20 @@ same limits apply to the report of dropped packets.
 
 
 class Gate:
-    """Checks each datagram of a console before its content moves the robot.
-
-    The checks are, in this order: size, sender, content by the console's profile, sequence number.
-    Each refusal is counted under its cause. raven2 itself checks no content; its rules for the
-    number are those of `raven2.stages.network`. Two rules here are stricter, so that nobody can
-    replay a stream: a lower number counts as a restart only if it is 1 and the console was quiet
-    for `QUIET_MS`, and a packet more than `robot.RESET_GAP` ahead is dropped. After `RELEASE_MS` of
-    silence any stream may begin. ITP has no secret, so a recorded stream looks like a console: in
-    a shared network, listen on loopback or set the console's address (`only_host`).
+    """Checks each datagram of a console before its content moves the robot. The checks are, in this
+    order: size, sender, content by the console's profile, sequence number. Each refusal is counted
+    under its cause. raven2 itself checks no content; its rules for the number are those of
+    `raven2.stages.network`. Two rules here are stricter, so that nobody can replay a stream: a
+    lower number counts as a restart only if it is 1 and the console was quiet for `QUIET_MS`, and a
+    packet more than `robot.RESET_GAP` ahead is dropped. After `RELEASE_MS` of silence any stream
+    may begin. ITP has no secret, so a recorded stream looks like a console: in a shared network,
+    listen on loopback or set the console's address (`only_host`).
     """
 
     _misfit_count, _misfits_reported = 0, False
     _drops_reported = False  # whether dropped packets were reported
     _peer: tuple | None = None
-    # Number of the last packet; 0: none yet.
-    _last_number = 0
+    _last_number = 0  # Number of the last packet; 0: none yet
     _last_packet_ms = -math.inf  # when the last packet was accepted or skipped to
 
     def __init__(
@@ -74,10 +72,9 @@ class Gate:
         only_host: str | None = None,
         say: Say = lambda _: None,
     ) -> None:
-        """arms: the arms whose fields are read; fields of other arms may have any value.
-
-        profiles: of the console, or several of which one fits; empty: raven2's own. only_host: the
-        only address that may send; None: any. say: prints which profile was found or would fit.
+        """arms: the arms whose fields are read; fields of other arms may have any value. profiles:
+        of the console, or several of which one fits; empty: raven2's own. only_host: the only
+        address that may send; None: any. say: prints which profile was found or would fit.
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
@@ -249,8 +246,7 @@ BUFFER_BYTES = 1 << 16
 """Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
 MIN_REFUSED_PACKETS = 10
 """The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
-FORCE_SCALE = 1000.0
-"""Units of a force packet in a device unit."""
+FORCE_SCALE = 1000.0  # Units of a force packet in a device unit
 _FORCE_LIMIT = 2**31 - 1
 _AXES = np.array([robot.ITP_AXES[arm] for arm in ARMS], int)
 """ITP axes of each arm, as columns, in frame 0."""
@@ -289,9 +285,8 @@ class ItpServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
-        """Return the increments since the last call as one command "increments", or [].
-
-        At most `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
+        """Return the increments since the last call as one command "increments", or []. At most
+        `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
@@ -325,11 +320,10 @@ class ItpServer:
         pedal: bool = True,
         drives: bool = True,
     ) -> bool:
-        """Send the force of each arm (3, device units, frame 0 of the arm) to the console.
-
-        Call it at most once a tick. pedal: False if a pedal that the console holds down does not
-        count. drives: False if another console drives; then the force is zero. A stale console gets
-        zero force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
+        """Send the force of each arm (3, device units, frame 0 of the arm) to the console. Call it
+        at most once a tick. pedal: False if a pedal that the console holds down does not count.
+        drives: False if another console drives; then the force is zero. A stale console gets zero
+        force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -426,10 +420,9 @@ class ItpConsole:
 def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
-    """Return the force at the operator's hand in device units, frame 0.
-
-    The sum of cue and contact force is limited to `cap`, or to the cue alone if the cue is larger.
-    cue: whether the operator feels the cue. The operator always feels the contact.
+    """Return the force at the operator's hand in device units, frame 0. The sum of cue and contact
+    force is limited to `cap`, or to the cue alone if the cue is larger. cue: whether the operator
+    feels the cue. The operator always feels the contact.
     """
     places, numbers = frame.layout.places, frame.numbers
     cue_force = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3

@@ -284,8 +284,7 @@ class RemoteRobot(RobotLink):
         """
         super().__init__(host, itp_port)
         self._token = token
-        # The robot's greeting: its arms, scenario, seed and hazards.
-        self.greeting: Json = {}
+        self.greeting: Json = {}  # The robot's greeting: its arms, scenario, seed and hazards
         with refuse_errors(
             f"no robot answers at {host}:{joint_port}",
             "start one there with `ravenjax robot`, and give the port of its joint stream",
@@ -336,7 +335,6 @@ class RemoteRobot(RobotLink):
 
     def _process_line(self, line: bytes) -> None:
         """Read a report, an answer or a greeting. Raises ValueError if a line is none of these.
-
         Reports are ignored while the answer to an order "reset" is awaited.
         """
         if line.startswith(b'{"tick"'):

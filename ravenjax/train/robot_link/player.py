@@ -72,7 +72,6 @@ def play_packets(
     datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
 ) -> Played:
     """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
-
     arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
     cannot be reached.
     """

@@ -1,12 +1,11 @@
 """Runs `ravenjax robot`: control software and simulated robot in a process that ITP consoles drive.
 
 Faults act in this process, so a console cannot detect them in its own packets. If a console stops
-sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot.
-
-The sum of all increments that arrive within one millisecond is one packet for the robot; raven2's
-network thread sums them in the same way. This packet has a new number, because `itp` has already
-checked the numbers of the console's packets. Unlike in a training session, only the pedals decide
-which console drives.
+sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot. The sum of all
+increments that arrive within one millisecond is one packet for the robot; raven2's network thread
+sums them in the same way. This packet has a new number, because `itp` has already checked the
+numbers of the console's packets. Unlike in a training session, only the pedals decide which console
+drives.
 """
 
 import contextlib
@@ -32,10 +31,8 @@ from ravenjax.train.session.console_arbiter import NETWORK, NOBODY, console_of
 from ravenjax.train.session.simulation import Blueprint, PacketRobot
 from ravenjax.vocabulary import checks
 
-CHECKS_EVERY = 100
-"""The smallest number of ticks between two readings of the robot's checks."""
-ORDERS: dict[str, Command] = WORDS["orders"]
-"""Command of a session for each order of a listener."""
+CHECKS_EVERY = 100  # The smallest number of ticks between two readings of the robot's checks
+ORDERS: dict[str, Command] = WORDS["orders"]  # Command of a session for each order of a listener
 
 
 class PacketSession:
@@ -45,8 +42,7 @@ class PacketSession:
     taken = ""
     """The console whose packet the robot accepted in this tick; "" if none."""
     _number = 0  # number of the robot's newest packet
-    # The checks' trips at the last reading, and its tick.
-    _trips_read, _reading_tick = 0.0, 0
+    _trips_read, _reading_tick = 0.0, 0  # The checks' trips at the last reading, and its tick
 
     def __init__(
         self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None
@@ -144,8 +140,7 @@ class JointConsole:
     session: PacketSession
     hazards: int
     """Number of hazards that can be armed."""
-    last_seq: int = NO_PACKET_SEQUENCE
-    """Number of the last accepted packet over ITP."""
+    last_seq: int = NO_PACKET_SEQUENCE  # Number of the last accepted packet over ITP
 
     def poll(self) -> list[Command]:
         # Returns the commands of the valid orders that arrived. Answers each order.
@@ -181,8 +176,7 @@ class ConsoleOptions:
     host: str = LOOPBACK
     token: str | None = None
     itp_port: int | None = None  # None: no console over ITP
-    # The console's profile: a name or file of `store.consoles`, or "auto".
-    console: str = "raven"
+    console: str = "raven"  # The console's profile: a name or file of `store.consoles`, or "auto"
     console_host: str | None = None  # the only host that may drive over ITP; None: any
     crtk: Ros | None = None  # the ROS over which consoles use CRTK; None: no CRTK
 
@@ -194,10 +188,9 @@ def run_robot(
     joint_port: int = JOINT_PORT,
     say: Say = print,
 ) -> None:
-    """Run the robot of a scenario until Ctrl-C or SIGTERM.
-
-    options: orders from other machines need `options.token`; if it is None, they are refused. seed:
-    for the draw of hazards; None: the scenario's. Raises UserError if a port cannot be opened.
+    """Run the robot of a scenario until Ctrl-C or SIGTERM. options: orders from other machines need
+    `options.token`; if it is None, they are refused. seed: for the draw of hazards; None: the
+    scenario's. Raises UserError if a port cannot be opened.
     """
     used_seed = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.session_campaign(chosen, used_seed))
@@ -245,9 +238,8 @@ def open_consoles(
     elsewhere: bool = False,
 ) -> tuple[list[loop.Console], ItpServer | None]:
     """Open the ports of network consoles until `stack` ends, and print who can reach them. Return
-    the consoles, and the server of the consoles over ITP.
-
-    elsewhere: see `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
+    the consoles, and the server of the consoles over ITP. elsewhere: see `bridge.spawn_bridge`.
+    Raises UserError if a port cannot be opened.
     """
     consoles: list[loop.Console] = []
     server = None

@@ -1,11 +1,10 @@
 """Converts a training scenario to a campaign, whose fault table lists the session's hazards.
 
-The last row of the table is the operator's E-stop button.
-
-A hazard of the library has many rows: one for each case, published value, start and duration. A
-session uses one row of each case (`times = N`: N different rows). The draw depends only on the
-session's seed and the case's name. Every hazard starts at time 0. The trigger "pedal" becomes
-"time", because a session arms a hazard only while the pedal is down.
+The last row of the table is the operator's E-stop button. A hazard of the library has many rows:
+one for each case, published value, start and duration. A session uses one row of each case (`times
+= N`: N different rows). The draw depends only on the session's seed and the case's name. Every
+hazard starts at time 0. The trigger "pedal" becomes "time", because a session arms a hazard only
+while the pedal is down.
 """
 
 import dataclasses
@@ -32,17 +31,13 @@ _RESPONSES = resources.read_tables(__file__, "responses.toml")
 
 ENDLESS_MS = 5000
 """How long a fault without an end stays active, ms, unless the scenario sets a time."""
-SETTLE_MS = 500
-"""A hazard stays armed this much longer than the time allowed for the response, ms."""
-FAULT = "fault"
-"""Stands for the library id if the scenario declares the fault itself."""
-BUTTONS = "buttons/estop"
-"""Group of the last row: the operator's E-stop button."""
+SETTLE_MS = 500  # A hazard stays armed this much longer than the time allowed for the response, ms
+FAULT = "fault"  # Stands for the library id if the scenario declares the fault itself
+BUTTONS = "buttons/estop"  # Group of the last row: the operator's E-stop button
 Key = tuple[str | int, ...]
 Tables = dict[str, Any]
 """Tables of a campaign or scenario file."""
-_Row = dict[Any, Any]
-"""A row of a fault table, by column."""
+_Row = dict[Any, Any]  # A row of a fault table, by column
 _CLUTCHED = {"nominal.resync": 1.0}
 """The nominal model follows the robot while the pedal is up. Otherwise each clutching would leave
 the model some tenths of a millimetre away from the robot.
@@ -60,13 +55,11 @@ _UNBOUNDED_S = 3600.0
 class Armable:
     """One hazard of a session that can be armed."""
 
-    # Index in the session's list of hazards, and row in the fault table.
-    number: int
+    number: int  # Index in the session's list of hazards, and row in the fault table
     # Id in the library; "fault" if the scenario declares the fault itself.
     hazard: str
     title: str
-    # Name of the fault table's group.
-    group: str
+    group: str  # Name of the fault table's group
     run_id: str  # 16 hex digits
     # The arm on which the first fault acts; "" if it acts on no arm.
     arm: str
@@ -75,8 +68,7 @@ class Armable:
     lasts_ms: int  # how long the hazard stays armed at most
     # Earliest and latest time; None: the instructor arms the hazard.
     when_ms: tuple[float, float] | None
-    # Layer of the loop, as text; "" if the scenario declares the fault itself.
-    layer: str
+    layer: str  # Layer of the loop, as text; "" if the scenario declares the fault itself
 
     def header(self) -> Tables:
         """Return the hazard's entry in session.json."""
@@ -86,7 +78,6 @@ class Armable:
 
 def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, ...]:
     """Return the right responses of a scenario's entry, by default those to the library's hazard.
-
     `responses.toml` lists them. A fault of the scenario has those to a sudden jump. hazard: of the
     library; None: the scenario declares the fault itself. Without any, "continue" is right.
     """
@@ -108,7 +99,6 @@ def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, .
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """Return a session's campaign: one group for each hazard, then a group for the E-stop button.
-
     Of the rows of each case, `times` are drawn. Raises ValueError for errors of
     `find_scenario_errors`.
     """
@@ -193,9 +183,8 @@ def _scenario_message(key: Key, message: str) -> str:
 
 
 def _scenario_key(scenario: Scenario, key: Key, entry_numbers: list[int]) -> Key:
-    """Return the key in the scenario file for a key of the campaign.
-
-    entry_numbers: for each group of the campaign, the number of its entry in the scenario.
+    """Return the key in the scenario file for a key of the campaign. entry_numbers: for each group
+    of the campaign, the number of its entry in the scenario.
     """
     match key:
         case ("group", int(number), *rest) if number < len(entry_numbers):
@@ -270,7 +259,6 @@ def _config(
             },
             "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
             "parameters": _CLUTCHED | parameters,
-            # A campaign needs a group.
             "group": groups or [{"name": "none"}],
         }
     )

@@ -17,14 +17,12 @@ from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import Tables, find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
 
-FOLDER = "campaigns/training"
-"""Folder of the bundled scenarios."""
+FOLDER = "campaigns/training"  # Folder of the bundled scenarios
 
 
 def load_scenario(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Return the scenario in a file, or a bundled scenario by name.
-
-    overrides: `key.path=value`, in place of values of the file. Raises UserError as `from_dict`.
+    """Return the scenario in a file, or a bundled scenario by name. overrides: `key.path=value`, in
+    place of values of the file. Raises UserError as `from_dict`.
     """
     file = location.find_campaign_file(name, FOLDER, "scenario")
     raw, text = location.read_toml(file)

@@ -2,11 +2,10 @@
 
 A session depends only on its scenario, its seed and a list of (tick, command): no clock, file,
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
-the frame and the force are sent, `conclude` afterwards.
-
-Three robots run side by side with the same tick as in campaigns: the driven robot, its golden run,
-and the virtual robot. While the driven robot rests, the operator can try a motion on the virtual
-robot. The driven robot can then repeat this motion while the pedal is held down.
+the frame and the force are sent, `conclude` afterwards. Three robots run side by side with the same
+tick as in campaigns: the driven robot, its golden run, and the virtual robot. While the driven
+robot rests, the operator can try a motion on the virtual robot. The driven robot can then repeat
+this motion while the pedal is held down.
 """
 
 from collections.abc import Callable, Sequence
@@ -55,9 +54,8 @@ class Director:
         """(ms, number) of the planned hazards that are still to come, in order."""
 
     def command(self, message: Command) -> None:
-        """Store the instructor's order "arm" or "disarm", which `step` carries out.
-
-        "arm" has no effect while a hazard is armed, or if the number is not one of a hazard.
+        """Store the instructor's order "arm" or "disarm", which `step` carries out. "arm" has no
+        effect while a hazard is armed, or if the number is not one of a hazard.
         """
         number = message.get("hazard")
         if message["do"] == "disarm":
@@ -67,11 +65,10 @@ class Director:
             self._ordered_number = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
-        """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or [].
-
-        A hazard ends on the instructor's order, after its time, or if the pedal stays up and this
-        is a right response. The instructor's hazard starts before planned ones.
-        frame: of the last tick. clock: the session's time, ms.
+        """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
+        hazard ends on the instructor's order, after its time, or if the pedal stays up and this is
+        a right response. The instructor's hazard starts before planned ones. frame: of the last
+        tick. clock: the session's time, ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -121,8 +118,7 @@ _DOUBLE_PRESS_COMMANDS = {
 """By view: the command that two short presses of a network console's pedal give."""
 MOST_COMMANDS = 1_000_000
 """The largest number of stored commands: hours of the page, or a quarter of an hour of ITP."""
-OUTCOMES_EVERY = 10
-"""The smallest number of ticks between two readings of the robot's checks."""
+OUTCOMES_EVERY = 10  # The smallest number of ticks between two readings of the robot's checks
 STAND_BY_MS = 30_000
 """How long a robot waits for the first pedal-down, ms, before its motion table restarts.
 
@@ -222,9 +218,8 @@ class Session:
         return self.conclude()
 
     def move(self, commands: list[Command]) -> None:
-        """Compute the first half of the tick: commands, hands, hazards, robots. Fill `frame`.
-
-        In a pause and after the end, the commands are read, but robots and hands do not move.
+        """Compute the first half of the tick: commands, hands, hazards, robots. Fill `frame`. In a
+        pause and after the end, the commands are read, but robots and hands do not move.
         """
         self._events, self._commands, self._is_running = [], [], False
         for command in commands:
@@ -258,9 +253,8 @@ class Session:
         self._is_running = True
 
     def conclude(self) -> list[Event]:
-        """Compute the second half: task, judge and phase. Return the events of the whole tick.
-
-        Each change of phase, view, console, pedal and run level is an event.
+        """Compute the second half: task, judge and phase. Return the events of the whole tick. Each
+        change of phase, view, console, pedal and run level is an event.
         """
         if len(self.command_lines) < MOST_COMMANDS:
             self.command_lines += [
@@ -301,8 +295,6 @@ class Session:
         return why or (
             console_arbiter.REASONS["homing"] if self.frame.number("runlevel") == INIT else ""
         )
-
-    # --- commands ---
 
     def _command(self, command: Command) -> None:
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
@@ -385,9 +377,8 @@ class Session:
                 self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
     def _release_pedal(self, why: str, by_operator: bool = False) -> None:
-        """Treat the pedal as up until the operator has lifted it.
-
-        why: for the event. by_operator: the operator has handed the console over or left it.
+        """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
+        the operator has handed the console over or left it.
         """
         self.arbiter.require_lifts(why, self.ticks)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
@@ -400,8 +391,6 @@ class Session:
         if self.started is None:
             self.started = self.ticks
             self._add_event("started", by=cause)
-
-    # --- the three robots ---
 
     def _drive(self, hand: hands.Hands) -> None:
         # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
@@ -426,9 +415,8 @@ class Session:
             row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Begin a trial: the virtual robot follows the hand, and the driven robot rests.
-
-        Do nothing if the driven robot is in another process, because its state cannot be copied.
+        """Begin a trial: the virtual robot follows the hand, and the driven robot rests. Do nothing
+        if the driven robot is in another process, because its state cannot be copied.
         """
         now = self.robot.now
         if not isinstance(self.robot, SimulatedRobot) or now == 0:
@@ -458,9 +446,8 @@ class Session:
                 self._add_event("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
-        """Restart the motion table of a robot that nobody has driven yet.
-
-        Return whether the robot still computes ticks: a stopped simulated robot does not.
+        """Restart the motion table of a robot that nobody has driven yet. Return whether the robot
+        still computes ticks: a stopped simulated robot does not.
         """
         # A robot in another process keeps its state and its checks.
         if isinstance(self.robot, SimulatedRobot):
@@ -480,8 +467,6 @@ class Session:
         self.judge.restart(self.ticks)
         self.task.restart()
         self.phase, self.view = protocol.READY, protocol.REAL
-
-    # --- frames and events ---
 
     def _publish(self, hand: hands.Hands | None = None) -> None:
         """Fill the frame. Without `hand`, the channels of hands and robots keep their values."""
@@ -516,7 +501,6 @@ class Session:
             self.arbiter.require_lifts("link", self.ticks)
             self.phase = protocol.READY
         self._events += self.task.step(frame, self.ticks)
-        # Reading the checks takes as long as a tick, so it is not done in each tick.
         is_due = self.ticks - self._reading_tick >= OUTCOMES_EVERY
         outcomes = self._new_outcomes() if is_due else None
         self.judge.step(self.ticks, frame, *(outcomes or ()))
@@ -534,9 +518,8 @@ class Session:
             self._end("task")
 
     def _new_outcomes(self) -> tuple[Json, Json | None] | None:
-        """Return the outcome columns of robot and golden run.
-
-        None if no check has tripped since the last call. A robot without golden run has None there.
+        """Return the outcome columns of robot and golden run. None if no check has tripped since
+        the last call. A robot without golden run has None there.
         """
         trips = float(self.robot.row[self._trips_place])
         if trips == self._trips_read:

@@ -5,11 +5,9 @@ The first console whose pedal goes down gets the seat. It loses the seat when it
 nothing for `GONE_MS`. While its pedal is up, the operator at another console may take the seat. The
 console may give the seat away, and the instructor may give the seat to any console. In `ravenjax
 robot` only the pedals decide: a console whose pedal is up loses the seat when another pedal is
-pressed.
-
-An operator may not notice that the session began or was interrupted. After such an event a pedal
-that is down does not count until it was lifted. A network console receives forces but no texts, so
-the page and the terminal show why its pedal does not count.
+pressed. An operator may not notice that the session began or was interrupted. After such an event a
+pedal that is down does not count until it was lifted. A network console receives forces but no
+texts, so the page and the terminal show why its pedal does not count.
 """
 
 from collections import deque
@@ -18,8 +16,7 @@ from collections.abc import Callable, Mapping
 from ravenjax.bundled import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
-NETWORK = ("itp", "crtk")
-"""The consoles whose reasons the page and the terminal show."""
+NETWORK = ("itp", "crtk")  # The consoles whose reasons the page and the terminal show
 MIN_REASON_MS = 50
 """A reason is reported if it lasts this long, ms: a person cannot react to a shorter one."""
 _WORDS = resources.read_tables(__file__, "pedal.toml")
@@ -34,9 +31,8 @@ NOBODY, SCRIPT = "nobody", "script"
 
 
 def packets_message(cause: str) -> str:
-    """Return the message that a console's packets are refused.
-
-    cause: one of `itp.CAUSES`, or the part of a packet that does not fit the console profile.
+    """Return the message that a console's packets are refused. cause: one of `itp.CAUSES`, or the
+    part of a packet that does not fit the console profile.
     """
     reason = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
     return f"its packets are refused: {reason}"
@@ -54,7 +50,6 @@ class PedalReasons:
 
     def update(self, reasons: Mapping[str, str]) -> list[Event]:
         """Return an event for each console whose reason changed and lasted `MIN_REASON_MS`.
-
         reasons: of this millisecond, by console; "" for none. Call it once a millisecond, also in a
         pause.
         """
@@ -88,9 +83,8 @@ class DoublePress:
         self._change_ticks: deque[int] = deque(maxlen=4)
 
     def update(self, down: bool, tick: int) -> bool:
-        """Return whether the second of two short presses ends in this tick.
-
-        down: whether the pedal is down in a console's message.
+        """Return whether the second of two short presses ends in this tick. down: whether the pedal
+        is down in a console's message.
         """
         if down == self._was_down:
             return False
@@ -98,7 +92,6 @@ class DoublePress:
         self._change_ticks.append(tick)
         is_second_end = not down and len(self._change_ticks) == 4
         is_double = is_second_end and tick - self._change_ticks[0] <= DOUBLE_PRESS_MS
-        # The end of this press is not the beginning of another double press.
         if is_double:
             self._change_ticks.clear()
         return is_double
@@ -107,10 +100,8 @@ class DoublePress:
 class ConsoleArbiter:
     """Decides who drives in one session."""
 
-    owner = NOBODY
-    """The console that has the seat, one of `CONSOLES`."""
-    pedal_down = False
-    """Whether the owner's pedal is down and counts."""
+    owner = NOBODY  # The console that has the seat, one of `CONSOLES`
+    pedal_down = False  # Whether the owner's pedal is down and counts
 
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
@@ -119,8 +110,7 @@ class ConsoleArbiter:
         pedals alone decide who drives.
         """
         self._record, self._by_pedals = record, by_pedals
-        # Consoles whose pedal counts, because it was lifted.
-        self._ready: set[str] = set()
+        self._ready: set[str] = set()  # Consoles whose pedal counts, because it was lifted
         # By console: tick of the last message, and whether the pedal was down in it.
         self._message_ticks: dict[str, int] = {}
         self._pedals_down: dict[str, bool] = {}
@@ -129,11 +119,10 @@ class ConsoleArbiter:
         self._refusals: dict[str, str] = {}
 
     def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
-        """Process a message in which a console reports its hands and its pedal.
-
-        A pedal that counts gets the free seat. take: called with the message if its console has or
-        gets the seat, or if nobody has it. The pedal in it is up if it does not count. `take`
-        returns False to refuse the message.
+        """Process a message in which a console reports its hands and its pedal. A pedal that counts
+        gets the free seat. take: called with the message if its console has or gets the seat, or if
+        nobody has it. The pedal in it is up if it does not count. `take` returns False to refuse
+        the message.
         """
         console, pedal = console_of(message), message["pedal"]
         last_tick = self._message_ticks.get(console)
@@ -184,7 +173,6 @@ class ConsoleArbiter:
 
     def change_seat(self, command: Command, tick: int) -> bool:
         """Carry out a command of type "seat". Return whether another console has the seat now.
-
         "left": the console leaves. "take": it takes the seat, unless the owner's pedal is down.
         "give": the owner or the instructor gives the seat to the console in "to". A refusal becomes
         an event.

@@ -2,9 +2,8 @@
 
 Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
 critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
-the arm, in micrometres before the console's scale. Orientations are relative to the start.
-
-A message "increments" comes from a console that has already scaled its increments. The robot's tick
+the arm, in micrometres before the console's scale. Orientations are relative to the start. A
+message "increments" comes from a console that has already scaled its increments. The robot's tick
 scales positions again in float32 and truncates them to whole micrometres. To make the result exact,
 every position here is half a micrometre farther from zero than the intended whole number.
 """
@@ -19,17 +18,13 @@ from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Arms, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
-STILL = (0.0,) * 7
-"""Speeds of a hand at rest: move 3, turn 3, grasp."""
-IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
-"""The identity rotation."""
-SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed; an assumption."""
+STILL = (0.0,) * 7  # Speeds of a hand at rest: move 3, turn 3, grasp
+IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)  # The identity rotation
+SMOOTHING_MS = 30.0  # Time in which hands reach 90 % of a new speed; an assumption
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
-# A hand below this share of full speed is at rest.
-_MIN_SPEED = 1e-6
+_MIN_SPEED = 1e-6  # A hand below this share of full speed is at rest
 # A speed is equal to the wanted speed if the difference is smaller.
 _MIN_DIFFERENCE = 1e-12
 GRASP_MRAD = (-400.0, 1500.0)
@@ -42,8 +37,7 @@ class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
     _pedal = False
-    # Tick of the last accepted message; -1: none yet.
-    _last_input_tick = -1
+    _last_input_tick = -1  # Tick of the last accepted message; -1: none yet
     alive = False  # whether the last input is not stale
 
     def __init__(self, arms: Arms, scale: float, speeds: Speeds) -> None:
@@ -55,9 +49,8 @@ class Hands:
         self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def apply(self, message: Command, tick: int) -> bool:
-        """Apply a valid message "input" or "increments", which a console sends.
-
-        Return False, and change nothing, if an increment leads out of the range of positions.
+        """Apply a valid message "input" or "increments", which a console sends. Return False, and
+        change nothing, if an increment leads out of the range of positions.
         """
         tables = message["arms"]
         if message["type"] == "increments":
@@ -76,9 +69,8 @@ class Hands:
         return True
 
     def advance(self, tick: int) -> Hands:
-        """Compute one millisecond of motion and return self. Call it once a tick.
-
-        Without recent input, the hands stop at once and the pedal is up.
+        """Compute one millisecond of motion and return self. Call it once a tick. Without recent
+        input, the hands stop at once and the pedal is up.
         """
         alive = self.alive = self._last_input_tick >= 0 and tick - self._last_input_tick <= STALE_MS
         values: list[float] = []
@@ -93,9 +85,8 @@ class Hands:
         return self
 
     def move_to(self, columns: np.ndarray) -> None:
-        """Put the hands, at rest, at the positions in a row of a motion table.
-
-        columns: the row. The next row of the resting hands is equal to it.
+        """Put the hands, at rest, at the positions in a row of a motion table. columns: the row.
+        The next row of the resting hands is equal to it.
         """
         width = len(ARM_COLUMNS)
         for i, hand in enumerate(self._hands.values()):
@@ -198,9 +189,8 @@ class _Hand:
 
 
 def _limit_speeds(given: Json) -> tuple[float, ...]:
-    """Return an arm's speeds of a message "input", ordered as STILL.
-
-    The vectors "move" and "turn" are shortened to length 1, and "grasp" is limited to -1 to 1.
+    """Return an arm's speeds of a message "input", ordered as STILL. The vectors "move" and "turn"
+    are shortened to length 1, and "grasp" is limited to -1 to 1.
     """
     speeds: list[float] = []
     for name in ("move", "turn"):

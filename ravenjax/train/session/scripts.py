@@ -18,14 +18,11 @@ from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
 
-INPUT_EVERY_MS = 16
-"""Interval between inputs, ms, as of a page at 60 Hz."""
-FIRST_PEDAL_MS = 200
-"""Tick of the first pedal-down."""
+INPUT_EVERY_MS = 16  # Interval between inputs, ms, as of a page at 60 Hz
+FIRST_PEDAL_MS = 200  # Tick of the first pedal-down
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
 """Delays from a felt force, or a seen event, to the action; assumed as in `stages.reaction`."""
-REST_MS = 1500
-"""How long the operator keeps the pedal up, or moves slowly, as a reaction, ms."""
+REST_MS = 1500  # How long the operator keeps the pedal up, or moves slowly, as a reaction, ms
 UNAVAILABLE_MS = 1000
 """The operator restarts a robot that has not moved for this time, ms, with the pedal down."""
 # Speed of the hand per distance from the goal, and speed of the jaws (share of full) per angle.
@@ -39,11 +36,10 @@ _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
 
 
 class Follower:
-    """A simulated operator who moves toward the task's goal and reacts to hazards.
-
-    The speed is proportional to the distance. If the cue is on, the operator reacts to its onset.
-    A force that persists after the pedal was up causes no second reaction. The operator sees that
-    the robot is stopped, and restarts it.
+    """A simulated operator who moves toward the task's goal and reacts to hazards. The speed is
+    proportional to the distance. If the cue is on, the operator reacts to its onset. A force that
+    persists after the pedal was up causes no second reaction. The operator sees that the robot is
+    stopped, and restarts it.
     """
 
     # Ticks: the pedal goes down, the reaction begins and ends, the robot is restarted. -1: none.
@@ -113,9 +109,8 @@ class Follower:
         return {"move": [gain * x for x in to_aim], "grasp": grasp if is_far else 0.0}
 
     def _restart(self, tick: int) -> list[Command]:
-        """Return the commands of an operator who restarts the robot after `REST_MS`.
-
-        The pedal stays down for the time that a person needs to notice that the robot stopped.
+        """Return the commands of an operator who restarts the robot after `REST_MS`. The pedal
+        stays down for the time that a person needs to notice that the robot stopped.
         """
         if self._restart_tick < 0:
             self._restart_tick = tick + REST_MS

@@ -65,11 +65,10 @@ class Blueprint:
 def make_blueprint(
     config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM
 ) -> Blueprint:
-    """Compile the session that `config` describes; its duration is the session's.
-
-    packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
-    older packets. limit_mm: the observer's limit. It is not the campaign's, on which run ids and
-    the random numbers of faults depend.
+    """Compile the session that `config` describes; its duration is the session's. packets: packets
+    come from outside, at most one a tick. Raises UserError if a hazard then needs older packets.
+    limit_mm: the observer's limit. It is not the campaign's, on which run ids and the random
+    numbers of faults depend.
     """
     session_plan = plan.make_plan(config)
     program = session_plan.program
@@ -173,9 +172,8 @@ def _frame(
 
 
 def hazard_distances(live: Scalar, distances: monitor.Distances) -> list[Scalar]:
-    """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame.
-
-    They are 0 while not live; unintended_off_mm is 0 while live. distances: m.
+    """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame. They are 0
+    while not live; unintended_off_mm is 0 while live. distances: m.
     """
     # mm per m, or 0.
     while_live = jnp.where(live, 1e3, 0.0)
@@ -194,7 +192,6 @@ HISTORY_MS = 2000
 
 class SimulatedRobot:
     """A simulated robot and its golden run. `row` contains the robot's channels after each `step`.
-
     While no fault is armed, robot and golden run are identical, and only the robot is computed.
     """
 
@@ -202,7 +199,6 @@ class SimulatedRobot:
         self.blueprint = blueprint
         code = blueprint.code
         self._robot = Stepper(code, blueprint.inputs)
-        # The golden run follows the same motion table.
         self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
         # Output of the last tick: of the robot, and of its golden run.
         self._outputs = np.zeros((2, code.outputs), np.float32)
@@ -251,8 +247,7 @@ class SimulatedRobot:
         """Return the outcome columns of the golden run, in which the armed fault does not act."""
         return (self._golden if self._golden_differs else self._robot).outcomes()
 
-    reports_arrive = True
-    """Whether reports of the robot arrive: always for a simulated robot."""
+    reports_arrive = True  # Whether reports of the robot arrive: always for a simulated robot
 
     def stand_by(self) -> None:
         """Restart the motion table of a waiting robot, which is at its start position."""
@@ -289,13 +284,10 @@ class SimulatedRobot:
         # Compiled code reads -1, all bits set, as True.
         self._golden_differs_input[0] = -int(differs)
 
-    # --- faults ---
-
     def arm(self, row: int) -> None:
-        """Activate the faults of this row of the fault table from the next tick on.
-
-        The first fault acts at once, or with the next packet, and the others keep their distances
-        in time. No fault waits for the pedal.
+        """Activate the faults of this row of the fault table from the next tick on. The first fault
+        acts at once, or with the next packet, and the others keep their distances in time. No fault
+        waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -342,14 +334,13 @@ class SimulatedRobot:
 
 
 class EstopHold:
-    """Freezes the nominal model of a stopped robot in the rows of its frames.
-
-    The nominal model receives the console's packets. If the operator keeps the pedal down after an
-    E-stop, the model moves hundreds of millimetres away from the stopped robot, and the cue reaches
-    its cap. So the rows show the model's pose at the first tick of an E-stop, the robot's or its
-    software's, until the robot restarts. The error is then the distance of the measured tip from
-    this pose. The force is zero, because a hand cannot move a robot that holds its brakes. The
-    page, the hand and the recording get these rows. The tick itself is the same as in campaigns.
+    """Freezes the nominal model of a stopped robot in the rows of its frames. The nominal model
+    receives the console's packets. If the operator keeps the pedal down after an E-stop, the model
+    moves hundreds of millimetres away from the stopped robot, and the cue reaches its cap. So the
+    rows show the model's pose at the first tick of an E-stop, the robot's or its software's, until
+    the robot restarts. The error is then the distance of the measured tip from this pose. The force
+    is zero, because a hand cannot move a robot that holds its brakes. The page, the hand and the
+    recording get these rows. The tick itself is the same as in campaigns.
     """
 
     def __init__(self, layout: FrameLayout) -> None:

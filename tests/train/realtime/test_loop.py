@@ -2,9 +2,9 @@
 
 import pytest
 
+from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.train import scenario
 from ravenjax.train.realtime import loop
-from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.train.session.advance import Session
 
 CHOSEN = scenario.from_dict(

@@ -16,17 +16,15 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.store.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train import processes
 from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
-from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.session.simulation import Blueprint
 
-PERIOD_S = 0.002
-"""Time between two readings of the rings and of the network."""
-READINGS_HZ = 100.0
-"""Rate of the published measurements; the default of the dVRK's consoles."""
+PERIOD_S = 0.002  # Time between two readings of the rings and of the network
+READINGS_HZ = 100.0  # Rate of the published measurements; the default of the dVRK's consoles
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
 _POLLS_PER_CHECK = 256
 """Calls of `poll` between two checks that the process runs. Each check is a system call."""
@@ -104,7 +102,6 @@ def spawn_bridge(
     stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint, and wait until it exchanges messages.
-
     elsewhere: whether the robot is in another process and its contact unknown. Raises UserError if
     ROS is not available.
     """
@@ -115,7 +112,6 @@ def spawn_bridge(
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
     helper.send((rings, ros, arms, setup.tools, gain, contact))
-    # The answer is None, or the reason why ROS is not available.
     if error := helper.receive_answer():
         raise UserError(error)
     console.process_connection = helper.connection
@@ -157,7 +153,6 @@ class RobotRings:
 
 def run_bridge(robot: Connection) -> None:
     """Exchange CRTK messages until this process is terminated or the robot's process has ended.
-
     This is the entry point of a spawned process. robot: sends the arguments below, and receives
     None once the process is ready, later the reason why it ends.
     """

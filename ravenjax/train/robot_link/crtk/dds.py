@@ -28,8 +28,7 @@ from ravenjax.train.robot_link.crtk import messages
 DOMAIN = "ROS_DOMAIN_ID"
 QUEUE_LENGTH = 10
 """The largest number of messages that wait for a reader; the default of ROS 2."""
-MAX_TAKEN = 64
-"""The largest number of messages taken from a topic at once."""
+MAX_TAKEN = 64  # The largest number of messages taken from a topic at once
 
 
 class DdsTransport:
@@ -99,9 +98,8 @@ def _quality(*, latched: bool, reliable: bool = True) -> Any:
 
 @cache
 def _data_type(kind: str) -> Any:
-    """Return the DDS type of a message such as `sensor_msgs/msg/JointState`.
-
-    Its samples hold the serialised bytes, which this module neither reads nor writes.
+    """Return the DDS type of a message such as `sensor_msgs/msg/JointState`. Its samples hold the
+    serialised bytes, which this module neither reads nor writes.
     """
     package, _, word = kind.split("/")
     definitions = messages.message_types("ros2").store.fielddefs[kind][1]

@@ -1,10 +1,9 @@
 """Converts CRTK messages to commands for the robot, and the robot's state to CRTK messages.
 
 `OperatingState` computes CRTK's operating state, and whether a CRTK console holds the robot's pedal
-down. docs/how-to/crtk.md describes the states and the commands.
-
-This module uses no transport, clock or process. Its caller passes messages and rows of the robot
-with their times, and gets messages and commands of `protocol`.
+down. docs/how-to/crtk.md describes the states and the commands. This module uses no transport,
+clock or process. Its caller passes messages and rows of the robot with their times, and gets
+messages and commands of `protocol`.
 """
 
 from __future__ import annotations
@@ -33,8 +32,7 @@ MAX_DISTANCE_UM = 75_000.0
 """A pose farther than this from the arm's setpoint is refused, as in raven2's CRTK."""
 TOLERANCE_UM, TOLERANCE_RAD = 20.0, 2e-3
 """Differences between setpoints that are larger than rounding errors."""
-SETTLED_TICKS = 30
-"""Ticks after which the control software has processed the last increment."""
+SETTLED_TICKS = 30  # Ticks after which the control software has processed the last increment
 _TABLES = resources.read_tables(__file__, "interpreter.toml")
 BASE: dict[ArmName, np.ndarray] = {arm: np.array(rows) for arm, rows in _TABLES["base"].items()}
 MAX_SPEEDS, MAX_ACCELERATIONS = np.array([_TABLES["fastest"], _TABLES["strongest"]])
@@ -107,9 +105,8 @@ class SetpointFollower:
         return True
 
     def differs_from(self, at: Setpoint) -> bool:
-        """Whether the control software's setpoint `at` differs from `commanded` beyond rounding.
-
-        If so, the arm continues from `at`.
+        """Whether the control software's setpoint `at` differs from `commanded` beyond rounding. If
+        so, the arm continues from `at`.
         """
         if self.commanded is None:
             return False
@@ -123,9 +120,8 @@ class SetpointFollower:
         return bool(differs)
 
     def step(self, elapsed_ms: float) -> Json:
-        """Return the next increment toward the target, as in a command "increments", ITP frame.
-
-        It is within the largest speeds. elapsed_ms: since the last increment.
+        """Return the next increment toward the target, as in a command "increments", ITP frame. It
+        is within the largest speeds. elapsed_ms: since the last increment.
         """
         if self.commanded is None or self.target is None:
             return STILL
@@ -170,12 +166,9 @@ class Trajectory:
         return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0
 
 
-IDLE_MS = 5000
-"""The robot treats the pedal as up after this silence, ms (raven2 `local_io.cpp`)."""
-REFUSED_MS = 500
-"""If the robot ignores a pedal for this time, ms, another console drives."""
-Message = tuple[str, Any]
-"""Topic and message."""
+IDLE_MS = 5000  # The robot treats the pedal as up after this silence, ms (raven2 `local_io.cpp`)
+REFUSED_MS = 500  # If the robot ignores a pedal for this time, ms, another console drives
+Message = tuple[str, Any]  # Topic and message
 MOVED_ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
@@ -191,8 +184,7 @@ class OperatingState:
     _stopped = _lost = False
     _disabled = True  # nobody has enabled the robot
     _disabling = False  # a stop was ordered, and the robot has not stopped yet
-    # A restart was ordered; the pedal goes down once the robot is ready.
-    _restarting = False
+    _restarting = False  # A restart was ordered; the pedal goes down once the robot is ready
     _operator_present = _clutch_down = False  # feet on the two pedals
     _down_before_clutch = False  # the pedal was down when the clutch was pressed
     _has_servo_commands = False  # servo commands arrived since pedal-down
@@ -253,10 +245,9 @@ class OperatingState:
         return []
 
     def update_pedal(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
-        """Process the state of a pedal: the clutch, or "operator present".
-
-        An operator who is present drives, except while the clutch is down. Returns whether the
-        operator has just become present.
+        """Process the state of a pedal: the clutch, or "operator present". An operator who is
+        present drives, except while the clutch is down. Returns whether the operator has just
+        become present.
         """
         self._command_ms = now_ms
         if is_clutch:
@@ -293,7 +284,6 @@ class OperatingState:
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
         """Process the robot's state in this tick, and release the pedal if CRTK may not drive.
-
         stopped: by the software. connected: whether anybody publishes commands. lost: whether no
         reports of the robot arrive.
         """
@@ -347,8 +337,7 @@ class RobotRow(NamedTuple):
     frame: Frame
     stamp_ns: int  # ns since 1970
     clock_ns: int  # monotonic
-    # Number of the last command that the loop read before this tick.
-    last_command: int
+    last_command: int  # Number of the last command that the loop read before this tick
     number: int = 0  # number of the row, from 0
 
 
@@ -384,8 +373,6 @@ class Interpreter:
             for arm, tool in zip(arms, tools, strict=True)
         }
         self._orders: list[Command] = []
-
-    # --- messages from ROS ---
 
     def receive(self, name: str, message: Any, now_ms: float) -> None:
         """Process a message on a topic of `messages.command_topics`."""
@@ -454,8 +441,6 @@ class Interpreter:
             self.reasons.add(reason)
             self._report_refusal(reason)
 
-    # --- rows from the robot, commands to it ---
-
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
         # Processes the robot's state. If the robot stopped or moved elsewhere, motions end.
         frame = row.frame
@@ -486,7 +471,6 @@ class Interpreter:
             if drives:
                 arm.engage(Setpoint.at(arm.name, arm.jpos_d))
             else:
-                # The pedal is up.
                 arm.commanded = arm.target = None
         self._drove = drives
 
@@ -512,8 +496,6 @@ class Interpreter:
         """Record the number of the last of `commands` that was sent."""
         if self._has_motion:
             self._sent_number, self._processed_row = number, None
-
-    # --- messages to ROS ---
 
     def states(self, stamp_ns: int) -> list[Message]:
         """Return messages of the operating state if it has changed or a state command arrived."""

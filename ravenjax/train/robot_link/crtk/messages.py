@@ -23,8 +23,7 @@ RAVEN_STATE = "raven_2/msg/raven_state"
 
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """Arm names of raven2's own CRTK interface."""
-Arrivals = list[tuple[str, Any]]
-"""Topic and message of each arrival."""
+Arrivals = list[tuple[str, Any]]  # Topic and message of each arrival
 _TOPICS = resources.read_tables(__file__, "topics.toml")
 _DEFINITIONS = _TOPICS.pop("definitions")
 _KINDS = ChainMap(*_TOPICS.values())

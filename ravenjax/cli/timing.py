@@ -23,7 +23,6 @@ EMPTY, SESSION = "empty", "session"
 
 def measure_timing(seconds: float, say: Say) -> dict[str, clock.LoopTiming]:
     """Return the times of an empty loop (`EMPTY`) and of a session (`SESSION`), each of `seconds`.
-
     The session has recorder and page, and a simulated operator drives.
     """
     chosen = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
