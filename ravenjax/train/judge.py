@@ -546,7 +546,6 @@ class Judge:
     - `convert`: the operator sends a note that contains "convert"; the page's button does so.
     """
 
-    # The hazard that is armed or active.
     _episode: Episode | None = None
     _arms: tuple[_Arm, ...] = ()
     _pedal_down = False

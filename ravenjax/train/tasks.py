@@ -397,7 +397,6 @@ class LevelsTask(Task):
 
     def __init__(self, settings: Levels, workspace: Workspace) -> None:
         super().__init__(settings, workspace)
-        # The number of each level's first target.
         counts = [level.targets for level in settings.level[:-1]]
         self._first_targets = [0, *itertools.accumulate(counts)]
         # Durations of the rounds of each level.
@@ -481,7 +480,6 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     start_tips: dict[ArmName, Point] = {}
     for arm in scenario.arms:
         start_tips[arm] = protocol.to_world(arm, tips[arm])
-    # The middle of the start positions of the arms that do the task.
     x, y = (sum(start_tips[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     workspace = Workspace(tuple(arms), start_tips, (x, y), seed)
     kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}

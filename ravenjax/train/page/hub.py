@@ -345,7 +345,6 @@ class Hub:
 
     def _greet(self, client: Client) -> None:
         # Sends a new page all that it needs to draw the session.
-        # Start and number of values of each channel in a row.
         places = {
             name: [place.start, place.stop - place.start]
             for name, place in self._layout.places.items()

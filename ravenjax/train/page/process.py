@@ -357,7 +357,6 @@ class Page:
         while not parent_has_ended():
             now = time.monotonic()
             self._forward()
-            # A wait may end up to a millisecond early.
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()

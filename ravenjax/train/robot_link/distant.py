@@ -46,7 +46,7 @@ class _Reported(NamedTuple):
 class DistantRobot:
     """A robot in another process, with the methods of `simulation.SimulatedRobot`."""
 
-    now = 0
+    next_tick = 0
     _sequence = 0
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
@@ -71,7 +71,7 @@ class DistantRobot:
 
     def step(self) -> None:
         """Compute one tick: move the model, send the packet, read the newest report."""
-        self._stepper.step(self.now, self._output.ctypes.data)
+        self._stepper.step(self.next_tick, self._output.ctypes.data)
         count = len(self._computed_places)
         self.row[self._computed_places] = self._output[:count]
         self._sequence += 1
@@ -80,8 +80,8 @@ class DistantRobot:
             self._use_report(report)
         else:
             self._lose_reports()
-        self._frame["tick"] = self.now
-        self.now += 1
+        self._frame["tick"] = self.next_tick
+        self.next_tick += 1
 
     def outcomes(self) -> Json:
         """Return the outcome columns that the robot's reports contain."""
@@ -95,14 +95,14 @@ class DistantRobot:
         self.remote.order({"order": "reset"})
         self._stepper.begin()
         self._assume_rest()
-        self.now, self._outcomes = 0, {}
+        self.next_tick, self._outcomes = 0, {}
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
         """Move the motion to the beginning of its table. Robot and model do not move."""
         # The next packet's increments count from this row.
-        self.motion[:, 0] = self.motion[:, self.now - 1]
-        removed_ms, self.now = self.now - 1, 1
+        self.motion[:, 0] = self.motion[:, self.next_tick - 1]
+        removed_ms, self.next_tick = self.next_tick - 1, 1
         for name in self._outcomes:
             # A negative time is before the start of the table.
             if name.endswith("_first_ms"):
@@ -165,13 +165,15 @@ class DistantRobot:
             # A robot may not report its checks, so each new stop counts as a trip.
             if is_stopped and not self._was_stopped[check]:
                 self._record_trips(
-                    check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.now
+                    check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.next_tick
                 )
             self._was_stopped[check] = is_stopped
         for check, (count, first_tick) in report.checks.items():
             # A robot of another version may have other checks.
             if check in _CHECKS:
-                self._record_trips(check, count, max(self.now - (report.tick - first_tick), 0))
+                self._record_trips(
+                    check, count, max(self.next_tick - (report.tick - first_tick), 0)
+                )
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         frame["trips"] = sum(counts)
 

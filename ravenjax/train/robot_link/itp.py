@@ -218,7 +218,6 @@ def merge_commands(commands: Sequence[Increments]) -> Increments | None:
                 "quat": list(robot.turn_by(earlier["quat"], later["quat"])),
                 "grasp_mrad": earlier["grasp_mrad"] + later["grasp_mrad"],
             }
-        # The pedal is that of the last command.
         total = {**command, "arms": arms}
     return total
 

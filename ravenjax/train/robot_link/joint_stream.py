@@ -111,7 +111,6 @@ class LineConnection:
         if fits:
             self._outgoing += line
         try:
-            # The kernel returns how many bytes it has accepted.
             if self._outgoing and not self.is_closed:
                 del self._outgoing[: self._socket.send(self._outgoing)]
         except BlockingIOError:

@@ -92,7 +92,6 @@ def play_packets(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
             f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
-        # It precedes the lead packets.
         first_packet = lead_packets(datagrams[0], len(lead) + 1)[0]
         _await_force(port, first_packet, stop)
         begin = time.monotonic()

@@ -226,7 +226,6 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
                 if site is not None and site.per_arm:
                     fault.setdefault("arm", scenario.arms[0])
             groups.append({"name": f"{name}/{FAULT}", "fault": faults})
-        # For the groups that this entry has added.
         numbers += [h] * (len(groups) - len(numbers))
     return groups, numbers
 

@@ -57,12 +57,12 @@ def from_dict(
 
 def json_schema() -> Tables:
     """Return the JSON Schema of a scenario file."""
-    whole = of_model(ROBOT, Scenario)
-    fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
+    schema = of_model(ROBOT, Scenario)
+    fault, entry = schema["$defs"]["Fault"], schema["$defs"]["Entry"]
     # A fault is active from its hazard's start, so it needs no start_ms.
     fault["required"].remove("start_ms")
     entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
-    return whole
+    return schema
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:

@@ -233,7 +233,7 @@ class Session:
             self._release_pedal("silent")
         hand = self._hands.advance(self.ticks)
         # The motion table of a robot that waits for too long would end. So it restarts.
-        is_waiting = self.started is None and self.robot.now >= STAND_BY_MS
+        is_waiting = self.started is None and self.robot.next_tick >= STAND_BY_MS
         computes_robot = self._stand_by() if is_waiting else True
         self._drive(hand)
         for order, number in self.director.step(self.ticks, self.frame, self.clock):
@@ -341,12 +341,12 @@ class Session:
                 self._rehearse()
             case "reengage" if self.view == protocol.VIRTUAL:
                 # The driven robot repeats the trial's motion, if there was any.
-                self._trial_end = self.virtual.now
+                self._trial_end = self.virtual.next_tick
                 has_motion = self._trial_end > self._trial_start
                 self.view = protocol.REPLAY if has_motion else protocol.REAL
             case "discard" if self.view != protocol.REAL:
                 # The hand continues at the pose of the driven robot, which has not moved.
-                self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
+                self._hands.move_to(self.robot.motion[:, self.robot.next_tick - 1])
                 self.view = protocol.REAL
             case "note":
                 self._add_event("note", text=str(command.get("text", ""))[:500])
@@ -395,10 +395,10 @@ class Session:
     def _drive(self, hand: hands.Hands) -> None:
         # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
         # pedal. In a trial, the hand moves the virtual robot, and the driven robot rests.
-        now, motion = self.robot.now, self.robot.motion
-        row = motion[:, now]
+        tick, motion = self.robot.next_tick, self.robot.motion
+        row = motion[:, tick]
         if self.view == protocol.VIRTUAL:
-            self.virtual.motion[:, self.virtual.now] = hand.columns
+            self.virtual.motion[:, self.virtual.next_tick] = hand.columns
             row[:] = self._resting_row
         elif self.view == protocol.REPLAY and hand.columns[-1]:
             # The driven robot repeats one row of the trial in each tick with the pedal down.
@@ -409,7 +409,7 @@ class Session:
                 self.view = protocol.REAL
         elif self.view == protocol.REPLAY:
             # The robot waits, because the pedal is up.
-            row[:] = motion[:, max(now - 1, 0)]
+            row[:] = motion[:, max(tick - 1, 0)]
             row[-1] = 0
         else:
             row[:] = hand.columns
@@ -418,17 +418,17 @@ class Session:
         """Begin a trial: the virtual robot follows the hand, and the driven robot rests. Do nothing
         if the driven robot is in another process, because its state cannot be copied.
         """
-        now = self.robot.now
-        if not isinstance(self.robot, SimulatedRobot) or now == 0:
+        tick = self.robot.next_tick
+        if not isinstance(self.robot, SimulatedRobot) or tick == 0:
             return
         self.virtual.copy_from(self.robot)
-        self._resting_row = self.robot.motion[:, now - 1].copy()
+        self._resting_row = self.robot.motion[:, tick - 1].copy()
         # The last column is the pedal, which is up.
         self._resting_row[-1] = 0
-        self._trial_start = self._trial_end = now
+        self._trial_start = self._trial_end = tick
         self._trial_checks = Trips()
         # Do not report trips before the trial.
-        self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes())
+        self._trial_checks.new_trips(self.ticks, tick, self.virtual.outcomes())
         self._trial_trips = float(self.virtual.row[self._trips_place])
         self.judge.begin_trial(self.ticks)
         self.view = protocol.VIRTUAL
@@ -441,7 +441,7 @@ class Session:
             return
         self._trial_trips = trips
         outcomes = self.virtual.outcomes()
-        for trip in self._trial_checks.new_trips(self.ticks, self.virtual.now, outcomes):
+        for trip in self._trial_checks.new_trips(self.ticks, self.virtual.next_tick, outcomes):
             if trip.check.response in verdict.TOLD and trip.is_after_pause:
                 self._add_event("alarm", check=trip.check.name, count=trip.count, virtual=True)
 

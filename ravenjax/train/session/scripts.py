@@ -51,7 +51,6 @@ class Follower:
     def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release") -> None:
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, arms, reaction
-        # Share of full speed per m. GAIN_PER_S is per m of the tip, and `speeds` has mm/s.
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:

@@ -200,7 +200,6 @@ class SimulatedRobot:
         code = blueprint.code
         self._robot = Stepper(code, blueprint.inputs)
         self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
-        # Output of the last tick: of the robot, and of its golden run.
         self._outputs = np.zeros((2, code.outputs), np.float32)
         first_address, row_bytes = self._outputs.ctypes.data, self._outputs.strides[0]
         self._addresses = [first_address, first_address + row_bytes]
@@ -210,7 +209,7 @@ class SimulatedRobot:
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
         # Channels of the golden run in both outputs.
         self._golden_channels = self._outputs[:, first.start : last.stop]
-        self.now = 0  # the next tick
+        self.next_tick = 0
         # The golden run's signals follow the frame in its output, and enter the robot's tick.
         self._golden_output = self._outputs[1, blueprint.layout.simulated :]
         series = self._golden_output.size
@@ -222,7 +221,6 @@ class SimulatedRobot:
         """Where a packet from outside enters the robot and its golden run."""
         self._initial_state = self._robot.snapshot()
         places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))
-        # Leaves of each slot in the state.
         self._slot_leaves = [tree.tree_leaves(slot) for slot in places.faults.slots]
         # The fields of all slots are the last inputs of the compiled code.
         slot_inputs = len(_FIELDS) * (blueprint.fault_slots + 1)
@@ -231,13 +229,13 @@ class SimulatedRobot:
     def step(self) -> None:
         """Compute one tick: the golden run, if it differs, and then the robot."""
         if self._golden_differs:
-            self._golden.step(self.now, self._addresses[1])
+            self._golden.step(self.next_tick, self._addresses[1])
             for place, number in zip(self._golden_input, self._golden_output.tolist(), strict=True):
                 place[0] = number
-        self._robot.step(self.now, self._addresses[0])
+        self._robot.step(self.next_tick, self._addresses[0])
         if self._golden_differs:
             self._golden_channels[0] = self._golden_channels[1]
-        self.now += 1
+        self.next_tick += 1
 
     def outcomes(self) -> Json:
         """Return the robot's outcome columns of a campaign, as far as they are known now."""
@@ -258,7 +256,7 @@ class SimulatedRobot:
         self.disarm()
         for robot in (self._robot, self._golden):
             robot.begin()
-        self.now = 0
+        self.next_tick = 0
 
     def copy_from(self, other: SimulatedRobot) -> None:
         """Copy the state of another robot of the same blueprint, without its faults."""
@@ -267,10 +265,10 @@ class SimulatedRobot:
         self._golden.restore(other._golden.snapshot())
         self._set_golden_differs(other._golden_differs)
         # Later packets may repeat packets of this time.
-        begin = max(0, other.now - HISTORY_MS)
-        self.motion[:, begin : other.now] = other.motion[:, begin : other.now]
+        begin = max(0, other.next_tick - HISTORY_MS)
+        self.motion[:, begin : other.next_tick] = other.motion[:, begin : other.next_tick]
         self._outputs[:] = other._outputs
-        self.now = other.now
+        self.next_tick = other.next_tick
 
     def _realign(self) -> None:
         """Start the golden run at the robot's state: a past hazard may have separated them."""
@@ -298,7 +296,7 @@ class SimulatedRobot:
             # Faults of packets start by the packet's number, which is 1 in tick 0.
             by_packet = values["trigger"] == TRIGGER_CODES["packet"]
             values["trigger"] = TRIGGER_CODES["packet" if by_packet else "time"]
-            values["start"] = self.now + by_packet + int(values["start"]) - first
+            values["start"] = self.next_tick + by_packet + int(values["start"]) - first
             self._set_fault(slot, values if slot in used else None)
         for k, values in enumerate(self.blueprint.plan.varied.values()):
             self._robot.inputs[k][0] = values[row]
@@ -320,7 +318,7 @@ class SimulatedRobot:
             self._golden.restore(self._robot.snapshot())
             self._set_golden_differs(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
-        values |= {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": 100}
+        values |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
         self._set_fault(self.blueprint.fault_slots, values)
 
     def _set_fault(self, slot: int, values: Json | None) -> None:

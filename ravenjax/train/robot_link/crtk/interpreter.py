@@ -224,7 +224,6 @@ class OperatingState:
         match word, self.state:
             case "disable" | "unhome", _:
                 self._release(word)
-                # The robot is disabled once it has stopped.
                 if self.runlevel != E_STOP:
                     self._disabling = True
                     return ["estop"]

@@ -33,7 +33,7 @@ from ravenjax.train.robot_link.joint_stream import ARM_SIZES, JointReport, Robot
 class RosRobot(RobotLink):
     """The connection to a robot that reports its state over ROS."""
 
-    _began_ns = 0
+    _first_stamp_ns = 0
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class RosRobot(RobotLink):
                 self._channels[f"{arm}/{name}"] = arm_numbers.tolist()
             position_um = np.reshape(message.pos, (len(ARMS), 3))[slot]
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
-        self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
+        self._finish_report(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _store_message(self, name: str, message: Any) -> None:
         # Stores one message. Motor positions are computed, because CRTK does not send them.
@@ -128,14 +128,15 @@ class RosRobot(RobotLink):
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]
         if not self._missing and (was_missing or is_last):
-            self._complete(message.header, min(self._levels.values()), 0)
+            self._finish_report(message.header, min(self._levels.values()), 0)
 
-    def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
+    def _finish_report(self, header: Any, runlevel: int, last_seq: int) -> None:
+        # Stores the channels as the report of one tick. Ticks count from the first report.
         stamp_ns = messages.stamp_ns(header)
-        self._began_ns = self._began_ns or stamp_ns
+        self._first_stamp_ns = self._first_stamp_ns or stamp_ns
         state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
         report = JointReport.model_construct(
-            tick=max(stamp_ns - self._began_ns, 0) // 10**6,
+            tick=max(stamp_ns - self._first_stamp_ns, 0) // 10**6,
             last_seq=last_seq,
             channels=state | self._channels,
         )
@@ -143,6 +144,7 @@ class RosRobot(RobotLink):
 
 
 def _runlevel(message: Any) -> int:
+    # Returns raven2's run level that fits CRTK's operating state best.
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP
