@@ -101,7 +101,7 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     assert far.row[places["runlevel"]] == 0 and far.row[places["trips"]] == 1
     assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
     (trip,) = Trips().new_trips(far.next_tick, far.next_tick, outcomes)
-    assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
+    assert (trip.check.name, trip.check.response, trip.exceeds_golden) == ("estop", "stopped", True)
 
 
 def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
