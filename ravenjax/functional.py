@@ -93,7 +93,7 @@ class Model:
     def step(
         self, params: Mapping[str, Any], faults: Faults, state: Any, tick: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick of 1 ms. Return the new state, the numbers of `Rollout.series`, and all
+        """Compute one tick. Return the new state, the numbers of `Rollout.series`, and all
         signals.
 
         tick: int32, from 0. golden: `Rollout.series` of the golden run in this tick, [numbers].

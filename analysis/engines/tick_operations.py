@@ -48,7 +48,7 @@ def count(workload: Workload) -> Operations:
     with (
         mock.patch.object(lowering, "Builder", _NotingBuilder),
         mock.patch.object(builder, "Builder", _NotingBuilder),
-        mock.patch.object(lowering._Walk, "_equation", _noting_equation),
+        mock.patch.object(lowering._Lowering, "_equation", _noting_equation),
         mock.patch.object(traced, "contract_to_fma", _noting_contraction),
     ):
         trace = traced.trace_tick(program, workload.golden_runs(1), workload.plan.columns)
@@ -59,7 +59,7 @@ def count(workload: Workload) -> Operations:
 
 _STAGES_OF: dict[int, list[str]] = {}
 """Stage of each operation of a program, by the identity of its operations."""
-_EQUATION, _FUSED = lowering._Walk._equation, builder._fused
+_EQUATION, _FUSED = lowering._Lowering._equation, builder._fuse
 
 
 class _NotingBuilder(builder.Builder):
@@ -97,7 +97,7 @@ def _noting_contraction(program: Program) -> Program:
         _NotingBuilder.now = stages[next(order)]
         return _FUSED(*operation)
 
-    with mock.patch.object(builder, "_fused", fused):
+    with mock.patch.object(builder, "_fuse", fused):
         return builder.contract_to_fma(program)
 
 

@@ -58,7 +58,9 @@ def main() -> None:
         ]
         command += ["--linger", "0", "--set", f"duration_s={60 * given.minutes + 30:g}"]
         began = time.monotonic()
-        session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        # Python keeps its bytecode, as it does for users.
+        kept = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}
+        session = subprocess.Popen(command, env=kept, stdout=subprocess.PIPE, text=True)
         try:
             told = _drive(session, given.minutes * 60, began)
         finally:

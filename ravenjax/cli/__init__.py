@@ -3,6 +3,8 @@
 Each command imports slow modules only when it runs.
 """
 
+import gc
+import logging
 import os
 import pkgutil
 import sys
@@ -49,10 +51,14 @@ def main(tokens: list[str] | None = None) -> int:
     from ravenjax import consent
     from ravenjax.errors import StoreError, UserError
 
+    # Nearly all objects of a command live until its end, so collections find little.
+    gc.set_threshold(100_000, 50, 100)
     words = sys.argv[1:] if tokens is None else tokens
     trusted = [consent.EVERYWHERE] if "--trust" in words else []
     # Otherwise MuJoCo starts a process that looks for a display.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    # Otherwise it tells a user who has no home folder where it keeps its fonts.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         for text in (*words, os.getcwd()):
             if text.encode(errors="replace") != os.fsencode(text):

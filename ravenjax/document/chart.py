@@ -19,14 +19,14 @@ RESOLUTION = 1 / 400
 """Steps of a curve that are smaller than this fraction of its height may be merged."""
 
 
-def round_values(low: float, high: float, most: int, *, log: bool = False) -> list[float]:
-    """Return about `most` round numbers from low to high, or fewer.
+def round_values(low: float, high: float, count: int, *, log: bool = False) -> list[float]:
+    """Return about `count` round numbers from low to high, or fewer.
 
     If the ends are not round numbers, the list contains one number beyond each end.
     """
     from matplotlib.ticker import LogLocator, MaxNLocator
 
-    locator = LogLocator(numticks=most) if log else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10])
+    locator = LogLocator(numticks=count) if log else MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
     return [float(value) for value in locator.tick_values(low, high)]
 
 
@@ -61,7 +61,7 @@ class ChartAxis:
         text = f"{value:,.0f}" if abs(value) >= 100 or float(value).is_integer() else f"{value:.3g}"
         return f"{text} {self.unit}".rstrip().replace("-", "−")
 
-    def spread(self, value: float, low: float, high: float) -> str:
+    def words_with_interval(self, value: float, low: float, high: float) -> str:
         """Return a number with its interval, if it has one."""
         words = self.words(value)
         if not (np.isfinite(low) and np.isfinite(high)):
@@ -118,10 +118,11 @@ class Curve(_Series):
             first = max(0, int(np.searchsorted(across, start, side="right")) - 1)
             across, values = np.maximum(across[first:], start), values[:, first:]
         height = float(np.abs(values[0]).max() or np.nanmax(np.abs(values))) or 1.0
+        # Values in the same interval of the height look equal.
         interval = np.floor(values / (RESOLUTION * height))
-        corner = np.concatenate([[True], (np.diff(interval, axis=1) != 0).any(axis=0)])
-        corner[-1] = True
-        across, values = across[corner], values[:, corner]
+        is_kept = np.concatenate([[True], (np.diff(interval, axis=1) != 0).any(axis=0)])
+        is_kept[-1] = True
+        across, values = across[is_kept], values[:, is_kept]
         if end is not None and end > across[-1]:
             across, values = np.append(across, end), np.hstack([values, values[:, -1:]])
         return Curve(name, colour, across, *values, step=True)
@@ -227,15 +228,18 @@ class Chart:
     def _curve_numbers(self, curves: Sequence[Curve]) -> Numbers:
         # Returns the table below the chart: each curve at up to seven round values of x.
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
-        ends = (axis.low, axis.high)
-        places = [x for x in round_values(*ends, 6, log=axis.log) if ends[0] <= x <= ends[1]]
-        if ends[1] not in places and any(
-            len(curve.x) and curve.x[-1] >= ends[1] for curve in curves
+        round_numbers = round_values(axis.low, axis.high, 6, log=axis.log)
+        positions = [x for x in round_numbers if axis.low <= x <= axis.high]
+        if axis.high not in positions and any(
+            len(curve.x) and curve.x[-1] >= axis.high for curve in curves
         ):
-            places.append(ends[1])
-        heads = [axis.words(x) for x in places]
+            positions.append(axis.high)
+        heads = [axis.words(x) for x in positions]
         heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
-        rows = [(curve.name, *(self.y.spread(*curve.at(x)) for x in places)) for curve in curves]
+        rows = [
+            (curve.name, *(self.y.words_with_interval(*curve.at(x)) for x in positions))
+            for curve in curves
+        ]
         return Numbers(("", *heads), rows)
 
     def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
@@ -251,5 +255,9 @@ class Chart:
         for name, x, y, x_low, x_high, y_low, y_high in zip(
             names, mark.x, mark.y, *edges, strict=True
         ):
-            up = self.y.names[round(y)] if self.y.names else self.y.spread(y, y_low, y_high)
-            yield name, self.x.spread(x, x_low, x_high), up
+            up = (
+                self.y.names[round(y)]
+                if self.y.names
+                else self.y.words_with_interval(y, y_low, y_high)
+            )
+            yield name, self.x.words_with_interval(x, x_low, x_high), up

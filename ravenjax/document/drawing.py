@@ -25,11 +25,11 @@ from ravenjax.document.palette import PALETTE
 
 WIDTHS = {"wide": 520, "narrow": 330}
 """Widths of the two drawings of a chart, px. The style sheet shows the one that fits the page."""
-ABOUT = 76
+MARGINS = 76
 """Height of titles and ticks, px."""
-BAND, FAINT, MANY = 0.16, 0.07, 3
-"""Opacity of a band. With more than MANY bands in a chart it is FAINT."""
-LONGEST = 0.05
+BAND_OPACITY, FAINT_OPACITY, MANY_BANDS = 0.16, 0.07, 3
+"""Opacity of a band, and its opacity in a chart with more than MANY_BANDS bands."""
+LETTERS_PER_PX = 0.05
 """Largest number of letters of a name beside an axis, per px of the width. Longer names are
 truncated; the table of numbers has the full names.
 """
@@ -62,10 +62,10 @@ def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Mark
 
 def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
     # Returns an SVG whose colours are CSS variables, so that it follows a light or dark page.
-    width, height = WIDTHS[kind], chart.height + ABOUT
+    width, height = WIDTHS[kind], chart.height + MARGINS
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
-    draw_chart(chart, axes, page=True, longest=int(LONGEST * width))
+    draw_chart(chart, axes, page=True, longest=int(LETTERS_PER_PX * width))
     axes.set_xlabel(chart.x.title, loc="right")
     figure.suptitle(chart.y.title, x=0, ha="left", fontsize=12)
     file = io.StringIO()
@@ -132,35 +132,38 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
     scale, artists = 1.0 if page else PRINTED, 0
     for mark in marks:
         if isinstance(mark, Curve):
-            drawn = _curve(mark, axes, FAINT if bands > MANY else BAND, scale)
-        else:
-            drawn = _dots(mark, axes, scale)
-        for artist in drawn if page else list(drawn)[:0]:
-            artist.set_gid(
-                f"mark {series.get(mark.name, -1)} {'on' if mark.visible else 'off'} {artists}"
+            drawn = _draw_curve(
+                mark, axes, FAINT_OPACITY if bands > MANY_BANDS else BAND_OPACITY, scale
             )
-            artists += 1
+        else:
+            drawn = _draw_dots(mark, axes, scale)
+        # `drawn` is a generator, so the loop also draws. In print the elements need no id.
+        for artist in drawn:
+            if page:
+                state = "on" if mark.visible else "off"
+                artist.set_gid(f"mark {series.get(mark.name, -1)} {state} {artists}")
+                artists += 1
     for name, axis in (("x", chart.x), ("y", chart.y)):
-        _scale(axes, name, axis, longest)
+        _format_axis(axes, name, axis, longest)
     axes.patch.set_gid("hit")
 
 
-def _scale(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
+def _format_axis(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
     # Sets scale, limits and labels of one axis.
-    own = getattr(axes, f"{name}axis")
+    drawn_axis = getattr(axes, f"{name}axis")
     if axis.log:
         getattr(axes, f"set_{name}scale")("log")
     limits = (axis.low, axis.high) if not axis.names else (len(axis.names) - 0.5, -0.5)
     getattr(axes, f"set_{name}lim")(*limits)
     if axis.names:
         names = [word if len(word) <= longest else f"{word[: longest - 1]}…" for word in axis.names]
-        own.set_ticks(range(len(names)), names)
-        own.grid(False)
+        drawn_axis.set_ticks(range(len(names)), names)
+        drawn_axis.grid(False)
     else:
-        own.set_minor_locator(NullLocator())
-        own.set_major_formatter(lambda value, _: axis.label(value))
+        drawn_axis.set_minor_locator(NullLocator())
+        drawn_axis.set_major_formatter(lambda value, _: axis.label(value))
         if not axis.log:
-            own.get_major_locator().set_params(nbins=6 if name == "y" else 5)
+            drawn_axis.get_major_locator().set_params(nbins=6 if name == "y" else 5)
     if axis.line is not None:
         (axes.axvline if name == "x" else axes.axhline)(axis.line, color=SOFT, lw=1.2, zorder=1)
 
@@ -173,7 +176,7 @@ def _label(mark: Mark) -> str:
     return mark.name if mark.in_legend else "_"
 
 
-def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
+def _draw_curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
     # Draws a curve and its band with matplotlib; yields the drawn elements.
     colour, step = _colour(mark), "post" if mark.step else None
     if len(mark.low):
@@ -192,7 +195,7 @@ def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]
     yield line
 
 
-def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
+def _draw_dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
     # Draws dots with intervals and labels with matplotlib; yields the drawn elements.
     look: Any = {"color": _colour(mark), "lw": 1.6 * scale, "alpha": 0.55, "zorder": 2}
     if len(mark.x_low):
@@ -214,9 +217,10 @@ def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
     )
     dots.set_urls(mark.tips or [None] * len(mark.x))  # pyright: ignore[reportArgumentType]
     yield dots
-    beside: dict[tuple[float, float], list[str]] = {}
+    # Dots at the same position share one label.
+    labels: dict[tuple[float, float], list[str]] = {}
     for x, y, text in zip(mark.x, mark.y, mark.texts, strict=False):
         if text:
-            beside.setdefault((float(x), float(y)), []).append(text)
-    for place, texts in beside.items():
-        yield axes.annotate(", ".join(texts), place, (6, 4), textcoords="offset points")
+            labels.setdefault((float(x), float(y)), []).append(text)
+    for position, texts in labels.items():
+        yield axes.annotate(", ".join(texts), position, (6, 4), textcoords="offset points")

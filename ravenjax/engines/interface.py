@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -21,6 +22,9 @@ Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
 Motion = tuple[np.ndarray, ...]
 """Columns of the operator's motion, each 1-D with one number per step of the motion."""
+
+TIMES = re.compile("_ms$|^(near_ms|differs|leaves):")
+"""Names of outcomes that are times; the last three are those of `stages.explained`."""
 
 
 class Loop(Protocol):
@@ -52,7 +56,10 @@ class Loop(Protocol):
         ...
 
     def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
-        """Return the outcomes of the run so far: columns of the result table before the verdict."""
+        """Return the outcomes of the run so far: columns of the result table before the verdict.
+
+        Times, with names that end in `_ms`, are in ticks.
+        """
         ...
 
 
@@ -105,8 +112,12 @@ class TickProgram:
         return where(now < end[0], new, state) if end else new, series, signals
 
     def finish(self, varied: Sequence[Any], state: Any) -> dict[str, Any]:
-        """Return the outcomes of a lane."""
-        return self.loop.outcomes(self.setup, self.params_of(varied), state)
+        """Return the outcomes of a lane, with times in ms instead of ticks."""
+        found = self.loop.outcomes(self.setup, self.params_of(varied), state)
+        return {
+            name: self.setup.to_ms(value) if TIMES.search(name) else value
+            for name, value in found.items()
+        }
 
 
 NO_REFERENCE = np.zeros((0, 0, 0), np.float32)
@@ -167,7 +178,7 @@ class Block:
         Only for a block that has a reference.
         """
         assert self.reference is not None
-        return self.reference[:, :, self._golden_of(lanes)]
+        return self.reference.take(self._golden_of(lanes), axis=2)
 
     def trunk(self, lane: int) -> Any:
         """Return the kernel's snapshots of a lane's golden run, or None."""

@@ -158,7 +158,10 @@ class Printing(ABC, Generic[Where]):
 
 
 class LoopPrinting(Generic[Where]):
-    """Prints the functions of a split time loop. state: index in the state -> place in memory."""
+    """Prints the functions of a split time loop.
+
+    `state` of the methods: index in the state -> place in memory.
+    """
 
     def __init__(self, split: Split) -> None:
         self.split, loop = split, split.loop
@@ -187,16 +190,19 @@ class LoopPrinting(Generic[Where]):
     def print_step(
         self,
         printer: Printing[Where],
-        part: Sequence[int],
+        operations: Sequence[int],
         sources: Mapping[int, Where],
         state: Mapping[int, Where],
         others: Iterable[tuple[int, Where]],
         given: Mapping[int, str] | None = None,
         schedule: Callable[..., list[int | Region]] = lambda _, order: order,
     ) -> None:
-        """Print the operations `part` of a tick, which write `state` and other results."""
+        """Print operations of a tick. They write `state` and `others`, pairs (operation, place).
+
+        schedule: reorders the operations. See `Printing.run` for sources and given.
+        """
         results = [*((self.step.outputs[k], place) for k, place in state.items()), *others]
-        order = arrange_regions(self.step.operations, part, [i for i, _ in results])
+        order = arrange_regions(self.step.operations, operations, [i for i, _ in results])
         order = schedule(self.step.operations, order)
         printer.run(self.step, order, sources, results, given)
 

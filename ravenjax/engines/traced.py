@@ -27,7 +27,7 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import Setup
 
-KEPT = 4
+MAX_PROGRAMS = 4
 """Largest number of programs in the cache of this process, up to 20 MB each."""
 
 
@@ -104,7 +104,7 @@ def traced_forms(
                 objects, disk_key, lambda: trace_tick(program, empty_block, columns)
             )
             _FORMS[key] = Forms(traced, disk_key, objects)
-            if len(_FORMS) > KEPT:
+            if len(_FORMS) > MAX_PROGRAMS:
                 del _FORMS[next(iter(_FORMS))]
         # The most recently used program is last; the first is dropped.
         _FORMS[key] = _FORMS.pop(key)
@@ -126,7 +126,7 @@ def x64_context(setup: Setup) -> contextlib.AbstractContextManager[Any]:
 
 
 @contextlib.contextmanager
-def leaks_refused() -> Iterator[None]:
+def refuse_leaked_numbers() -> Iterator[None]:
     """Convert JAX's error about a number that outlived its trace to a UserError with its line."""
     try:
         yield
@@ -159,16 +159,16 @@ def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray])
             (np.dtype(np.int32),) if program.ends else (),
         )
     )
-    entering = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
+    tick_inputs = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
     with x64_context(setup):
-        first, state = trace_function(lambda varied, *_: program.begin(varied), *lane)
-        middle, (_, _, signals) = trace_function(program.step, *lane, state, *entering, columns)
-        last, outcomes = trace_function(
+        begin, state = trace_function(lambda varied, *_: program.begin(varied), *lane)
+        step, (_, _, signals) = trace_function(program.step, *lane, state, *tick_inputs, columns)
+        finish, outcomes = trace_function(
             lambda varied, _, end, state: program.finish(varied, state), *lane, state
         )
     signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
-    return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
+    return TracedTick(TimeLoop(begin, step, finish), tuple(sorted(outcomes)), series, signals)
 
 
 def trace_function(
@@ -179,7 +179,7 @@ def trace_function(
 
     functions: see `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
     """
-    with leaks_refused():
+    with refuse_leaked_numbers():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
     program = lowering.lower_jaxpr(jaxpr, functions)
     return (contract_to_fma(program) if functions == "polynomials" else program), results
@@ -210,11 +210,13 @@ class PrintedKernel:
         lanes of the kernel.
         """
         columns = lane_inputs(self.program, block)
+        # Divides the groups further by each parameter in turn, and numbers them anew.
         group = np.zeros(block.lanes or self.lanes, np.int64)
         for column in columns[: len(self.program.varied)]:
             pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
-            _, value = np.unique(pattern, return_inverse=True)
-            _, group = np.unique(group * (int(value.max()) + 1) + value, return_inverse=True)
+            _, value_number = np.unique(pattern, return_inverse=True)
+            combined = group * (int(value_number.max()) + 1) + value_number
+            _, group = np.unique(combined, return_inverse=True)
         return columns, group
 
 
@@ -226,10 +228,10 @@ def motion_tables(motion: Motion) -> np.ndarray:
 def lane_inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
     """Return a lane's inputs, each [lanes]: varied parameters, faults, and its end if any."""
     varied = [np.asarray(block.varied[path]) for path in program.varied]
-    return [*varied, *map(np.asarray, tree.tree_leaves(block.faults)), *own_ends(program, block)]
+    return [*varied, *map(np.asarray, tree.tree_leaves(block.faults)), *lane_ends(program, block)]
 
 
-def own_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
+def lane_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:
     """Return (the lanes' ends, int32 [lanes],) if lanes end at different ticks, else ()."""
     assert not program.ends or block.ends is not None
     return () if block.ends is None or not program.ends else (block.ends.astype(np.int32),)

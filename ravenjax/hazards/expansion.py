@@ -3,7 +3,8 @@
     [[group]]
     name = "library"
     hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
-    start_ms = 1200             # optional, like arm, value, duration_ms: replaces the library's
+    start_ms = 1200             # optional: replaces the library's value, as may arm, value and
+                                # duration_ms
 
 Groups without `hazards` are left unchanged. The new groups are checked like any other group.
 
@@ -20,7 +21,7 @@ from typing import Any
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.hazards import library
-from ravenjax.hazards.library import Case, Hazard, Struck
+from ravenjax.hazards.library import Case, Hazard, LibraryFault
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECTS
@@ -95,19 +96,19 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
         table
         for hazard in select_hazards(group[KEY])
         for case in hazard.case
-        for table in _groups(group, hazard, case, arms)
+        for table in _expand_case(group, hazard, case, arms)
     ]
 
 
 def select_hazards(words: Any) -> list[Hazard]:
     """Return the hazards that ids, layers and "all" name, in order. Raises WrongGroup."""
-    listed = _listed(words)
+    listed = _as_list(words)
     if not listed or not all(isinstance(word, str) for word in listed):
         raise WrongGroup(
             KEY,
             f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
         )
-    ids = {row.id for word in listed for row in _named(word)}
+    ids = {row.id for word in listed for row in _hazards_named(word)}
     return [row for row in library.all_hazards() if row.id in ids]
 
 
@@ -117,7 +118,7 @@ def hazard_words() -> list[str]:
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 
 
-def _named(word: str) -> list[Hazard]:
+def _hazards_named(word: str) -> list[Hazard]:
     # Returns the hazards that a word names. A hazard that cannot be simulated is an error only if
     # the word is its id.
     named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
@@ -129,7 +130,7 @@ def _named(word: str) -> list[Hazard]:
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
 
-def _groups(
+def _expand_case(
     group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
     # Yields the ordinary groups of a hazard's case, one for each choice of arms.
@@ -139,13 +140,16 @@ def _groups(
     arm = overrides.pop("arm", None)
     choices = _arm_choices(hazard, arm, arms) if per_arm else [("", ())]
     for suffix, faulty in choices:
-        for key, message in _mistakes(case, overrides, faulty):
+        for key, message in _find_override_mistakes(case, overrides, faulty):
             raise WrongGroup(key, f"{name} {message}")
-        side_by_side = case.fault[0].along or len(faulty) > 1
+        # Several channels or arms then have faults in the same run, so their values go in pairs.
+        is_joint = case.fault[0].along or len(faulty) > 1
         table = {
             "name": f"{group['name']}/{name}{suffix}",
-            "design": "zip" if side_by_side else case.design,
-            "fault": [slot for fault in case.fault for slot in _slots(fault, overrides, faulty)],
+            "design": "zip" if is_joint else case.design,
+            "fault": [
+                slot for fault in case.fault for slot in _expand_fault(fault, overrides, faulty)
+            ],
         }
         runs = {} if case.runs is None else {"runs": case.runs}
         yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
@@ -156,7 +160,7 @@ def _arm_choices(
 ) -> list[tuple[str, tuple[Any, ...]]]:
     """Return (suffix of the name, arms with faults in a run) for each group of a case."""
     if arm is not None:
-        named = _listed(arm) or [arm]
+        named = _as_list(arm) or [arm]
         return [(f"-{name}" if len(named) > 1 else "", (name,)) for name in named]
     if len(arms) < 2:
         return [("", ())]
@@ -165,7 +169,7 @@ def _arm_choices(
     return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{name}", (name,)) for name in arms]
 
 
-def _mistakes(
+def _find_override_mistakes(
     case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[tuple[str, str]]:
     """Yield (key, message) for each override that a case does not permit."""
@@ -183,37 +187,38 @@ def _mistakes(
             yield key, f"has faults on {what} in the same run, expected numbers, got {got}"
         if others and isinstance(value, list):
             yield key, f"has faults on several channels, expected one number, got {got}"
-        if key == "value" and first.along and not all(map(_is_number, _listed(value))):
+        if key == "value" and first.along and not all(map(_is_number, _as_list(value))):
             yield key, f"divides its value among channels, expected finite numbers, got {got}"
 
 
-def _slots(
-    struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
+def _expand_fault(
+    fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
-    table = struck.model_dump(
+    table = fault.model_dump(
         exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
     )
     table |= overrides
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
-    per_arm = arms if SITES[struck.site].per_arm else ()
+    per_arm = arms if SITES[fault.site].per_arm else ()
     keys = [key for key in _CROSSED if key in table]
-    if struck.along is None and len(per_arm) > 1:
-        table["channel"] = list(struck.channels)
+    if fault.along is None and len(per_arm) > 1:
+        table["channel"] = list(fault.channels)
         keys = ["channel", *keys]
-    elif struck.along is None:
+    elif fault.along is None:
         yield table | ({"arm": per_arm[0]} if per_arm else {})
         return
-    rows = itertools.product(*(_listed(table[key]) for key in keys))
+    # All combinations of the values, as one list per key.
+    rows = itertools.product(*(_as_list(table[key]) for key in keys))
     crossed = dict(zip(keys, map(list, zip(*rows, strict=True)), strict=True))
     for arm in per_arm or (None,):
         slot = table | crossed | ({} if arm is None else {"arm": arm})
-        if struck.along is None:
+        if fault.along is None:
             yield slot
-        for name, share in (struck.along or {}).items():
+        for name, share in (fault.along or {}).items():
             values = [share * value for value in crossed["value"]]
-            if SITES[struck.site].channel(name).kind != "float":
+            if SITES[fault.site].channel(name).kind != "float":
                 values = [int(value) for value in values]
             yield slot | {"channel": name, "value": values}
 
@@ -222,5 +227,5 @@ def _is_number(value: Any) -> bool:
     return type(value) in (int, float) and -LARGEST <= value <= LARGEST
 
 
-def _listed(value: Any) -> list[Any]:
+def _as_list(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list | tuple) else [value]

@@ -30,7 +30,7 @@ class LibraryTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Struck(LibraryTable):
+class LibraryFault(LibraryTable):
     """One fault of a case: the keys of [[group.fault]], or `along` instead of channel."""
 
     site: str
@@ -67,7 +67,7 @@ class Case(LibraryTable):
     name: str = ""  # distinguishes the cases of a hazard
     design: Literal["grid", "zip", "lhs", "random"] = "grid"
     runs: int | None = Field(default=None, ge=1)
-    fault: tuple[Struck, ...] = Field(min_length=1)
+    fault: tuple[LibraryFault, ...] = Field(min_length=1)
 
 
 class Hazard(LibraryTable):

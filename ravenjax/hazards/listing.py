@@ -6,7 +6,7 @@ from typing import Any
 
 from ravenjax.bundled import resources
 from ravenjax.hazards import library
-from ravenjax.hazards.library import Hazard, Struck
+from ravenjax.hazards.library import Hazard, LibraryFault
 from ravenjax.robots.raven2.declaration import SITES
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
@@ -33,12 +33,12 @@ def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...
     ]
 
 
-def of_layer(layer: str) -> list[Hazard]:
+def list_hazards_of_layer(layer: str) -> list[Hazard]:
     """Return the hazards of a layer."""
     return [row for row in library.all_hazards() if row.layer == layer]
 
 
-def of_site(site: str) -> list[Hazard]:
+def list_hazards_of_site(site: str) -> list[Hazard]:
     """Return the hazards whose faults act at a site."""
     return [
         row
@@ -54,7 +54,7 @@ def layer_table() -> list[tuple[str, ...]]:
             layer,
             what,
             ", ".join(site.name for site in SITES.values() if site.layer == layer) or "none",
-            str(len(of_layer(layer))),
+            str(len(list_hazards_of_layer(layer))),
         )
         for layer, what in library.library_layers().items()
     ]
@@ -70,26 +70,29 @@ def describe_hazard(name: str) -> list[tuple[str, str]]:
         row=library.find_hazard(name),
         terms=library.library_terms(),
         layers=library.library_layers(),
-        struck=_struck,
+        describe_fault=_describe_fault,
     )
     return [row for row in rows if row[1]]
 
 
-def _struck(struck: Struck) -> str:
+def _describe_fault(fault: LibraryFault) -> str:
     # Describes a fault as text: effect, value, site, start and duration.
-    channels = " + ".join(struck.along) if struck.along else ", ".join(struck.channels)
-    value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
-    again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""
-    period = f", period {_numbers(struck.period_ms)} ms" if struck.period_ms else ""
+    channels = " + ".join(fault.along) if fault.along else ", ".join(fault.channels)
+    value = "" if fault.value is None else f" {_format_numbers(fault.value)} {fault.unit}"
+    again = f", again every {_format_numbers(fault.every_ms)}" if fault.every_ms else ""
+    period = f", period {_format_numbers(fault.period_ms)} ms" if fault.period_ms else ""
     window = (
-        f"from {struck.trigger} {_numbers(struck.start_ms)} for"
-        f" {_numbers(struck.duration_ms)}{again} ms"
+        f"from {fault.trigger} {_format_numbers(fault.start_ms)} for"
+        f" {_format_numbers(fault.duration_ms)}{again} ms"
     )
-    return f"{struck.effect}{value}{period} at {struck.site} {channels}, {window}"
+    return f"{fault.effect}{value}{period} at {fault.site} {channels}, {window}"
 
 
-def _numbers(value: Any) -> str:
+def _format_numbers(value: Any) -> str:
+    # Formats a number, a list in braces, or a distribution by its name and numbers.
     if isinstance(value, dict):
         ((kind, numbers),) = value.items()
-        return f"{kind} {_numbers(numbers)}"
-    return f"{{{', '.join(map(_numbers, value))}}}" if isinstance(value, tuple) else f"{value}"
+        return f"{kind} {_format_numbers(numbers)}"
+    return (
+        f"{{{', '.join(map(_format_numbers, value))}}}" if isinstance(value, tuple) else f"{value}"
+    )

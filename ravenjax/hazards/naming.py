@@ -7,7 +7,7 @@ import re
 
 from ravenjax.hazards import library
 
-MOST = 3
+MAX_TITLES = 3
 """Largest number of titles that are listed for a group; further titles are counted."""
 _ID = re.compile(r"[A-Z]\d\d")
 _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
@@ -40,5 +40,5 @@ def titles_of(group: str) -> str:
     """Return the titles of the hazards in a group's name; "" without a known hazard."""
     names = hazards_of(group)
     titles = [row.title for row in library.all_hazards() if row.id in names]
-    more = f"; {len(titles) - MOST} more" if len(titles) > MOST else ""
-    return "; ".join(titles[:MOST]) + more
+    more = f"; {len(titles) - MAX_TITLES} more" if len(titles) > MAX_TITLES else ""
+    return "; ".join(titles[:MAX_TITLES]) + more

@@ -53,7 +53,7 @@ class Builder:
             return self.constant(dtype, semantics.evaluate_operation(name, dtype, known))
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
-        simpler = _simplified(self, name, dtype, operands)
+        simpler = _simplify(self, name, dtype, operands)
         return self._write(Operation(name, dtype, operands)) if simpler is None else simpler
 
     def lookup(self, table: int, index: int) -> int:
@@ -67,47 +67,55 @@ class Builder:
 
     def _write(self, operation: Operation) -> int:
         # Returns the number of an operation. An equal operation is added only once.
-        place = self._numbers.get(operation)
-        if place is None:
-            place = self._numbers[operation] = len(self.operations)
+        number = self._numbers.get(operation)
+        if number is None:
+            number = self._numbers[operation] = len(self.operations)
             self.operations.append(operation)
-        return place
+        return number
 
 
 FLOATS = ("float32", "float64")
 
 
-def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
-    # Returns a simpler operation with the same bits, or None.
+def _simplify(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    # Returns the number of a simpler operation with the same result, to the bit. Returns None if no
+    # rule applies. `operands` are numbers of earlier operations.
     if name in ("convert", "bitcast"):
-        return _converted(b, name, dtype, operands[0])
+        return _simplify_conversion(b, name, dtype, operands[0])
     if name == "select":
-        return _choice(b, dtype, *operands)
+        return _simplify_select(b, dtype, *operands)
     if name in ("shl", "shr"):
-        by = b.constants.get(operands[1])
-        out = by is not None and not 0 <= int(by) < np.dtype(dtype).itemsize * 8
-        return b.constant(dtype, 0) if out else None
+        amount = b.constants.get(operands[1])
+        shifts_all_out = amount is not None and not 0 <= int(amount) < np.dtype(dtype).itemsize * 8
+        return b.constant(dtype, 0) if shifts_all_out else None
     if dtype == "bool" and name in ("and", "or", "xor"):
-        return _logic(b, name, *operands)
+        return _simplify_logic(b, name, *operands)
     if name == "neg":
-        return _negated(b, operands[0])
+        return _negation_operand(b, operands[0])
     if dtype in FLOATS and name in ("max", "min"):
-        return _extreme(b, name, dtype, *operands)
-    rule = {"add": _sum, "sub": _difference, "mul": _product, "div": _quotient}.get(name)
+        return _simplify_max_or_min(b, name, dtype, *operands)
+    rule = {
+        "add": _simplify_sum,
+        "sub": _simplify_difference,
+        "mul": _simplify_product,
+        "div": _simplify_quotient,
+    }.get(name)
     return rule(b, dtype, *operands) if rule and dtype in FLOATS else None
 
 
-def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
+def _operands_if_named(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
+    # Returns the operands of operation `i` if its name is `name`, else None.
     operation = b.operations[i]
     return operation.operands if operation.name == name else None
 
 
-def _negated(b: Builder, i: int) -> int | None:
-    operands = _operands_of(b, i, "neg")
+def _negation_operand(b: Builder, i: int) -> int | None:
+    # Returns x if operation `i` is -x, else None.
+    operands = _operands_if_named(b, i, "neg")
     return operands[0] if operands else None
 
 
-def _is(b: Builder, i: int, value: float) -> bool:
+def _is_constant(b: Builder, i: int, value: float) -> bool:
     """Return whether operation `i` is the constant `value`, with the same sign of zero."""
     constant = b.constants.get(i)
     if constant is None:
@@ -115,40 +123,40 @@ def _is(b: Builder, i: int, value: float) -> bool:
     return constant == value and np.signbit(constant) == np.signbit(value)
 
 
-def _sum(b: Builder, dtype: str, x: int, y: int) -> int | None:
+def _simplify_sum(b: Builder, dtype: str, x: int, y: int) -> int | None:
     # Simplifies x + y: x + -0 is x, and x + (-y) is x - y. But x + 0 is not x if x is -0.
     for p, q in ((x, y), (y, x)):
-        if _is(b, p, -0.0):
+        if _is_constant(b, p, -0.0):
             return q
-        if (inner := _negated(b, p)) is not None:
+        if (inner := _negation_operand(b, p)) is not None:
             return b.emit("sub", dtype, q, inner)
     return None
 
 
-def _difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
+def _simplify_difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
     # Simplifies x - y: x - 0 is x. But 0 - x is not -x if x is 0.
-    if _is(b, y, 0.0):
+    if _is_constant(b, y, 0.0):
         return x
-    if _is(b, x, -0.0):
+    if _is_constant(b, x, -0.0):
         return b.emit("neg", dtype, y)
-    inner = _negated(b, y)
+    inner = _negation_operand(b, y)
     return None if inner is None else b.emit("add", dtype, x, inner)
 
 
-def _product(b: Builder, dtype: str, x: int, y: int) -> int | None:
+def _simplify_product(b: Builder, dtype: str, x: int, y: int) -> int | None:
     # Simplifies x y where a factor is 1, -1 or negated.
     for p, q in ((x, y), (y, x)):
-        if _is(b, p, 1.0):
+        if _is_constant(b, p, 1.0):
             return q
-        if _is(b, p, -1.0):
+        if _is_constant(b, p, -1.0):
             return b.emit("neg", dtype, q)
     for p, q in ((x, y), (y, x)):
-        if (inner := _negated(b, p)) is not None:
+        if (inner := _negation_operand(b, p)) is not None:
             return b.emit("neg", dtype, b.emit("mul", dtype, inner, q))
     return None
 
 
-def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
+def _simplify_quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
     """Return a product for a division by a power of two, because sums with products are fused.
 
     A sign of x or y is moved out of the division. Returns None if neither applies.
@@ -159,42 +167,45 @@ def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
         if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
             return b.emit("mul", dtype, x, b.constant(dtype, inverse))
     for p, q in ((x, y), (y, x)):
-        if (inner := _negated(b, p)) is not None:
+        if (inner := _negation_operand(b, p)) is not None:
             quotient = (inner, q) if p == x else (q, inner)
             return b.emit("neg", dtype, b.emit("div", dtype, *quotient))
     return None
 
 
-def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
-    # Simplifies max and min of floats.
+def _simplify_max_or_min(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
+    # Simplifies max and min of floats: max(x, x) is x. A constant becomes the first operand.
     if x == y:
         return x
-    # The constant comes first. It is no NaN, so the result keeps its bits.
-    swapped = y in b.constants and not np.isnan(b.constants[y])
-    return b.emit(name, dtype, y, x) if swapped else None
+    # The operands of max and min may be exchanged only if the constant is not NaN.
+    is_exchanged = y in b.constants and not np.isnan(b.constants[y])
+    return b.emit(name, dtype, y, x) if is_exchanged else None
 
 
-def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
-    # Simplifies and, or, xor where an operand is a constant.
+def _simplify_logic(b: Builder, name: str, x: int, y: int) -> int | None:
+    # Simplifies and, or, xor of truth values where an operand is a constant.
     for p, q in ((x, y), (y, x)):
         if p in b.constants:
             if name == "xor":
                 return b.emit("not", "bool", q) if b.constants[p] else q
-            return q if bool(b.constants[p]) == (name == "and") else p
+            # `q and True` and `q or False` are q. `q and False` and `q or True` are the constant.
+            is_neutral = bool(b.constants[p]) == (name == "and")
+            return q if is_neutral else p
     return None
 
 
-def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
-    # Simplifies a `select`.
+def _simplify_select(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    # Simplifies a `select` with equal results or a constant condition. Also recognizes the selects
+    # that `vec.to_int32` writes: a conversion where the number fits int32, else the least int32.
+    # Together these operations are `truncate`.
     if yes == no:
         return yes
     if condition in b.constants:
         return yes if b.constants[condition] else no
-    # `vec.to_int32` is written as a select of a conversion, which becomes one operation, truncate.
     if dtype != "int32" or no not in b.constants or b.constants[no] != -2147483648:
         return None
-    converted = _operands_of(b, yes, "convert")
-    choice = converted and _operands_of(b, converted[0], "select")
+    converted = _operands_if_named(b, yes, "convert")
+    choice = converted and _operands_if_named(b, converted[0], "select")
     if not choice or choice[0] != condition or choice[2] not in b.constants:
         return None
     x = choice[1]
@@ -204,8 +215,9 @@ def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | 
     return b.emit("truncate", "int32", x) if fits == condition else None
 
 
-def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
-    # Simplifies conversions to the same type, and those of truth values.
+def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | None:
+    # Simplifies conversions to the same type, and writes conversions from and to truth values as
+    # selects and comparisons.
     source = b.operations[x].dtype
     if source == dtype:
         return x
@@ -224,22 +236,23 @@ def contract_to_fma(program: Program) -> Program:
     """
     builder = Builder()
     builder.inputs, builder.tables = list(program.inputs), list(program.tables)
+    # Number of an operation in `program` -> its number in the new program.
     new: dict[int, int] = {}
     for i in program.needed():
-        name, dtype, operands, detail = program.operations[i]
-        moved = tuple(new[o] for o in operands)
-        if (fused := _fused(builder, name, dtype, moved)) is not None:
+        name, dtype, old_operands, detail = program.operations[i]
+        operands = tuple(new[o] for o in old_operands)
+        if (fused := _fuse(builder, name, dtype, operands)) is not None:
             new[i] = fused
         elif name == "constant":
             new[i] = builder.constant(dtype, from_bits(dtype, detail))
         elif name in ("input", "lookup"):
-            new[i] = builder._write(Operation(name, dtype, moved, detail))
+            new[i] = builder._write(Operation(name, dtype, operands, detail))
         else:
-            new[i] = builder.emit(name, dtype, *moved)
+            new[i] = builder.emit(name, dtype, *operands)
     return builder.program([new[i] for i in program.outputs])
 
 
-def _fused(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+def _fuse(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
     """Return the `fma` of a sum or difference with a product; None for any other operation."""
     if name not in ("add", "sub") or dtype not in FLOATS:
         return None
@@ -247,6 +260,7 @@ def _fused(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int 
         product, c = b.operations[operands[k]], operands[1 - k]
         if product.name == "mul":
             x, y = product.operands
+            # x y - c is fma(x, y, -c), and c - x y is fma(-x, y, c).
             if name == "sub" and k == 0:
                 c = b.emit("neg", dtype, c)
             elif name == "sub":

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jax.extend import core
 
 
-def _sign(b: Builder, dtype: str, x: int) -> int:
+def _emit_sign(b: Builder, dtype: str, x: int) -> int:
     # Emits the sign of a number: -1, 0 or 1, and NaN for NaN.
     zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
     if dtype == "uint32":
@@ -31,7 +31,7 @@ def _sign(b: Builder, dtype: str, x: int) -> int:
     return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
 
 
-def _power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+def _emit_power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     # Computes a power by repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
     for k in range(abs(exponent).bit_length()):
@@ -72,11 +72,11 @@ def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -
     allowed. Raises UnknownPrimitive.
     """
     builder = Builder()
-    walk = _Walk(builder, functions)
-    consts = [walk.constant(value) for value in jaxpr.consts]
-    inputs = [walk.input(var.aval) for var in jaxpr.jaxpr.invars]
-    outputs = walk.body(jaxpr.jaxpr, consts, inputs)
-    return builder.program([_single(output) for output in outputs])
+    lowering = _Lowering(builder, functions)
+    consts = [lowering.constant(value) for value in jaxpr.consts]
+    inputs = [lowering.input(var.aval) for var in jaxpr.jaxpr.invars]
+    outputs = lowering.equations(jaxpr.jaxpr, consts, inputs)
+    return builder.program([_require_number(output) for output in outputs])
 
 
 class _Table(NamedTuple):
@@ -89,13 +89,16 @@ class _Table(NamedTuple):
 _Value = int | _Table
 
 
-def _single(value: _Value) -> int:
+def _require_number(value: _Value) -> int:
+    # Returns the number of an operation. Raises UnknownPrimitive for a table.
     if isinstance(value, _Table):
         raise UnknownPrimitive("a whole array is used as one number; index one number of the array")
     return value
 
 
-class _Walk:
+class _Lowering:
+    # Translates the equations of a jaxpr to operations of `builder`.
+
     def __init__(self, builder: Builder, functions: Functions) -> None:
         self.builder, self.functions = builder, functions
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
@@ -130,20 +133,22 @@ class _Walk:
             raise UnknownPrimitive(
                 f"a constant has shape {value.shape}; expected single numbers or 1-D arrays"
             )
-        return _Table(len(value), lambda index: self._chosen(dtype, value, index))
+        return _Table(len(value), lambda index: self._select_constant(dtype, value, index))
 
-    def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
-        # Emits the number of a constant table at an index, by one select for each number.
+    def _select_constant(self, dtype: str, values: np.ndarray, index: int) -> int:
+        # Emits the number at `index` of a table of constants, as a chain of selects, one for each
+        # number of the table.
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
             is_index = b.emit("eq", "bool", index, b.constant("int32", k))
             result = b.emit("select", dtype, is_index, b.constant(dtype, value), result)
         return result
 
-    def body(
+    def equations(
         self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]
     ) -> list[_Value]:
-        # Translates the equations in order. Returns the results.
+        # Translates the equations of a jaxpr in order. Returns its results: numbers of operations,
+        # or tables.
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
@@ -159,9 +164,9 @@ class _Walk:
             if name in _CALLS + _REMATERIALISED:
                 closed: Any = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
                 consts = [self.constant(value) for value in getattr(closed, "consts", ())]
-                results = self.body(getattr(closed, "jaxpr", closed), consts, operands)
+                results = self.equations(getattr(closed, "jaxpr", closed), consts, operands)
             elif name == "cond":
-                results = self._branches(eqn, operands)
+                results = self._both_branches(eqn, operands)
             elif name == "optimization_barrier":
                 results = operands
             else:
@@ -169,21 +174,27 @@ class _Walk:
             values.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
-    def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
+    def _both_branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
         """Return the results of a `cond`: both branches are computed, and one result is selected.
 
         The first branch is the usual one, so the second may be skipped (see `regions`).
         """
         if (count := len(eqn.params["branches"])) != 2:
             raise UnknownPrimitive(f"a cond has {count} branches; expected 2 (nest several conds)")
-        b, index = self.builder, _single(operands[0])
+        b, index = self.builder, _require_number(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
         usual, rare = (
-            self.body(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
+            self.equations(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
             for branch in eqn.params["branches"]
         )
         return [
-            b.emit("rarely", b.operations[_single(x)].dtype, condition, _single(x), _single(y))
+            b.emit(
+                "rarely",
+                b.operations[_require_number(x)].dtype,
+                condition,
+                _require_number(x),
+                _require_number(y),
+            )
             for x, y in zip(rare, usual, strict=True)
         ]
 
@@ -196,10 +207,14 @@ class _Walk:
                 f"the result of {name} has shape {aval.shape}; expected a single number"
             )
         if name in ("dynamic_slice", "gather"):
-            return self._looked_up(eqn, operands)
-        return self._operation(eqn, self._dtype(aval), [_single(operand) for operand in operands])
+            return self._lookup(eqn, operands)
+        return self._operation(
+            eqn, self._dtype(aval), [_require_number(operand) for operand in operands]
+        )
 
     def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
+        # Emits the operations of one primitive of JAX on the operands `x`. Returns the result's
+        # number. Raises UnknownPrimitive for other primitives.
         name, params, b = eqn.primitive.name, eqn.params, self.builder
         if name in _ALIASES:
             return x[0]
@@ -220,11 +235,11 @@ class _Walk:
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":
-                return _power(b, dtype, x[0], params["y"])
+                return _emit_power(b, dtype, x[0], params["y"])
             case "rsqrt":
                 return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
             case "sign":
-                return _sign(b, dtype, x[0])
+                return _emit_sign(b, dtype, x[0])
             case "is_finite":
                 source = b.operations[x[0]].dtype
                 return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))
@@ -241,8 +256,12 @@ class _Walk:
             " expected a known operation on single numbers"
         )
 
-    def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Return a number of a 1-D table; outside the table the nearest, or NaN with mode fill."""
+    def _lookup(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
+        """Return the number of a 1-D table at an index.
+
+        Outside of the table the result is the first or last number of the table. With JAX's mode
+        `fill` it is NaN.
+        """
         table = operands[0]
         if (
             not isinstance(table, _Table)
@@ -253,7 +272,7 @@ class _Walk:
             name = f"{eqn.primitive.name} of shape {aval.shape}"
             raise UnknownPrimitive(f"{name} is not supported; expected one number of a 1-D array")
         b = self.builder
-        index = b.emit("convert", "int32", _single(operands[1]))
+        index = b.emit("convert", "int32", _require_number(operands[1]))
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
         inside = b.emit("min", "int32", b.emit("max", "int32", index, first), last)
         result = table.read(inside)

@@ -27,9 +27,9 @@ from ravenjax.bundled import resources
 Number = Any
 
 _COEFFICIENTS = resources.read_tables(__file__, "polynomials.toml")
-_LEAST = float(np.finfo(np.float32).smallest_subnormal)
+_SMALLEST = float(np.finfo(np.float32).smallest_subnormal)
 _TINY = float(np.finfo(np.float32).tiny)
-_SIGN = -(2**31)
+_SIGN_BIT = -(2**31)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,20 +95,21 @@ def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
 
-def _flipped(m: Arithmetic, x: Number, sign: Number) -> Number:
+def _flip_sign(m: Arithmetic, x: Number, sign: Number) -> Number:
+    # Returns x, or -x if `sign` has the sign bit of a float32 set.
     return m.from_bits(m.emit("xor", "int32", m.bits(x), sign))
 
 
 def sin(m: Arithmetic, x: Number) -> Number:
     """Return the sine of an angle in rad."""
     rest, square, sign = _half_turns(m, x)
-    return _flipped(m, m.mul(rest, m.polynomial("sin", square)), sign)
+    return _flip_sign(m, m.mul(rest, m.polynomial("sin", square)), sign)
 
 
 def cos(m: Arithmetic, x: Number) -> Number:
     """Return the cosine of an angle in rad."""
     _, square, sign = _half_turns(m, x)
-    return _flipped(m, m.polynomial("cos", square), sign)
+    return _flip_sign(m, m.polynomial("cos", square), sign)
 
 
 def tan(m: Arithmetic, x: Number) -> Number:
@@ -121,19 +122,21 @@ def tan(m: Arithmetic, x: Number) -> Number:
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     """Return the angle of the point (x, y), rad in [-pi, pi]."""
-    across, along = m.abs(x), m.abs(y)
-    steep = m.less(across, along)
-    smaller, larger = m.select(steep, across, along), m.select(steep, along, across)
-    larger = m.max(_LEAST, larger)  # 0 divided by 0 gives 0
-    same = m.emit("eq", "bool", smaller, larger)
-    ratio = m.select(same, 1.0, m.div(smaller, larger))  # infinity divided by infinity gives 1
+    # First the angle in [0, pi/4] of the point whose larger coordinate lies along the x axis.
+    x_size, y_size = m.abs(x), m.abs(y)
+    is_steep = m.less(x_size, y_size)
+    smaller, larger = m.select(is_steep, x_size, y_size), m.select(is_steep, y_size, x_size)
+    larger = m.max(_SMALLEST, larger)  # 0 divided by 0 gives 0
+    are_equal = m.emit("eq", "bool", smaller, larger)
+    ratio = m.select(are_equal, 1.0, m.div(smaller, larger))  # infinity divided by infinity gives 1
     square = m.mul(ratio, ratio)
-    arc = m.fma(m.mul(ratio, square), m.polynomial("atan", square), ratio)
-    arc = m.select(steep, m.sub(math.pi / 2, arc), arc)
-    negative = m.emit("lt", "bool", m.bits(x), m.constant("int32", 0))
-    arc = m.select(negative, m.sub(math.pi, arc), arc)
-    sign = m.integer("and", m.bits(y), _SIGN)
-    return m.from_bits(m.emit("or", "int32", sign, m.bits(arc)))
+    angle = m.fma(m.mul(ratio, square), m.polynomial("atan", square), ratio)
+    # Then mirrored into the octant and quadrant of (x, |y|). The angle has the sign of y.
+    angle = m.select(is_steep, m.sub(math.pi / 2, angle), angle)
+    is_negative = m.emit("lt", "bool", m.bits(x), m.constant("int32", 0))  # also for x = -0
+    angle = m.select(is_negative, m.sub(math.pi, angle), angle)
+    sign = m.integer("and", m.bits(y), _SIGN_BIT)
+    return m.from_bits(m.emit("or", "int32", sign, m.bits(angle)))
 
 
 def atan(m: Arithmetic, x: Number) -> Number:
@@ -169,6 +172,7 @@ def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
 
 def exp(m: Arithmetic, x: Number) -> Number:
     """Return e to the power of x."""
+    # e^x = 2^whole e^rest
     x = m.max(-105.0, m.min(89.0, x))  # outside these limits the result is 0 or infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
@@ -182,9 +186,11 @@ def exp(m: Arithmetic, x: Number) -> Number:
 
 def log(m: Arithmetic, x: Number) -> Number:
     """Return the natural logarithm; -infinity at 0, NaN below."""
+    # x = 2^power mantissa, and log(mantissa) is a polynomial of rest = mantissa - 1. A subnormal x
+    # is multiplied by 2^23 first, so that its mantissa has all bits.
     subnormal = m.less(x, _TINY)
     pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
-    # The constant is sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)].
+    # The constant has the bits of sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)].
     shifted = m.integer("sub", pattern, 0x3F3504F3)
     exponent = m.integer("sar", shifted, 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ravenjax.ir.program import Operation
 
-LEAST_OPERATIONS = 16
+MIN_OPERATIONS = 16
 """Least number of operations of a region, because a branch costs more than a few operations."""
 
 
@@ -43,7 +43,7 @@ def arrange_regions(
     order: operations, each after its operands. A region comes before its results are first read.
     results: operations whose results are read outside `order`.
     """
-    label = _labels(operations, order, results)
+    region_condition = _region_conditions(operations, order, results)
     readers: dict[int, list[int]] = {}
     for i in order:
         for operand in operations[i].operands:
@@ -51,14 +51,14 @@ def arrange_regions(
     unplaced = set(order)  # not placed yet
     arranged: list[int | Region] = []
     for i in order:
-        if i in label:
+        if i in region_condition:
             continue
-        if any(o in label and o in unplaced for o in operations[i].operands):
+        if any(o in region_condition and o in unplaced for o in operations[i].operands):
             condition = operations[i].operands[0]
-            # Members that depend only on each other and on placed operations.
+            # Members of the region that depend only on each other and on placed operations.
             ready: dict[int, None] = {}
             for member in order:
-                is_member = member in unplaced and label.get(member) == condition
+                is_member = member in unplaced and region_condition.get(member) == condition
                 if is_member and all(
                     o in ready or o not in unplaced for o in operations[member].operands
                 ):
@@ -69,7 +69,7 @@ def arrange_regions(
             )
             arranged += (
                 ready
-                if len(ready) < LEAST_OPERATIONS
+                if len(ready) < MIN_OPERATIONS
                 else [Region(condition, tuple(ready), results_outside)]
             )
         unplaced.discard(i)
@@ -77,23 +77,30 @@ def arrange_regions(
     return arranged
 
 
-def _labels(
+def _region_conditions(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ) -> dict[int, int]:
-    """Return operation -> condition of its outermost region, for operations in a region."""
+    """Return operation -> condition of its outermost region, for operations in a region.
+
+    Goes backwards from the results. An operation is in the region of a condition if all operations
+    that read it are, or read it as the rare value of a `rarely` with this condition.
+    """
     in_order = set(order)
+    # operation -> conditions under which its readers need it; None: they always need it
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}
-    label: dict[int, int] = {}
+    region_condition: dict[int, int] = {}
     for i in reversed(order):
         conditions = wanted.get(i, {None})
         (only,) = conditions if len(conditions) == 1 else (None,)
         if only is not None:
-            label[i] = only
+            region_condition[i] = only
         operation = operations[i]
-        for place, operand in enumerate(operation.operands):
+        for position, operand in enumerate(operation.operands):
             if operand in in_order:
-                rare = operation.name == "rarely" and place == 1 and i not in label
+                # Operands of `rarely`: condition, rare value, usual value.
+                is_rare_value = operation.name == "rarely" and position == 1
+                opens_region = is_rare_value and i not in region_condition
                 wanted.setdefault(operand, set()).add(
-                    operation.operands[0] if rare else label.get(i)
+                    operation.operands[0] if opens_region else region_condition.get(i)
                 )
-    return label
+    return region_condition

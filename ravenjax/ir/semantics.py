@@ -39,7 +39,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
     if name == "div" and np.dtype(dtype).kind in "iu":
-        return _quotient(*operands)
+        return _divide_integers(*operands)
     return np.asarray(_FUNCTIONS[name](*operands)).astype(dtype)[()]
 
 
@@ -80,24 +80,30 @@ def fma(a: Array, b: Array, c: Array) -> Array:
     return to_odd.view(np.float64).astype(np.float32)[()]
 
 
-def _quotient(a: Array, b: Array) -> Array:
+def _divide_integers(a: Array, b: Array) -> Array:
+    # Divides integers, rounded toward zero as in C. Division by 0 gives -1, as in XLA.
     wide_a, wide_b = np.int64(a), np.int64(b)
     magnitude = np.abs(wide_a) // np.where(wide_b == 0, 1, np.abs(wide_b))
     quotient = np.where((wide_a < 0) == (wide_b < 0), magnitude, -magnitude)
     return np.where(wide_b == 0, -1, quotient).astype(a.dtype)[()]
 
 
-def _remainder(a: Array, b: Array) -> Array:
-    return np.int64(a) - np.where(np.int64(b) == 0, 0, np.int64(_quotient(a, b)) * np.int64(b))
+def _integer_remainder(a: Array, b: Array) -> Array:
+    return np.int64(a) - np.where(
+        np.int64(b) == 0, 0, np.int64(_divide_integers(a, b)) * np.int64(b)
+    )
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
-    # Converts numbers to another type. Floats saturate at the ends of integer types.
+    # Converts numbers to another type. From float to integer, numbers saturate at the ends of the
+    # integer type, and NaN becomes 0.
     if dtype.kind == "b":
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         integers = np.iinfo(dtype)
-        limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
+        # The smallest power of two above the integers. Their largest number may have no float64.
+        sign_bits = 1 if dtype.kind == "i" else 0
+        limit = 2.0 ** (integers.bits - sign_bits)
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))
         return np.where(number < limit, clipped.astype(dtype), integers.max)
@@ -105,15 +111,19 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
 
 
 def _truncate(x: Array) -> Array:
+    # Converts floats to int32 as C does on x86: what does not fit becomes the smallest int32.
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
-def _extreme(is_first: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+def _larger_or_smaller(
+    is_first: Callable[[Array, Array], Array],
+) -> Callable[[Array, Array], Array]:
+    # Returns max or min: `a` where `is_first(a, b)` or where a is NaN, else b.
     return lambda a, b: np.where((a != a) | is_first(a, b), a, b)
 
 
-def _shift(
+def _define_shift(
     shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
 ) -> Callable[[Array, Array], Array]:
     # Returns a shift whose result is `fill(x)` if the amount is the width of x or more.
@@ -124,7 +134,7 @@ def _shift(
     return shifted
 
 
-def _logical(x: Array, by: Array) -> Array:
+def _shift_right_logical(x: Array, by: Array) -> Array:
     unsigned = np.dtype(f"u{x.dtype.itemsize}")
     return (x.view(unsigned) >> by.astype(unsigned)).view(x.dtype)
 
@@ -134,13 +144,13 @@ MEANING: dict[str, Callable[..., Array]] = {
         name: getattr(np, function)
         for name, function in resources.read_tables(__file__, "semantics.toml").items()
     },
-    "rem": _remainder,
+    "rem": _integer_remainder,
     "fma": fma,
-    "max": _extreme(np.greater),
-    "min": _extreme(np.less),
-    "shl": _shift(np.left_shift, np.zeros_like),
-    "shr": _shift(_logical, np.zeros_like),
-    "sar": _shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
+    "max": _larger_or_smaller(np.greater),
+    "min": _larger_or_smaller(np.less),
+    "shl": _define_shift(np.left_shift, np.zeros_like),
+    "shr": _define_shift(_shift_right_logical, np.zeros_like),
+    "sar": _define_shift(np.right_shift, lambda x: np.where(x < 0, -1, 0)),
     "truncate": _truncate,
 }
 """Operations by name, without `convert`, `bitcast` and those of `LIBRARY`."""
@@ -149,6 +159,7 @@ _C_LIBRARY = ctypes.CDLL(None)
 
 
 def _library_function(name: str, arguments: int) -> Callable[..., Array]:
+    # Returns a function of the C library, of float64 numbers, applied to each number of an array.
     function = getattr(_C_LIBRARY, name)
     function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * arguments
     return np.frompyfunc(function, arguments, 1)

@@ -147,15 +147,17 @@ def _live_state(loop: TimeLoop) -> Set[int]:
     """Return the indices of the state on which a result depends, in this or a later tick."""
     step = loop.step
 
-    def state_read(program: Program, needed: Iterable[int]) -> set[int]:
+    def list_state_reads(program: Program, needed: Iterable[int]) -> set[int]:
+        # Inputs are those of the lane, then the state, then those of the tick.
         reads = program.reads
-        numbers = {reads[i] - loop.lane_inputs for i in needed if i in reads}
-        return numbers.intersection(range(loop.states))
+        indices = {reads[i] - loop.lane_inputs for i in needed if i in reads}
+        return indices.intersection(range(loop.states))
 
-    live = state_read(loop.finish, loop.finish.needed())
+    live = list_state_reads(loop.finish, loop.finish.needed())
+    # Adds what these numbers need in the tick before, until nothing is added.
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
-        new = live | state_read(step, needed)
+        new = live | list_state_reads(step, needed)
         if new == live:
             return live
         live = new

@@ -244,7 +244,9 @@ def advance_by_mjx(
     mjx, mjx_model, data = _put_model(model, str(dtype))
     # By default, GPUs multiply matrices with 10 bits of mantissa.
     with jax.default_matmul_precision("highest"):
-        mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(**option), **numbers)
+        # MuJoCo Warp takes arrays only.
+        options = {name: real(value) for name, value in option.items()}
+        mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(**options), **numbers)
         data = data.replace(qpos=real(qpos), qvel=real(qvel), qfrc_applied=real(applied))
         data = mjx.step(mjx_model, data)
     return data.qpos, data.qvel

@@ -66,12 +66,15 @@ class Campaign:
 
     def __init__(self, **keys: Any) -> None:
         tables = _tables_of(keys)
-        self._enter(tables, Path.cwd(), loading.from_dict(tables))
+        self._set_content(tables, Path.cwd(), loading.from_dict(tables))
 
-    def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
+    def _set_content(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
+        # Fills a new object. Paths in `tables` are relative to `folder`.
         loading.check_parameters(config)
-        rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
-        self.__dict__.update(_tables=rooted, config=config)
+        with_absolute_paths = _change_file_paths(
+            tables, lambda file: str((folder / file).absolute())
+        )
+        self.__dict__.update(_tables=with_absolute_paths, config=config)
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
@@ -94,7 +97,7 @@ class Campaign:
         if "robot" in tables["campaign"]:
             tables["campaign"] |= {"robot": config.campaign.robot}
         campaign = cls.__new__(cls)
-        campaign._enter(tables, Path.cwd() if file is None else file.parent, config)
+        campaign._set_content(tables, Path.cwd() if file is None else file.parent, config)
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -110,10 +113,10 @@ class Campaign:
         folder = path.absolute().parent
 
         def relative(file: str) -> str:
-            lies_in = Path(file).is_relative_to(folder)
-            return str(Path(file).relative_to(folder)) if lies_in else file
+            is_inside = Path(file).is_relative_to(folder)
+            return str(Path(file).relative_to(folder)) if is_inside else file
 
-        text = writing.format_toml(_with_files(self._tables, relative))
+        text = writing.format_toml(_change_file_paths(self._tables, relative))
         files.write_text(path, text)
         return text
 
@@ -190,34 +193,35 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
         model = config_class_of(robot_of({SECTION: keys}))
     except UserError:
         model = CampaignConfig
-    own = _campaign_keys(model)
+    campaign_keys = _campaign_keys(model)
     # An unknown key with a table as value is an unknown table, not a key of [campaign].
     tables = {
         key: value
         for key, value in keys.items()
-        if key in model.model_fields or (key not in own and isinstance(value, Mapping))
+        if key in model.model_fields or (key not in campaign_keys and isinstance(value, Mapping))
     }
     return {SECTION: {key: keys[key] for key in keys if key not in tables}, **tables}
 
 
-def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
-    # Applies `changed` to every value that is the path of a file.
+def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    # Returns the tables with `change` applied to every value that is the path of a file.
     model = config_class_of(robot_of(tables))
-    places = {
+    # Paths of the keys whose values are files, such as ("detector", "file").
+    file_keys = {
         (*path, key)
         for path, table in loading.tables_of(model)
         for key, field in table.model_fields.items()
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}
 
-    def change_texts(place: tuple[str, ...], value: Any) -> Any:
-        # Returns the tables with `changed` applied to every text at one of the paths in `places`.
-        # An item of a list has the path of the list.
+    def change_texts(path: tuple[str, ...], value: Any) -> Any:
+        # Applies `change` to a text at one of the paths in `file_keys`, also within tables and
+        # lists. An item of a list has the path of the list.
         if isinstance(value, dict):
-            return {key: change_texts((*place, key), one) for key, one in value.items()}
+            return {key: change_texts((*path, key), inner) for key, inner in value.items()}
         if isinstance(value, list):
-            return [change_texts(place, one) for one in value]
-        return changed(value) if place in places and isinstance(value, str) and value else value
+            return [change_texts(path, item) for item in value]
+        return change(value) if path in file_keys and isinstance(value, str) and value else value
 
     return {key: change_texts((key,), value) for key, value in tables.items()}
 

@@ -16,17 +16,17 @@ from ravenjax.store.manifest import Manifest
 if TYPE_CHECKING:
     from ravenjax.report.data.runs import Runs
 
-MOST_GROUPS = 8
+MAX_GROUPS = 8
 """Number of groups that a card lists; further groups are only counted."""
 
 
 def of_campaign(config: CampaignConfig) -> str:
     """Return the HTML card of a campaign: its robot, its operation and its groups."""
-    return _page(
+    return _render_card(
         "campaign.html.j2",
         config=config,
         facts=dict(config.lines()),
-        faults=_faults,
+        faults=_describe_faults,
         counts=design.count_group_rows(config),
         runs=design.count_due_rows(config),
     )
@@ -37,7 +37,7 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
     from ravenjax.report import paper
     from ravenjax.report.sections import tables
 
-    return _page(
+    return _render_card(
         "results.html.j2",
         manifest=manifest,
         head=tables.headline_counts(runs, manifest),
@@ -47,15 +47,16 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
     )
 
 
-def _faults(group: Group) -> str:
+def _describe_faults(group: Group) -> str:
+    # Returns the site and the effects of each fault, as "usb_out offset + encoder freeze".
     named = (
         f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault
     )
     return " + ".join(dict.fromkeys(named)) or "none"
 
 
-def _page(template: str, **content: Any) -> str:
-    return _environment().get_template(template).render(most=MOST_GROUPS, **content)
+def _render_card(template: str, **content: Any) -> str:
+    return _environment().get_template(template).render(most=MAX_GROUPS, **content)
 
 
 @functools.cache

@@ -199,7 +199,9 @@ class Part:
                 (f"the state's {name or 'number'}", value)
                 for name, value in tree.named_leaves(state)
             )
-            return tree.fill_tree(state, [self._number(INIT, *pair, width) for pair in named])
+            return tree.fill_tree(
+                state, [self._convert_number(INIT, *pair, width) for pair in named]
+            )
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
@@ -210,29 +212,34 @@ class Part:
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
-            wanted = ("state", *gives)
-            if type(result) is not tuple or len(result) != len(wanted):
-                expected = ", ".join(wanted)
+            names_of_results = ("state", *gives)
+            if type(result) is not tuple or len(result) != len(names_of_results):
+                expected = ", ".join(names_of_results)
                 raise self._error(STEP, f"returns {format_value(result)}, expected ({expected})")
-            names = (
+            state_names = (
                 ", ".join(name or "one number" for name, _ in tree.named_leaves(state)) or "nothing"
             )
-            out = [self._like("state", state, result[0], width, f"{names}, as init returns")]
+            out = [
+                self._check_structure(
+                    "state", state, result[0], width, f"{state_names}, as init returns"
+                )
+            ]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
-                    number = self._number(STEP, name, value, width)
+                    number = self._convert_number(STEP, name, value, width)
                     out.append(lax.convert_element_type(number, width))
                 elif isinstance(like, dict):
-                    out.append(self._keyed(name, like, value, width))
+                    out.append(self._check_keys(name, like, value, width))
                 else:
-                    out.append(self._like(name, like, value, width))
+                    out.append(self._check_structure(name, like, value, width))
             return tuple(out)
 
     def _call(self, name: str, *arguments: Any) -> Any:
+        # Calls a function of the file; None if the file does not define it.
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
-    def _keyed(
+    def _check_keys(
         self, name: str, like: Mapping[str, InPlace], values: Any, width: str
     ) -> dict[str, Any]:
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`.
@@ -246,13 +253,16 @@ class Part:
                 expected = f"expected some of {keys}{suggest_name(key, like)}"
                 raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
             declared = like[key]
-            new = self._like(key, declared.like, value, width, declared.words)
+            new = self._check_structure(key, declared.like, value, width, declared.words)
             pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
-            if not all(given is there for given, there in pairs):
+            # A signal that the file returns unchanged, the same object, is left out.
+            if not all(returned is current for returned, current in pairs):
                 numbers[key] = new
         return numbers
 
-    def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
+    def _check_structure(
+        self, name: str, like: Any, values: Any, width: str, words: str = ""
+    ) -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
         expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
         if [path for path, _ in expected] != [path for path, _ in given]:
@@ -262,14 +272,14 @@ class Part:
         numbers = []
         for (path, wanted), (_, value) in zip(expected, given, strict=True):
             what = f"{name}[{path}]" if path else name
-            number, kind = self._number(STEP, what, value, width), _kind(wanted)
+            number, kind = self._convert_number(STEP, what, value, width), _kind(wanted)
             if _kind(number) != kind:
                 expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
                 raise self._error(STEP, f"returns a {_kind(number)} for {what}, {expected}")
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
-    def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
+    def _convert_number(self, where: str, what: str, value: Any, width: str) -> Scalar:
         # Checks a number that a user's file returned, and converts it to the setup's number type.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
@@ -304,6 +314,7 @@ class Part:
             raise self._error(PARAMS, trouble)
 
     def _error(self, where: str, said: str) -> UserError:
+        # Returns an error with the line where the function `where` is defined.
         head = re.compile(rf"def {where.partition('(')[0]}\b")
         lines = enumerate(self.source.text.splitlines(), 1)
         line_suffix = next((f":{number}" for number, line in lines if head.match(line)), "")
@@ -311,6 +322,7 @@ class Part:
 
 
 def _kind(value: Any) -> str | None:
+    # Returns "float", "int" or "bool" for a number of Python, NumPy or JAX, else None.
     if isinstance(value, bool | int | float):
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
@@ -345,10 +357,12 @@ def _named_kind(names: tuple[str, ...], sources: tuple[OwnSource, ...] = ()) -> 
     # Record classes of a user's file exist only in this process. So a pickle contains the text of
     # the file and the numbers, and the other process creates the classes again.
     kind = collections.namedtuple("Named", names)
-    kind.__reduce__ = lambda named: (_restored, (names, sources, tree.tree_leaves(named)))  # type: ignore[method-assign]
+    kind.__reduce__ = lambda named: (_restore_parameters, (names, sources, tree.tree_leaves(named)))  # type: ignore[method-assign]
     return kind
 
 
-def _restored(names: tuple[str, ...], sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
+def _restore_parameters(
+    names: tuple[str, ...], sources: tuple[OwnSource, ...], numbers: list[Any]
+) -> Any:
     like = part_parameters(sources) if sources else named_parameters(names, numbers)
     return tree.fill_tree(like, numbers)

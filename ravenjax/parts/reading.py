@@ -57,7 +57,7 @@ class Reader:
         # Executes a user's file as a module.
         module = types.ModuleType(name)
         module.__file__ = str(path)
-        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._imported}
+        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._import}
         # Python finds the annotations of the file's records by the name of its module.
         sys.modules[name] = module
         try:
@@ -67,7 +67,7 @@ class Reader:
             raise
         return module
 
-    def _imported(
+    def _import(
         self,
         name: str,
         globals: Mapping[str, object] | None = None,
@@ -76,10 +76,10 @@ class Reader:
         level: int = 0,
     ) -> types.ModuleType:
         """Replace `__import__` for the user's file: modules in its folder have priority."""
-        beside = None if level or "." in name else self._beside(name)
-        return beside or builtins.__import__(name, globals, locals, fromlist, level)
+        module = None if level or "." in name else self._import_from_folder(name)
+        return module or builtins.__import__(name, globals, locals, fromlist, level)
 
-    def _beside(self, name: str) -> types.ModuleType | None:
+    def _import_from_folder(self, name: str) -> types.ModuleType | None:
         # Imports a module from the folder of the user's file; None if there is none.
         path = self.folder / f"{name}.py"
         if name in self._modules:

@@ -84,6 +84,7 @@ class FolderComparison(NamedTuple):
     folders: tuple[Path, Path]
     campaigns: tuple[str, str]
     limits_mm: tuple[float, float]
+    harms: tuple[str, str]  # what counts as unintended motion in each campaign
     configuration: Sequence[Change]
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
@@ -109,9 +110,9 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         table.run(f"ALTER VIEW {query.RESULTS} RENAME TO runs_first")
         files = query.of_files(query.whole_parts(second))
         table.run(f'CREATE VIEW runs_second AS SELECT *, "index" AS row FROM {files}')
-        pairs = _pair(table, (first, second))
-        for side, record, key in zip(SIDES, records, _keys(table), strict=True):
-            _judge(table, side, record, key)
+        pairs = _pair_runs(table, (first, second))
+        for side, record, key in zip(SIDES, records, _fault_key_sql(table), strict=True):
+            _create_judged_table(table, side, record, key)
         names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
         aliases = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
         compared = table.frame(
@@ -122,7 +123,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         sampled = all(
             groups is None or groups.issuperset(compared[f"{side}_group"]) for side, groups in drawn
         )
-        among = pair_intervals.pair_faults(faults, sampled)
+        units = pair_intervals.pair_faults(faults, sampled)
         (inactive,) = table.row(f"SELECT count(*) FROM {_VALID} AND NOT {_ACTING}")
         pairs = pairs._replace(
             compared=len(faults), inactive=inactive, faults=len(np.unique(faults)), sampled=sampled
@@ -131,12 +132,17 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             (first, second),
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
+            (records[0].rules.harm, records[1].rules.harm),
             manifest.find_changes(records[0].config, records[1].config),
             manifest.find_changes(*map(_describe_origin, records)),
             pairs,
-            [_rate(compared, name, records[0].rules, among) for name in RATES if len(faults)],
+            [
+                _compare_rate(compared, name, records[0].rules, units)
+                for name in RATES
+                if len(faults)
+            ],
             {word: _transitions(compared, word) for word in WORDS},
-            _changed(records[0].robot, table, most),
+            _list_changed_runs(records[0].robot, table, most),
         )
 
 
@@ -150,14 +156,14 @@ def _describe_origin(record: Manifest) -> dict[str, Any]:
     }
 
 
-def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
+def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     # Creates the table `pairs`: runs with the same run id, then runs with equal faults and
     # parameters.
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
     )
-    for side, key in zip(SIDES, _keys(table), strict=True):
+    for side, key in zip(SIDES, _fault_key_sql(table), strict=True):
         table.run(
             f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
             f" runs_{side} ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) SELECT row,"
@@ -182,7 +188,7 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     )
 
 
-def _keys(table: ResultTable) -> list[str]:
+def _fault_key_sql(table: ResultTable) -> list[str]:
     # Returns for both sides the SQL of a key that equal faults share.
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
@@ -191,7 +197,7 @@ def _keys(table: ResultTable) -> list[str]:
     return wording.fill_template("fault_keys.sql.j2", folders=types, names=names, quote=quote_name)
 
 
-def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
+def _create_judged_table(table: ResultTable, side: str, record: Manifest, key: str) -> None:
     """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
 
     key: SQL expression that is equal for equal faults. Column `counts` is true for valid runs with
@@ -225,23 +231,27 @@ _ACTING = "(a.activated OR b.activated)"
 _JOINED = f"{_VALID} AND {_ACTING}"
 
 
-def _rate(compared: pd.DataFrame, name: str, rules: Rules, among: Units | None) -> RateChange:
-    # Returns the rate of one event in both folders, and the difference.
+def _compare_rate(
+    compared: pd.DataFrame, name: str, rules: Rules, units: Units | None
+) -> RateChange:
+    # Returns the rate of one event in both folders, and the difference. units: the faults, the
+    # independent units of the intervals.
     first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
     return RateChange(
         name,
         events.event_meaning(name, rules),
-        *pair_intervals.compare_rates(second, first, among)[:-1],
+        *pair_intervals.compare_rates(second, first, units)[:-1],
     )
 
 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
+    # Counts the changes of one part of the verdict, such as "response", from word to word.
     counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
     words = itertools.product(WORDS[word], repeat=2)
     return [Transition(a, b, counts[a, b]) for a, b in words if counts[a, b]]
 
 
-def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
+def _list_changed_runs(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     # Returns the runs whose unintended distance changed most.
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"

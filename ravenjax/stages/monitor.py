@@ -45,7 +45,7 @@ class MonitorParams:
     """Limits of the observer; the defaults are the published ones."""
 
     jump_step: Scalar = 1e-4  # m per packet, twice; CSLDepend/raven2_sim analyze_faulty.py
-    large_jump: Scalar = 1e-3  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+    large_jump: Scalar = 1e-3  # m within two ticks; 1 mm, the rule in the text of DSN'16
     diverged: Scalar = 1e-6  # m from the golden run; 1 um, the resolution of `pos`
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
     idle_share: Scalar = 0.25
@@ -243,9 +243,8 @@ def _arm(
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,
         depth=jnp.maximum(state.depth, signal.depth[i]),
-        peak_dac=state.peak_dac.map(
-            lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]
-        ),
+        # Without `abs`: XLA 0.11 for NVIDIA GPUs compiles max(peak, abs(dac)) as max(peak, dac).
+        peak_dac=state.peak_dac.map(lambda peak, dac: largest((peak, dac, -dac)), signal.dac[i]),
         jump=first_tick(signal.tick, fresh & over & state.over, state.jump),
         large_jump=first_tick(
             signal.tick,
@@ -283,12 +282,12 @@ def step(
                 "from_model": distance.model * 1e3,
                 "depth": signal.depth[i] * 1e3,
                 "between_tips": signal.distance * 1e3,
-                "speed": norm(signal.tip[i] - state.arms[i].tip) * 1e6,
+                "speed": norm(signal.tip[i] - state.arms[i].tip) * (1e6 / setup.period_ms),
                 **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
                 "dac": largest(jnp.abs(x) for x in signal.dac[i]),
                 "live": as_int(signal.live),
                 "pedal": as_int(signal.pedal),
-                "time": signal.tick,
+                "time": setup.to_ms(signal.tick),
             }.items()
         }
         for i, distance in enumerate(distances if setup.harms else ())

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import sys
 from collections.abc import Callable
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
@@ -98,6 +99,9 @@ def spawn_process(
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
+    # Otherwise the process also imports the file of the running command.
+    command = vars(sys.modules["__main__"])
+    file = command.pop("__file__", None)
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The
     # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()
@@ -106,6 +110,8 @@ def spawn_process(
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
+        if file:
+            command["__file__"] = file
 
     def end() -> None:
         process.terminate()

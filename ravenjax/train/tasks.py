@@ -483,5 +483,4 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     x, y = (sum(start_tips[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     workspace = Workspace(tuple(arms), start_tips, (x, y), seed)
     kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}
-    # Other kinds have no goals.
     return kinds.get(settings.kind, Task)(settings, workspace)

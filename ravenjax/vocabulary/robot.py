@@ -36,6 +36,7 @@ class Robot:
     checks: Mapping[str, Check]  # in the order of the loop
     run_levels: tuple[str, ...]  # names, by number
     live: str  # when the robot should follow the operator: the end of a sentence "... while"
+    period_ms: int = 1  # duration of a tick
     leading_joints: tuple[int, ...] = ()  # lengths of vectors with only the first joints
     noise: tuple[str, ...] = ()  # parameters with the sizes of noise that `[campaign] noise` draws
     packet_cycles: str = ""  # parameter with the number of ms that a packet of the console lasts

@@ -101,7 +101,7 @@ def test_any_program_can_be_arranged(choices, data):
             numbers.append(builder.emit("rarely", "float32", p, x, y))
     program = builder.program(data.draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=4)))
     order = [i for i in program.needed() if program.operations[i].name != "input"]
-    with mock.patch.object(regions, "LEAST_OPERATIONS", 1):
+    with mock.patch.object(regions, "MIN_OPERATIONS", 1):
         found = arrange_regions(program.operations, order, program.outputs)
     every = list(flatten_regions(found))
     assert sorted(every) == order

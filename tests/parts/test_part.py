@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.engines.traced import leaks_refused
+from ravenjax.engines.traced import refuse_leaked_numbers
 from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE
@@ -172,7 +172,7 @@ def test_numbers_kept_between_calls_are_refused(tmp_path, score):
         )
 
     where = r"mine\.py:6: the code uses a jnp number of an earlier call"
-    with pytest.raises(UserError, match=where), leaks_refused():
+    with pytest.raises(UserError, match=where), refuse_leaked_numbers():
         trace()
 
 

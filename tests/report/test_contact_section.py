@@ -39,12 +39,14 @@ FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
 
 def test_every_fault_and_each_group_by_pandas() -> None:
     assert [row.group for row in ROWS] == [
-        contact.ALL,
+        contact.ALL_FAULTS,
         *sorted(FAULTY["group"].astype(str).unique()),
     ]
     for row in ROWS:
         mine = (
-            FAULTY if row.group == contact.ALL else FAULTY[FAULTY["group"].astype(str) == row.group]
+            FAULTY
+            if row.group == contact.ALL_FAULTS
+            else FAULTY[FAULTY["group"].astype(str) == row.group]
         )
         assert row.n == len(mine)
         shares = (row.harder, row.vessel, row.instruments)

@@ -73,13 +73,13 @@ def panel_of(item, name="unintended"):
     "values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)]
 )
 def test_bins_hold_their_values(values):
-    axis = panels.number_axis("x", values.astype(float), panels.MOST_VALUES)
+    axis = panels.number_axis("x", values.astype(float), panels.MAX_VALUES)
     limits = [
         [float(e.replace("−", "-").replace("k", "e3")) for e in label.split(" to ")]
         for label in axis.labels
     ]
-    assert axis.place.min() == 0 and axis.place.max() == len(axis.labels) - 1 <= 12
-    for value, i in zip(values, axis.place, strict=True):
+    assert axis.bins.min() == 0 and axis.bins.max() == len(axis.labels) - 1 <= 12
+    for value, i in zip(values, axis.bins, strict=True):
         assert limits[i][0] <= value < limits[i][1] or value == limits[-1][1]
 
 

@@ -40,7 +40,7 @@ def test_golden_runs_count_once_until_their_first_cue():
     assert free.hours == pytest.approx(PEDAL.sum() / 3.6e6)
     until = np.where(FIRST >= 0, PEDAL * FIRST / 3000, PEDAL)
     assert free.cue_rate(0) == pytest.approx(alarm_rate(4, until.sum() / 3.6e6))
-    assert free.came("golden_cue0_first_ms") == 4
+    assert free.count_with_event("golden_cue0_first_ms") == 4
     assert free.cue_rate(1) == pytest.approx(alarm_rate(0, PEDAL.sum() / 3.6e6))
 
 

@@ -37,8 +37,8 @@ KINDS = {
 @pytest.mark.parametrize("name", KINDS)
 def test_each_kind_by_pandas(name):
     chosen, column = KINDS[name]
-    assert chosen.sum() > worst.MOST
-    expected = FAULTY[chosen].nlargest(worst.MOST, column)
+    assert chosen.sum() > worst.SHOWN_RUNS
+    expected = FAULTY[chosen].nlargest(worst.SHOWN_RUNS, column)
     kind = FOUND[name]
     assert kind["n"] == chosen.sum()
     assert [row["run_id"] for row in kind["rows"]] == expected["run_id"].tolist()

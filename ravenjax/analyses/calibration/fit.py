@@ -147,6 +147,8 @@ def _weight(residual: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
         [_autocorrelation_time(residual[is_measured[:, j], j]) for j in range(residual.shape[-1])]
     )
     independent = np.maximum(count / times, 1.0)
+    # A joint that hardly moves shows the same few counts all the time.
+    independent = np.where(scale < FINEST, np.minimum(independent, LEAST), independent)
     return is_measured * np.sqrt(independent / count) / np.maximum(scale, FINEST)
 
 

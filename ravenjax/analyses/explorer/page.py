@@ -11,7 +11,8 @@ from typing import Any
 from ravenjax import robots
 from ravenjax.analyses.explorer import figure, program, words
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.document import html
 from ravenjax.store import files, manifest
 
@@ -34,7 +35,8 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
     folder = Path(source)
     if folder.is_dir():
         record = manifest.read_manifest(folder)
-        config, table = validate_tables(record.config), words.list_runs(folder, record)
+        config = validate_tables(record.config, folder / manifest.FILE)
+        table = words.list_runs(folder, record)
         place = folder / FILE
     else:
         config, table = loading.load_campaign(source, runs=False), None

@@ -63,6 +63,8 @@ def question_plan(config: CampaignConfig) -> Plan:
     ready = plan.make_plan(config)
     if config.campaign.noise:
         raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
+    if ready.tick_ms != 1:
+        raise UserError(f"a page computes ticks of 1 ms, got a robot with {ready.tick_ms} ms")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(

@@ -38,7 +38,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
         "robot": robot.title,
         "arms": arms,
         "joints": robot.joints,
-        "duration_ms": round(1000 * config.campaign.duration_s),
+        "duration_ms": config.campaign.duration_ms,
         "limit_mm": config.outcomes.limit_mm,
         "harm": config.rules.harm if config.rules.harms else "",
         "halt_ms": verdict.HALT_MS,

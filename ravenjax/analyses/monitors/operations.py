@@ -19,8 +19,9 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.fault_free import fault_free_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram

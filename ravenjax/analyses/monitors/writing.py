@@ -18,8 +18,9 @@ from ravenjax.analyses.monitors.monitor import Monitor, Segments, list_reads
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import LANES
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError, UserError

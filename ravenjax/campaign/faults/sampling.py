@@ -1,12 +1,16 @@
-"""Samples the design of a group: which value each run has for each variable key."""
+"""Samples the design of a group: which value each run has for each variable key.
+
+Latin hypercubes and Sobol points are those of SciPy, bit by bit. They are drawn here because the
+import of `scipy.stats` takes half a second of a start that may take 2.5 s.
+"""
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 
@@ -76,12 +80,27 @@ def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> 
     # Draws points of the unit cube, float [rows, dimensions].
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
-    # The import takes a second, so it is done only for these designs.
-    from scipy.stats import qmc
+    if design == "lhs":
+        own = rng.spawn(1)[0]
+        within = own.random((rows, dimensions))
+        cells = own.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
+        return (cells.T - within) / rows
+    table = resources.read_tables(__file__, "sobol.toml")["directions"][:dimensions]
+    if dimensions > len(table):
+        from scipy.stats import qmc
 
-    engine = qmc.LatinHypercube if design == "lhs" else qmc.Sobol
-    with warnings.catch_warnings():
-        # SciPy warns if the number of points is not a power of two, because the sample is then less
-        # balanced.
-        warnings.simplefilter("ignore", UserWarning)
-        return engine(dimensions, rng=rng).random(rows)
+        # SciPy warns of any number of points that is not a power of two.
+        return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
+    own = rng.spawn(1)[0]
+    # Sobol points with a random shift, and directions scrambled by triangular matrices of bits.
+    size, kind = (dimensions, 30), np.uint32
+    value = kind(1) << np.arange(30, dtype=kind)
+    shift = own.integers(2, size=size, dtype=kind) @ value
+    lower = np.tril(own.integers(2, size=(*size, 30), dtype=kind)) | np.eye(30, dtype=kind)
+    bits = np.array(table, kind)[..., None] // value[::-1] % 2
+    scrambled = bits @ lower.swapaxes(1, 2) % 2 @ value[::-1]
+    # A point differs from the point before it by one direction: the lowest bit of its number.
+    number = np.arange(1, rows)
+    lowest = np.bitwise_count((number & -number) - 1)
+    points = np.bitwise_xor.accumulate(np.c_[shift, scrambled[:, lowest]], axis=1)
+    return points.T / 2.0**30

@@ -71,14 +71,16 @@ class LaneGroup:
         self.group_state = aligned_buffer(1, kernel.group_state.bytes)
         self.results = aligned_buffer(results, kernel.results.bytes)
         self._rows, self._row_tick = aligned_buffer(rows, kernel.row.bytes), 0
-        # Compiled code always writes its outputs. If nobody reads them, each tick overwrites these.
-        self._nowhere = aligned_buffer(kernel.outputs, 8 * kernel.inputs.width)
+        # Compiled code always writes its outputs. Where nobody reads them, each tick overwrites
+        # those of the tick before.
+        self._unread_outputs = aligned_buffer(kernel.outputs, 8 * kernel.inputs.width)
         self._call("shared_begin", row_address(self._group_inputs), row_address(self.group_state))
         for v in range(vectors):
-            places = (self._inputs, self.state, self._prologue)
-            self._call("lane_begin", *(row_address(place, v) for place in places))
+            buffers = (self._inputs, self.state, self._prologue)
+            self._call("lane_begin", *(row_address(buffer, v) for buffer in buffers))
 
     def _call(self, name: str, *arguments: int) -> None:
+        # Collects a call of the compiled function `name`: its number, its arguments, then zeros.
         index = list(ARGUMENTS).index(name)
         self._calls.append((index, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
 
@@ -101,7 +103,10 @@ class LaneGroup:
         self._call(
             "shared_run",
             *(row_address(self._group_inputs), state, row_address(self.lanes.tables)),
-            *(*self._entering(first, 0), row_address(self._rows, first - self._row_tick)),
+            *(
+                *self._tick_input_arguments(first, 0),
+                row_address(self._rows, first - self._row_tick),
+            ),
             *(first, until - first),
         )
         if after is not None and self.group_state.size:
@@ -110,27 +115,36 @@ class LaneGroup:
     def advance(self, v: int, first: int, until: int) -> None:
         """Run vector `v` from tick `first` to before `until`. Rows of these ticks must exist."""
         lane, out = v * self.kernel.inputs.width, self.lanes.out
+        # Address of the outputs, and the bytes to the next tick and to the next number.
         if out is None:
-            leaving = row_address(self._nowhere), 0, self._nowhere.strides[0]
+            output_arguments = (
+                *(row_address(self._unread_outputs), 0),
+                self._unread_outputs.strides[0],
+            )
         else:
-            to = row_address(out, first - self.lanes.first) + lane * out.itemsize
-            leaving = to, *out.strides[:2]
-        places = self._inputs, self._prologue, self.state
+            address = row_address(out, first - self.lanes.first) + lane * out.itemsize
+            output_arguments = (address, *out.strides[:2])
+        buffers = self._inputs, self._prologue, self.state
+        # The order of the parameters of `lane_run`, see llvm.toml.
         self._call(
             "lane_run",
-            *(row_address(place, v) for place in places),
-            *(row_address(self.lanes.tables), *self._entering(first, lane)),
-            *(row_address(self._rows, first - self._row_tick), *leaving, until - first),
+            *(row_address(buffer, v) for buffer in buffers),
+            *(row_address(self.lanes.tables), *self._tick_input_arguments(first, lane)),
+            *(row_address(self._rows, first - self._row_tick), *output_arguments, until - first),
         )
 
-    def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
-        """Return the address of a tick's inputs, and the bytes to the next tick and number."""
+    def _tick_input_arguments(self, tick: int, lane: int) -> tuple[int, int, int]:
+        """Return the address of the inputs of a tick for lanes from `lane` on, the bytes from one
+        tick to the next, and the bytes from one number to the next.
+        """
         numbers = self.lanes.tick_inputs
-        step = numbers.strides[0] if len(numbers) > 1 else 0
-        start = numbers.ctypes.data + (tick - self.lanes.first) * step
+        # An array of one tick serves all ticks.
+        tick_bytes = numbers.strides[0] if len(numbers) > 1 else 0
+        start = numbers.ctypes.data + (tick - self.lanes.first) * tick_bytes
+        # Without an axis of lanes, all lanes read the same numbers.
         if numbers.ndim == 3:
             start += lane * numbers.itemsize
-        return start, step, numbers.strides[1]
+        return start, tick_bytes, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
         """Write the results of vector `v`. group_state: address of a copy; None: present state."""
@@ -163,6 +177,7 @@ class VectorCode:
         vectors = len(course.begins)
         vector_of_lane = np.repeat(np.arange(vectors), self.width)
         lane_ends = np.stack([vector_of_lane, course.ends], axis=1)
+        # Lanes of a vector that end in the same tick share one row of results.
         pairs, pair_of_lane = np.unique(lane_ends, axis=0, return_inverse=True)
         # For each vector: (tick, row of the results).
         stops: list[list[tuple[int, int]]] = [[] for _ in range(vectors)]
@@ -200,8 +215,8 @@ class VectorCode:
                 if progress is not None and ticks_done:
                     progress(ticks_done * self.width)
                 ticks_done = 0
-        places = pair_of_lane.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
-        return [column[places] for column in group.columns()]
+        indices = pair_of_lane.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
+        return [column[indices] for column in group.columns()]
 
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.

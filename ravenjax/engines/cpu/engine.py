@@ -31,7 +31,7 @@ last blocks leave threads idle.
 """
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
-UNSHARED = 0.5
+UNSHARED_WORK = 0.5
 """Approximate extra time of a vector that also computes the shared numbers, as a fraction."""
 
 
@@ -81,8 +81,10 @@ class SimdKernel(traced.PrintedKernel):
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        entering = self._golden_series(block, np.arange(self.width), True, 0, until)
-        lanes = Lanes(inputs, entering, traced.motion_tables(motion), None)
+        golden_series = self._golden_series(
+            block, np.arange(self.width), grouped=True, first=0, last=until
+        )
+        lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         names = self.forms(block, motion).traced.outcomes
         return trunk, dict(zip(names, columns, strict=True))
@@ -108,10 +110,12 @@ class SimdKernel(traced.PrintedKernel):
             # The output is large, so one group of all lanes writes into it without a copy.
             one_group = len(vector_lanes) == lanes
             group_out = out if one_group else np.zeros((*out.shape[:2], len(vector_lanes)), dtype)
-            entering = self._golden_series(block, vector_lanes, grouped, first, last)
             vectors = Lanes(
-                [column[vector_lanes] for column in inputs],
-                *(entering, tables, group_out if keep else None, first),
+                inputs=[column[vector_lanes] for column in inputs],
+                tick_inputs=self._golden_series(block, vector_lanes, grouped, first, last),
+                tables=tables,
+                out=group_out if keep else None,
+                first=first,
             )
             columns = code.run_course(vectors, course, progress)
             # Count also the ticks that no lane had to run.
@@ -131,8 +135,10 @@ class SimdKernel(traced.PrintedKernel):
     def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
         """Return a block's inputs, each lane's group, and whether computing by groups is faster."""
         inputs, group = self.groups(block)
+        # Vectors that are filled group by group, compared with vectors of any lanes.
         vectors = (-(-np.bincount(group) // self.width)).sum()
-        grouped = bool(vectors <= (1.0 + UNSHARED) * -(-len(group) // self.width))
+        vectors_without_groups = -(-len(group) // self.width)
+        grouped = bool(vectors <= (1.0 + UNSHARED_WORK) * vectors_without_groups)
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
@@ -147,12 +153,13 @@ class SimdKernel(traced.PrintedKernel):
     def _golden_series(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        # Returns the reference series of the golden runs; zeros if lanes are not compared.
+        # Returns the reference series of the lanes' golden runs from tick `first` to before `last`;
+        # zeros if lanes are not compared. See `Lanes.tick_inputs` for the shape.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
-        some = dataclasses.replace(block, reference=block.reference[first:last])
-        series = some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
+        part = dataclasses.replace(block, reference=block.reference[first:last])
+        series = part.series(lanes[:1])[:, :, 0] if grouped else part.series(lanes)
         return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
@@ -160,12 +167,12 @@ class SimdKernel(traced.PrintedKernel):
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 
-        def printed() -> VectorKernel:
+        def print_code() -> VectorKernel:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             parts = split_lanes(loop, len(self.program.varied), grouped)
             return print_kernel(parts, self.width, host.features)
 
-        return forms.code(key, lambda: VectorCode(forms.printed(key, printed), self.objects))
+        return forms.code(key, lambda: VectorCode(forms.printed(key, print_code), self.objects))
 
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:

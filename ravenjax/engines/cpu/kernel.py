@@ -43,26 +43,27 @@ def schedule_operations(
     an earlier chain waits. A wider window needs more registers than a CPU has.
     Measured on a tick of 4 250 vector operations: 4 450 cycles as traced, 3 950 with this window.
     """
-    out: list[int | Region] = []
+    scheduled: list[int | Region] = []
+    # Operations since the last region.
     between: list[int] = []
     for item in arranged:
         if isinstance(item, Region):
-            out += _scheduled(operations, between)
-            out.append(item._replace(operations=_scheduled(operations, item.operations)))
+            scheduled += _schedule(operations, between)
+            scheduled.append(item._replace(operations=_schedule(operations, item.operations)))
             between = []
         else:
             between.append(item)
-    return out + list(_scheduled(operations, between))
+    return scheduled + list(_schedule(operations, between))
 
 
-def _scheduled(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
+def _schedule(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
     """Return operations without regions in an order with less waiting.
 
     In each cycle, the first operation in the window begins whose operands are available. If there
     is none, the operation begins that waits least.
     """
     # From here on operations are identified by their index in `order`.
-    place = {i: k for k, i in enumerate(order)}
+    index = {i: k for k, i in enumerate(order)}
     # Number of operands that have not begun yet.
     missing = [0] * len(order)
     # Cycle in which the operands that have begun are available.
@@ -70,7 +71,7 @@ def _scheduled(operations: Sequence[Operation], order: Sequence[int]) -> tuple[i
     readers: list[list[int]] = [[] for _ in order]
     for k, i in enumerate(order):
         for operand in operations[i].operands:
-            if (source := place.get(operand)) is not None:
+            if (source := index.get(operand)) is not None:
                 missing[k] += 1
                 readers[source].append(k)
     # Operations in the window with no operand missing, in order.
@@ -173,44 +174,45 @@ class _LlvmModule(LoopPrinting[Place]):
 
     # --- addresses of inputs ---
 
-    def _lane_places(self) -> dict[int, Place]:
-        return _places(self.lane_state, self.buffers.state, "%state")
+    def _lane_state_places(self) -> dict[int, Place]:
+        # Index in the state -> place in the buffer of a lane.
+        return _places_by_number(self.lane_state, self.buffers.state, "%state")
 
-    def _group_places(self, pointer: str = "%state", splat: bool = False) -> dict[int, Place]:
-        return _places(self.split.shared_state, self.buffers.group_state, pointer, splat)
+    def _group_state_places(self, pointer: str = "%state", splat: bool = False) -> dict[int, Place]:
+        # Index in the state -> place in the buffer of a group. splat: each lane reads the number.
+        return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
 
     # --- functions ---
 
     def _function(self, name: str, printer: LlvmPrinter) -> None:
         # Adds a function without a loop, whose body is the lines of the printer.
         body = "\n".join(f"  {line}" for line in printer.lines)
-        self.functions.append(
-            f"define void @{name}({_noalias(name)}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
-        )
+        head = f"define void @{name}({_noalias_parameters(name)}) #0"
+        self.functions.append(f"{head} {{\nentry:\n{body}\n  ret void\n}}\n")
         self.declared |= printer.declared
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
         """Add a function that repeats its body. steps: bytes by which each pointer advances."""
-        self.functions.append(repeat_lines(name, _noalias(name), printer, steps, " #0"))
+        self.functions.append(repeat_lines(name, _noalias_parameters(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
     def _shared_begin(self) -> None:
         printer = LlvmPrinter(1, self.features)
         inputs = self.buffers.group_inputs.places("%inputs")
-        self.print_begin(printer, inputs, self._group_places())
+        self.print_begin(printer, inputs, self._group_state_places())
         self._function("shared_begin", printer)
 
     def _shared_run(self) -> None:
         # Prints the loop over ticks for the numbers that all lanes of a group share.
         printer = LlvmPrinter(1, self.features, "again")
-        split, buffers, state = self.split, self.buffers, self._group_places()
+        split, buffers, state = self.split, self.buffers, self._group_state_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
-        tick_values = self._of_this_tick(printer, sources, shared=True)
-        row = _places(split.row, buffers.row, "%row").items()
+        tick_values = self._add_tick_inputs(printer, sources, shared=True)
+        row = _places_by_number(split.row, buffers.row, "%row").items()
         self.print_step(printer, split.shared, sources, state, row, tick_values)
         self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
-    def _of_this_tick(
+    def _add_tick_inputs(
         self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
     ) -> dict[int, str]:
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
@@ -227,9 +229,9 @@ class _LlvmModule(LoopPrinting[Place]):
     def _lane_begin(self) -> None:
         # Prints the first state of the lanes, and the numbers that are constant in time.
         printer = LlvmPrinter(self.width, self.features)
-        inputs, state = self.buffers.inputs.places("%inputs"), self._lane_places()
+        inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
         self.print_begin(printer, inputs, state)
-        held = _places(self.split.prologue_results, self.buffers.prologue, "%held")
+        held = _places_by_number(self.split.prologue_results, self.buffers.prologue, "%held")
         sources = self.sources(self.step, inputs, state)
         printer.run(self.step, self.split.prologue, sources, list(held.items()))
         self._function("lane_begin", printer)
@@ -237,18 +239,18 @@ class _LlvmModule(LoopPrinting[Place]):
     def _lane_run(self) -> None:
         # Prints the loop over ticks of one vector of lanes.
         printer = LlvmPrinter(self.width, self.features, "again")
-        split, buffers, state = self.split, self.buffers, self._lane_places()
+        split, buffers, state = self.split, self.buffers, self._lane_state_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)
-        self._of_this_tick(printer, sources, shared=False)
-        sources |= _places(split.prologue_results, buffers.prologue, "%held")
-        sources |= _places(split.row, buffers.row, "%row", splat=True)
-        leaving = []
+        self._add_tick_inputs(printer, sources, shared=False)
+        sources |= _places_by_number(split.prologue_results, buffers.prologue, "%held")
+        sources |= _places_by_number(split.row, buffers.row, "%row", splat=True)
+        outputs = []
         for k, i in enumerate(self.outputs):
             offset = printer.op(f"mul i64 %out_step, {k}")
-            leaving.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
+            outputs.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
         changed = {k: state[k] for k in split.lane_state}
         self.print_step(
-            printer, split.lane, sources, changed, leaving, schedule=schedule_operations
+            printer, split.lane, sources, changed, outputs, schedule=schedule_operations
         )
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
@@ -256,17 +258,19 @@ class _LlvmModule(LoopPrinting[Place]):
     def _lane_finish(self) -> None:
         # Prints the results of the lanes from their last state.
         printer, buffers = LlvmPrinter(self.width, self.features), self.buffers
-        state = self._lane_places() | self._group_places("%group", splat=True)
+        state = self._lane_state_places() | self._group_state_places("%group", splat=True)
         results = buffers.results.places("%results")
         self.print_finish(printer, buffers.inputs.places("%inputs"), state, results)
         self._function("lane_finish", printer)
 
 
-def _places(
+def _places_by_number(
     numbers: Iterable[int], layout: BufferLayout, pointer: str, splat: bool = False
 ) -> dict[int, Place]:
+    # Number -> place in a buffer that contains these numbers in order.
     return dict(zip(numbers, layout.places(pointer, splat), strict=True))
 
 
-def _noalias(name: str) -> str:
+def _noalias_parameters(name: str) -> str:
+    # Returns a function's parameters for LLVM. The buffers of a call never overlap.
     return PARAMETERS[name].replace("ptr", "ptr noalias")

@@ -43,6 +43,7 @@ class LlvmPrinter(Printing[Place]):
         if name == "lookup":
             return self._lookup(program, detail, inputs[0])
         if name in ("select", "rarely"):
+            # See `_select_as_floats`.
             is_logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if is_logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._select_as_floats(dtype, inputs)
@@ -52,7 +53,7 @@ class LlvmPrinter(Printing[Place]):
         known = [
             o.name == "constant" and not np.isnan(from_bits(o.dtype, o.detail)) for o in sources
         ]
-        return self._computed(name, dtype, sources[0].dtype, inputs, known)
+        return self._compute(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
         # Prints a branch around operations that no lane of the vector needs.
@@ -83,9 +84,10 @@ class LlvmPrinter(Printing[Place]):
 
     def type(self, dtype: str) -> str:
         """Return the LLVM type of a number in registers."""
-        return self._wide(_TYPES[dtype])
+        return self._vector_of(_TYPES[dtype])
 
-    def _wide(self, scalar: str) -> str:
+    def _vector_of(self, scalar: str) -> str:
+        # Returns the LLVM type of a vector of all lanes, or of the number itself for one lane.
         return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
 
     def op(self, text: str) -> str:
@@ -94,7 +96,7 @@ class LlvmPrinter(Printing[Place]):
         self.lines.append(f"%v{self._count} = {text}")
         return f"%v{self._count}"
 
-    def pair(self, dtype: str, inputs: Sequence[str]) -> str:
+    def typed_operands(self, dtype: str, inputs: Sequence[str]) -> str:
         """Return operands as text, each with its type."""
         return ", ".join(f"{self.type(dtype)} {x}" for x in inputs)
 
@@ -105,12 +107,16 @@ class LlvmPrinter(Printing[Place]):
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
         """Return a value that is `yes` or `no` in each lane."""
-        return self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, [yes, no])}")
+        return self.op(
+            f"select {self.type('bool')} {condition}, {self.typed_operands(dtype, [yes, no])}"
+        )
 
     def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:
         """Call an intrinsic function whose operands and result have one type."""
         wide = self.type(dtype)
-        return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
+        return self.call(
+            wide, f"llvm.{name}.{self._type_suffix(dtype)}", *((wide, x) for x in inputs)
+        )
 
     def _constant(self, dtype: str, value: Any) -> str:
         # Returns a constant as text, with the same value in each lane.
@@ -130,7 +136,7 @@ class LlvmPrinter(Printing[Place]):
 
     def _load(self, dtype: str, place: Place) -> str:
         # Loads one number per lane; a number that all lanes share is loaded once and copied.
-        scalar, wide, address = _STORED[dtype], self._wide(_STORED[dtype]), self.address(place)
+        scalar, wide, address = _STORED[dtype], self._vector_of(_STORED[dtype]), self.address(place)
         if place.splat and self.width > 1:
             number = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
             start = self.op(f"insertelement {wide} poison, {scalar} {number}, i64 0")
@@ -140,12 +146,13 @@ class LlvmPrinter(Printing[Place]):
             value = self.op(f"load {wide}, ptr {address}, align {stored_size(dtype)}")
         if dtype != "bool":
             return value
-        return self.op(f"icmp ne {self._wide('i32')} {value}, {self._constant('int32', 0)}")
+        return self.op(f"icmp ne {self._vector_of('i32')} {value}, {self._constant('int32', 0)}")
 
     def _store(self, dtype: str, value: str, place: Place) -> None:
+        # Stores one number per lane. In memory, a truth value is an int32, all bits set or none.
         if dtype == "bool":
-            value = self.op(f"sext {self.type('bool')} {value} to {self._wide('i32')}")
-        target = f"{self._wide(_STORED[dtype])} {value}, ptr {self.address(place)}"
+            value = self.op(f"sext {self.type('bool')} {value} to {self._vector_of('i32')}")
+        target = f"{self._vector_of(_STORED[dtype])} {value}, ptr {self.address(place)}"
         self.lines.append(f"store {target}, align {stored_size(dtype)}")
 
     # --- operations ---
@@ -160,7 +167,10 @@ class LlvmPrinter(Printing[Place]):
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
         return self.op(f"bitcast {real} {self.select('float32', inputs[0], *sides)} to {wide}")
 
-    def _computed(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
+    def _compute(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
+        # Prints an operation on the operands `x` of type `source`: one instruction, an intrinsic
+        # function, or a sequence of llvm.toml. Returns the result, of type `dtype`. known: whether
+        # an operand is a constant other than NaN.
         real, kind, wide = dtype.startswith("float"), _KINDS[source], self.type(dtype)
         if instruction := TEXTS["instructions"][kind].get(name):
             return self.op(f"{instruction} {self.type(source)} {', '.join(x)}")
@@ -171,7 +181,8 @@ class LlvmPrinter(Printing[Place]):
                 return x[0]
             return self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
         if name in LIBRARY and self.width == 1:
-            return self._library(name, dtype, x)
+            return self._call_library(name, dtype, x)
+        # The words that the sequences of llvm.toml contain in braces.
         bits = stored_size(dtype) * 8
         constants = {"zero": 0, "one": 1, "ones": -1, "bits": bits, "last": bits - 1}
         words = {key: self._constant(dtype, value) for key, value in constants.items()}
@@ -181,41 +192,43 @@ class LlvmPrinter(Printing[Place]):
             "sign": kind[0],
             **dict(zip("xyz", x, strict=False)),
         }
-        words |= {"double": self._wide("double"), "long": self._wide("i64")}
+        words |= {"double": self._vector_of("double"), "long": self._vector_of("i64")}
         match name:
             case "shl" | "shr" | "sar":
                 words["shift"] = TEXTS["shifts"][name]
                 if name == "sar":
                     words["y"] = self.intrinsic("umin", dtype, x[1], words["last"])
                 # A constant amount is less than the width; the builder removes other shifts.
-                plain = name == "sar" or known[1]
-                return self._sequence("plain_shift" if plain else "shift", words)
+                is_in_range = name == "sar" or known[1]
+                return self._print_sequence("plain_shift" if is_in_range else "shift", words)
             case "div" | "rem" if not real and bits == 32:
-                self._sequence("quotient", words)
-                return self._sequence(name, words)
+                self._print_sequence("quotient", words)
+                return self._print_sequence(name, words)
             case "fma" if self.features & FUSED:
                 return self.intrinsic("fma", dtype, *x)
             # WebAssembly has no fused multiply-add.
             case "not" | "neg" | "fma":
-                return self._sequence(name, words)
+                return self._print_sequence(name, words)
             case "abs":
                 return self.call(
-                    wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false")
+                    wide, f"llvm.abs.{self._type_suffix(dtype)}", (wide, x[0]), ("i1", "false")
                 )
             case "max" | "min":
-                best = self._sequence(name, words)
-                return best if known[0] else self._sequence("nan", words)
+                result = self._print_sequence(name, words)
+                # "nan" also returns the first operand where it is NaN.
+                return result if known[0] else self._print_sequence("nan", words)
             case "convert":
-                return self._converted(dtype, source, x[0])
+                return self._convert(dtype, source, x[0])
             case "truncate":
-                return self._truncated(source, x[0])
+                return self._truncate(source, x[0])
         raise NotImplementedError(f"operation {name!r} of {dtype} has no LLVM form")
 
-    def _suffix(self, dtype: str) -> str:
+    def _type_suffix(self, dtype: str) -> str:
+        # Returns the end of an intrinsic function's name, such as v8f32.
         scalar = {"float": "f32", "double": "f64"}.get(_TYPES[dtype], _TYPES[dtype])
         return scalar if self.width == 1 else f"v{self.width}{scalar}"
 
-    def _sequence(self, name: str, words: dict[str, str]) -> str:
+    def _print_sequence(self, name: str, words: dict[str, str]) -> str:
         """Print the instructions of llvm.toml under a name, and return the last value.
 
         words: values of the instructions' placeholders; each result is added to them.
@@ -226,7 +239,7 @@ class LlvmPrinter(Printing[Place]):
             words[target] = value = self.op(instruction.format_map(words))
         return value
 
-    def _converted(self, dtype: str, source: str, x: str) -> str:
+    def _convert(self, dtype: str, source: str, x: str) -> str:
         # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.
         wide, before = self.type(dtype), self.type(source)
         if dtype.startswith("float") and source.startswith("float"):
@@ -234,22 +247,21 @@ class LlvmPrinter(Printing[Place]):
         if dtype.startswith("float"):
             return self.op(f"{_KINDS[source][0]}itofp {before} {x} to {wide}")
         if not source.startswith("float"):
-            return self._resized(dtype, source, x)
+            return self._resize_integer(dtype, source, x)
         if dtype != "int32":
-            suffix = f"{self._suffix(dtype)}.{self._suffix(source)}"
+            suffix = f"{self._type_suffix(dtype)}.{self._type_suffix(source)}"
             name = f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}"
             return self.call(wide, name, (before, x))
         # The truncation is right except for NaN and for values that are too large.
-        best = self._truncated(source, x)
-        for condition, value in (
-            (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
-            (f"uno {before} {x}, {x}", 0),
-        ):
-            outside = self.op(f"fcmp {condition}")
-            best = self.select(dtype, outside, self._constant(dtype, value), best)
-        return best
+        result = self._truncate(source, x)
+        is_too_large = f"oge {before} {x}, {self._constant(source, 2147483648.0)}"
+        is_nan = f"uno {before} {x}, {x}"
+        for condition, value in ((is_too_large, 2**31 - 1), (is_nan, 0)):
+            is_special = self.op(f"fcmp {condition}")
+            result = self.select(dtype, is_special, self._constant(dtype, value), result)
+        return result
 
-    def _resized(self, dtype: str, source: str, x: str) -> str:
+    def _resize_integer(self, dtype: str, source: str, x: str) -> str:
         # Converts an integer to an integer of another width.
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
@@ -257,20 +269,22 @@ class LlvmPrinter(Printing[Place]):
         name = "trunc" if size < before else "sext" if _KINDS[source] == "signed" else "zext"
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
-    def _library(self, name: str, dtype: str, x: list[str]) -> str:
+    def _call_library(self, name: str, dtype: str, x: list[str]) -> str:
         """Call the C library's function of float64, and round the result (see `semantics`)."""
         if dtype == "float32":
-            x = [self._converted("float64", dtype, operand) for operand in x]
+            x = [self._convert("float64", dtype, operand) for operand in x]
         result = self.call("double", name, *(("double", operand) for operand in x))
-        return self._converted(dtype, "float64", result) if dtype == "float32" else result
+        return self._convert(dtype, "float64", result) if dtype == "float32" else result
 
-    def _truncated(self, source: str, x: str) -> str:
-        """Convert as C's `(int)x` on x86, where one instruction does it."""
+    def _truncate(self, source: str, x: str) -> str:
+        """Convert floats to int32 as C's `(int)x` does on x86: a number that does not fit becomes
+        -2^31. On x86 this is one instruction.
+        """
         wide, before = self.type("int32"), self.type(source)
         form = TEXTS["truncations"].get(str(self.width))
         if source == "float32" and form and form["feature"] in self.features:
             return self.call(wide, f"llvm.x86.{form['function']}", (before, x), *form["more"])
-        suffix = f"{self._suffix('int32')}.{self._suffix(source)}"
+        suffix = f"{self._type_suffix('int32')}.{self._type_suffix(source)}"
         near = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.select("int32", fits, near, self._constant("int32", -(2**31)))
@@ -289,7 +303,7 @@ class LlvmPrinter(Printing[Place]):
             address = self.op(f"extractelement <{self.width} x ptr> {addresses}, i64 {lane}")
             loaded = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
             value = self.op(
-                f"insertelement {self._wide(scalar)} {value}, {scalar} {loaded}, i64 {lane}"
+                f"insertelement {self._vector_of(scalar)} {value}, {scalar} {loaded}, i64 {lane}"
             )
         return value
 

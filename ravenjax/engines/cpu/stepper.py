@@ -15,7 +15,7 @@ from ravenjax.engines import trace_key, traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer, stored_size
 from ravenjax.engines.cpu.transition import (
-    NOTHING,
+    EMPTY,
     Compiled,
     Memory,
     RecordKind,
@@ -35,21 +35,21 @@ class StepCode:
         step: Callable[[Any, Any, Any, Any, Any], tuple[Any, Sequence[Any]]],
         finish: Callable[[Any, Any], dict[str, Any]],
         inputs: Any,
-        entering: Any,
+        step_inputs: Any,
         tables: Sequence[int],
         objects: jit.Objects | None = None,
         key: str = "",
     ) -> None:
         """Trace and compile three functions.
 
-        begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32
-        outputs of the tick); finish(inputs, state) -> named numbers. inputs, entering: examples of
-        the records, numbers of 32 bits. tables: lengths of float32 tables. objects: cache of
+        begin(inputs) -> state; step(inputs, state, tick, step_inputs, tables) -> (state, float32
+        outputs of the tick); finish(inputs, state) -> named numbers. inputs, step_inputs: examples
+        of the records, numbers of 32 bits. tables: lengths of float32 tables. objects: cache of
         compiled code. key: hash of all inputs of the functions, without source files; "": nothing
         is cached. Raises TypeError if a tick returns anything but float32.
         """
         self.inputs = RecordKind.of(inputs)
-        self.entering = RecordKind.of((np.int32(0), entering))
+        self.step_inputs = RecordKind.of((np.int32(0), step_inputs))
         self.tables = tuple(tables)
 
         def make() -> tuple[str, RecordKind, RecordKind, int]:
@@ -57,25 +57,26 @@ class StepCode:
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(
-                lambda inputs, state, entering, tables: step(
-                    inputs, state, entering[0], entering[1], tables
+                lambda inputs, state, step_inputs, tables: step(
+                    inputs, state, step_inputs[0], step_inputs[1], tables
                 ),
-                *(self.inputs.shapes(), state, self.entering.shapes(), columns),
+                *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
             if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
                 raise TypeError("every output of a tick must be float32")
             kind, fixed = RecordKind.of(state), self.inputs.layout
+            # Each: a program, and the layouts of its inputs in the order of `StateTransition`.
             transitions = {
-                "begin": StateTransition(first, fixed, NOTHING, NOTHING),
-                "step": StateTransition(middle, fixed, kind.layout, self.entering.layout),
-                "finish": StateTransition(last, fixed, NOTHING, kind.layout),
+                "begin": StateTransition(first, fixed, EMPTY, EMPTY),
+                "step": StateTransition(middle, fixed, kind.layout, self.step_inputs.layout),
+                "finish": StateTransition(last, fixed, EMPTY, kind.layout),
             }
             named, outputs = RecordKind.of(outcomes), len(tree.tree_leaves(out))
             return print_module(transitions), kind, named, outputs
 
         # The generated code depends on the CPU's instructions.
-        types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
+        types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]
         key = key and trace_key.persistent_key(
             "step", key, types, self.tables, jit.host_target().text
         )
@@ -87,18 +88,21 @@ class StepCode:
 class Stepper:
     """One robot that runs a `StepCode`.
 
-    The caller writes to the arrays `inputs`, `entering` and `tables`: `inputs[k][0] = x` changes an
-    input, `entering[k][0] = x` an input of the next tick, and `tables[k]` is a table that several
-    steppers may share.
+    The caller writes to the arrays `inputs`, `step_inputs` and `tables`. `inputs[k][0] = x` changes
+    an input, and `step_inputs[k][0] = x` an input of the next tick. `tables[k]` is a table that
+    several steppers may share.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
         """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
-        fixed, entering = code.inputs.row(inputs), aligned_buffer(1, code.entering.layout.bytes)
+        fixed, step_inputs = (
+            code.inputs.row(inputs),
+            aligned_buffer(1, code.step_inputs.layout.bytes),
+        )
         self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))
         self._tick: np.ndarray
-        self._tick, *self.entering = tree.tree_leaves(code.entering.views(entering[0]))
+        self._tick, *self.step_inputs = tree.tree_leaves(code.step_inputs.views(step_inputs[0]))
         # np.full instead of np.zeros: the memory is then allocated before the first tick.
         self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
         ends = np.cumsum(code.tables)
@@ -111,7 +115,7 @@ class Stepper:
         bind = code.machine.bind
         self._begin = bind("begin", Memory(fixed, nothing, nothing, self._state))
         out = aligned_buffer(1, BufferLayout.aligned(["float32"] * code.outputs).bytes)
-        self._step = bind("step", Memory(fixed, self._state, entering, out, self.flat))
+        self._step = bind("step", Memory(fixed, self._state, step_inputs, out, self.flat))
         self._finish = bind("finish", Memory(fixed, nothing, self._state, self._results))
         self.begin()
 
@@ -122,7 +126,7 @@ class Stepper:
     def step(self, tick: int, out: int) -> None:
         """Run one tick, and write its float32 outputs to address `out`."""
         self._tick[0] = tick
-        self._step.leave_at(out)
+        self._step.write_outputs_to(out)
         self._step()
 
     def outcomes(self) -> dict[str, Any]:

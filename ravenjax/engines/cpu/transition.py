@@ -1,8 +1,8 @@
 """Runs a program that computes the next state of one robot and its outputs, step by step.
 
-The program is a function (fixed, state, entering, tables) -> (state, leaving) of single numbers.
-Each argument is a row of bytes in memory. `entering`, the inputs, and `leaving`, the outputs, may
-have many rows, one per step. No operations are fused. `Compiled` runs the program as machine code.
+The program is a function (fixed, state, step_inputs, tables) -> (state, step_outputs) of single
+numbers. Each argument is a row of bytes in memory. `step_inputs` and `step_outputs` have one row
+per step. No operations are fused. `Compiled` runs the program as machine code.
 `Interpreted` runs each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same
 bits.
 """
@@ -27,17 +27,18 @@ from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange_regions
 from ravenjax.numbers import tree
 
-NOTHING = BufferLayout.aligned([])
+EMPTY = BufferLayout.aligned([])
 STEPS = (
-    "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
-    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables, i64 %count"
+    "ptr noalias %fixed, ptr noalias %state, ptr noalias %step_inputs0, i64 %step_inputs_bytes, ptr"
+    " noalias %step_outputs0, i64 %step_outputs_bytes, ptr noalias %tables, i64 %count"
 )
 """Parameters of a transition's function.
 
 They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables,
 number of steps.
 """
-_MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
+# Pointer -> bytes by which it advances per step.
+_POINTER_STEPS = {"step_inputs": "%step_inputs_bytes", "step_outputs": "%step_outputs_bytes"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +50,7 @@ class RecordKind:
 
     @staticmethod
     def of(example: Any) -> RecordKind:
-        """Return the kind of a record of NumPy numbers, which are consecutive in memory."""
+        """Return the kind of records like `example`, a record of NumPy or Python numbers."""
         record = tree.map_leaves(
             lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
         )
@@ -90,8 +91,10 @@ def read_row(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
     if not layout.types:
         return []
     (numbers,) = np.frombuffer(row, layout.dtype).tolist()
-    ways: dict[str, Any] = {"float32": np.float32, "bool": bool}
-    return [ways.get(dtype, lambda x: x)(x) for dtype, x in zip(layout.types, numbers, strict=True)]
+    # `tolist` gives Python numbers: a float32 as a float, a bool as an int.
+    types: dict[str, Any] = {"float32": np.float32, "bool": bool}
+    pairs = zip(layout.types, numbers, strict=True)
+    return [types[dtype](x) if dtype in types else x for dtype, x in pairs]
 
 
 def write_row(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
@@ -104,14 +107,14 @@ def write_row(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> 
 class StateTransition:
     """One transition function and the layouts of its numbers."""
 
-    # Computes `state` and `leaving` from the numbers of `fixed`, `state` and `entering`.
+    # Computes `state` and `step_outputs` from the numbers of `fixed`, `state` and `step_inputs`.
     program: Program
     fixed: BufferLayout
     state: BufferLayout
-    entering: BufferLayout
+    step_inputs: BufferLayout
 
     @property
-    def leaving(self) -> BufferLayout:
+    def step_outputs(self) -> BufferLayout:
         """Layout of the outputs: the results after the new state."""
         outputs = self.program.outputs[len(self.state.types) :]
         return BufferLayout.aligned(self.program.operations[i].dtype for i in outputs)
@@ -125,8 +128,8 @@ class Memory(NamedTuple):
 
     fixed: np.ndarray  # [bytes]
     state: np.ndarray  # [bytes]
-    entering: np.ndarray  # [steps, bytes]
-    leaving: np.ndarray  # [steps, bytes]
+    step_inputs: np.ndarray  # [steps, bytes]
+    step_outputs: np.ndarray  # [steps, bytes]
     tables: np.ndarray | None = None
 
 
@@ -140,17 +143,17 @@ class Interpreted:
         """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
         transition = self._transitions[name]
 
-        def take() -> None:
+        def make_transition() -> None:
             # Makes one transition for each row of inputs.
             fixed = read_row(transition.fixed, memory.fixed)
-            for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
+            for inputs, outputs in zip(memory.step_inputs, memory.step_outputs, strict=True):
                 state = read_row(transition.state, memory.state)
-                entering = read_row(transition.entering, inputs)
-                after = semantics.run_program(transition.program, [*fixed, *state, *entering])
+                step_inputs = read_row(transition.step_inputs, inputs)
+                after = semantics.run_program(transition.program, [*fixed, *state, *step_inputs])
                 write_row(transition.state, memory.state, after[: len(state)])
-                write_row(transition.leaving, outputs, after[len(state) :])
+                write_row(transition.step_outputs, outputs, after[len(state) :])
 
-        return take
+        return make_transition
 
 
 class Compiled:
@@ -170,7 +173,7 @@ class Compiled:
 
     def bind(self, name: str, memory: Memory) -> BoundTransition:
         """Return a function that makes the transition `name` once for each row of `memory`."""
-        function = self._functions[name, len(memory.entering) == 1]
+        function = self._functions[name, len(memory.step_inputs) == 1]
         return BoundTransition(function, memory, self)
 
 
@@ -178,16 +181,16 @@ class BoundTransition:
     """A transition with its memory. A call makes the transition once for each row."""
 
     def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
-        fixed, state, entering, leaving, tables = memory
+        fixed, state, step_inputs, step_outputs, tables = memory
         # ctypes keeps addresses only, not the arrays and the code behind them.
         self._alive = memory, machine
-        self._function, self._steps = function, len(entering)
-        self._leaving = ctypes.c_void_p(leaving.ctypes.data)
+        self._function, self._steps = function, len(step_inputs)
+        self._output_pointer = ctypes.c_void_p(step_outputs.ctypes.data)
         # ctypes converts its own number types faster than Python's.
         self._arguments = (
             *(ctypes.c_void_p(fixed.ctypes.data), ctypes.c_void_p(state.ctypes.data)),
-            *(ctypes.c_void_p(entering.ctypes.data), ctypes.c_int64(entering.strides[0])),
-            *(self._leaving, ctypes.c_int64(leaving.strides[0])),
+            *(ctypes.c_void_p(step_inputs.ctypes.data), ctypes.c_int64(step_inputs.strides[0])),
+            *(self._output_pointer, ctypes.c_int64(step_outputs.strides[0])),
             ctypes.c_void_p(None if tables is None else tables.ctypes.data),
             ctypes.c_int64(self._steps),
         )
@@ -196,9 +199,9 @@ class BoundTransition:
         if self._steps:
             self._function(*self._arguments)
 
-    def leave_at(self, address: int) -> None:
+    def write_outputs_to(self, address: int) -> None:
         """Set the address for the outputs of later calls."""
-        self._leaving.value = address
+        self._output_pointer.value = address
 
 
 def print_module(
@@ -208,19 +211,23 @@ def print_module(
     features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
-        printer = _printed(transition, features)
-        texts.append(repeat_lines(name, STEPS, printer, _MOVES))
+        printer = _print_transition(transition, features)
+        texts.append(repeat_lines(name, STEPS, printer, _POINTER_STEPS))
         declared |= printer.declared
     return "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
 
 
-def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
+def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     # Prints the loop over the steps of one transition.
     program = transition.program
     state = transition.state.places("%state")
-    places = [*transition.fixed.places("%fixed"), *state, *transition.entering.places("%entering")]
+    places = [
+        *transition.fixed.places("%fixed"),
+        *state,
+        *transition.step_inputs.places("%step_inputs"),
+    ]
     sources = {i: places[k] for i, k in program.reads.items()}
-    targets = [*state, *transition.leaving.places("%leaving")]
+    targets = [*state, *transition.step_outputs.places("%step_outputs")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")

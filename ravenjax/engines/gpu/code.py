@@ -109,11 +109,11 @@ class _Run:
         self.chunk = min(chunk, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
         columns = [column_words(column) for column in lanes.inputs]
         packed = np.empty((len(columns), self.total), np.uint32)
-        of_groups = np.empty((self.groups, len(columns)), np.uint32)
+        packed_groups = np.empty((self.groups, len(columns)), np.uint32)
         for k, column in enumerate(columns):
             np.take(column, places.lane, out=packed[k])
-            of_groups[:, k] = column[places.first]
-        self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
+            packed_groups[:, k] = column[places.first]
+        self.inputs, self.group_inputs = session.upload(packed), session.upload(packed_groups)
         self.tables = session.upload(column_words(lanes.tables))
         self.group, self.spans, self.ends = (
             session.upload(column.view(np.uint32))
@@ -123,9 +123,10 @@ class _Run:
         self.state = session.allocate(self.blocks * source.state * self.threads)
         self.group_state = session.allocate(self.groups * source.group_state)
         self.rows = [session.allocate(self.groups * self.chunk * source.row) for _ in range(2)]
-        entering = self.groups if code.grouped else self.total
+        input_columns = self.groups if code.grouped else self.total
+        # Two buffers: one is written while the lanes read the other.
         self.given = [
-            session.allocate(entering * self.chunk * source.tick_inputs) for _ in range(2)
+            session.allocate(input_columns * self.chunk * source.tick_inputs) for _ in range(2)
         ]
         out_words = self.total * self.chunk * source.outputs
         self.out = None if lanes.out is None else session.allocate(out_words)
@@ -164,7 +165,7 @@ class _Run:
                     session.finish(finished[k - 1])
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
-            self._leave_snapshot("lane", code.source.state, main, self.state, k)
+            self._store_snapshot("lane", code.source.state, main, self.state, k)
             session.launch(
                 code.lane_run,
                 *(self.blocks, self.threads, main),
@@ -174,7 +175,7 @@ class _Run:
             )
             finished.append(session.mark(main))
             if self.lanes.out is not None:
-                self._take_out(first, count)
+                self._read_outputs(first, count)
             if progress is not None:
                 session.finish(finished[k])
                 progress(course.lane_ticks(self.places, first, first + count))
@@ -183,7 +184,9 @@ class _Run:
         # Initialises the groups, then the lanes, then the lanes that start from snapshots.
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
-            self._by_group("shared_begin", self.group_inputs, self.group_state, self.groups)
+            self._launch_for_groups(
+                "shared_begin", self.group_inputs, self.group_state, self.groups
+            )
         else:
             session.write(self.group_state, course.group_state, session.urgent)
         where = self.blocks, self.threads, session.main
@@ -193,7 +196,7 @@ class _Run:
             starts = session.upload(course.snapshot.view(np.uint32))
             session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
 
-    def _leave_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
+    def _store_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
         if self.snapshots and words:
             self.session.launch(
@@ -201,7 +204,8 @@ class _Run:
                 *(-(-words // WARP), WARP, stream, state, self.snapshots[what], row),
             )
 
-    def _by_group(self, name: str, *arguments: object) -> None:
+    def _launch_for_groups(self, name: str, *arguments: object) -> None:
+        # Launches a kernel with one thread per group, on the stream of rows.
         blocks = -(-self.groups // WARP)
         self.session.launch(
             self.code.functions[name], blocks, WARP, self.session.urgent, *arguments
@@ -210,17 +214,19 @@ class _Run:
     def _make_rows(self, k: int, first: int) -> object:
         """Start computing the rows of chunk `k`; return a mark that is reached at the end."""
         count, buffer = min(self.chunk, self.course.last - first), self.given[k % 2]
-        urgent, entering, source = self.session.urgent, self.lanes.tick_inputs, self.code.source
-        self._leave_snapshot("group", source.group_state, urgent, self.group_state, k)
-        if source.tick_inputs and len(entering):
+        urgent, source = self.session.urgent, self.code.source
+        tick_inputs = self.lanes.tick_inputs
+        self._store_snapshot("group", source.group_state, urgent, self.group_state, k)
+        if source.tick_inputs and len(tick_inputs):
             ticks = slice(first, first + count)
-            part = entering[:, ticks] if self.code.grouped else entering[ticks]
+            part = tick_inputs[:, ticks] if self.code.grouped else tick_inputs[ticks]
             self.session.write(buffer, column_words(np.ascontiguousarray(part)), urgent)
         buffers = self.group_inputs, self.group_state, self.tables, buffer, self.rows[k % 2]
-        self._by_group("shared_run", *buffers, self.groups, first, count)
+        self._launch_for_groups("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
-    def _take_out(self, first: int, count: int) -> None:
+    def _read_outputs(self, first: int, count: int) -> None:
+        # Copies the outputs of `count` ticks from the device, for the thread of each lane.
         assert self.lanes.out is not None
         block = np.empty((count, self.code.source.outputs, self.total), np.uint32)
         self.session.read(block, self.out, self.session.main)

@@ -35,16 +35,18 @@ def place_lanes(group: np.ndarray, threads: int) -> Places:
     sizes = np.bincount(group)
     warps = -(-sizes // WARP)
     starts = np.concatenate([[0], np.cumsum(warps)[:-1]]) * WARP
-    before = np.cumsum(sizes) - sizes
+    # Number of lanes in earlier groups. Below, lanes are sorted by group.
+    lanes_before = np.cumsum(sizes) - sizes
     sorted_group = group[order]
-    position = starts[sorted_group] + np.arange(len(group)) - before[sorted_group]
-    total = -(-int(warps.sum()) * WARP // threads) * threads
-    filled = np.zeros(total, np.int64)
-    filled[position] = np.arange(len(group))
-    lane = order[np.maximum.accumulate(filled)]
+    thread_of_sorted = starts[sorted_group] + np.arange(len(group)) - lanes_before[sorted_group]
+    threads_in_total = -(-int(warps.sum()) * WARP // threads) * threads
+    # The maximum so far is the lane of the last thread that has its own lane.
+    sorted_lane = np.zeros(threads_in_total, np.int64)
+    sorted_lane[thread_of_sorted] = np.arange(len(group))
+    lane = order[np.maximum.accumulate(sorted_lane)]
     thread = np.empty(len(group), np.int64)
-    thread[order] = position
-    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before])
+    thread[order] = thread_of_sorted
+    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[lanes_before])
 
 
 EVERY = 100
@@ -105,15 +107,17 @@ def plan_course(
     """
     acts = np.zeros_like(ends) if acts is None else acts
     trunks = [None] * len(places.first) if trunks is None else trunks
-    own_ends = ends[places.lane].astype(np.int32)
-    earliest = np.minimum(acts[places.lane], own_ends - 1).reshape(-1, WARP).min(axis=1)
+    thread_ends = ends[places.lane].astype(np.int32)
+    earliest = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
     begins = np.zeros(len(earliest), np.int64)
     for number, trunk in enumerate(trunks):
-        of_group = places.group == number
+        is_member = places.group == number
         if trunk is not None:
-            begins[of_group] = trunk.start_ticks(earliest[of_group])
+            begins[is_member] = trunk.start_ticks(earliest[is_member])
     begins = begins.reshape(-1, threads // WARP).min(axis=1)
-    spans = np.stack([begins, own_ends.reshape(-1, threads).max(axis=1)], axis=1).astype(np.int32)
+    spans = np.stack([begins, thread_ends.reshape(-1, threads).max(axis=1)], axis=1).astype(
+        np.int32
+    )
 
     snapshot_number = np.repeat(begins // EVERY, threads // WARP)
     pairs, snapshot = np.unique(
@@ -125,4 +129,4 @@ def plan_course(
     first = int(begins.min()) // EVERY
     shared = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    return BlockCourse(spans, own_ends, snapshots, snapshot, shared)
+    return BlockCourse(spans, thread_ends, snapshots, snapshot, shared)

@@ -87,6 +87,7 @@ class CudaPrinter(Printing[str]):
         return f"v{self._count}"
 
     def _new(self, dtype: str, text: str) -> str:
+        # Declares a variable with this value, and returns its name.
         name = self._name()
         self.line(f"const {_TYPES[dtype]} {name} = {text};")
         return name

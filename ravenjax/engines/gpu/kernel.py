@@ -26,6 +26,7 @@ tick, number] if they are equal in a group.
 
 import collections
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.engines.gpu.cuda import CudaPrinter
@@ -36,7 +37,7 @@ WARP = 32
 VECTOR = 4
 """Number of 32-bit words that one instruction loads or stores."""
 
-_MOST_PLAIN = 128
+_MAX_PLAIN_WORDS = 128
 """Most words of state that plain C accesses. With assembly, code is 2 % slower, but compiles in 2 s
 instead of 13 s.
 """
@@ -90,8 +91,8 @@ class _CudaModule(LoopPrinting[str]):
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
         self.row = -(-len(self.in_row) // VECTOR) * VECTOR
-        self.far, self.in_shared = self._kept()
-        self.lane_state = (*self.far, *self.in_shared)
+        self.in_device_memory, self.in_shared = self._divide_state()
+        self.lane_state = (*self.in_device_memory, *self.in_shared)
         for program in (self.step, self.begin, self.finish):
             if "float64" in {operation.dtype for operation in program.operations}:
                 raise NotImplementedError(
@@ -133,47 +134,51 @@ class _CudaModule(LoopPrinting[str]):
 
     # --- words ---
 
-    def _inputs(self, template: str) -> list[str]:
+    def _input_words(self, template: str) -> list[str]:
         return [template.format(k) for k in range(self.inputs)]
 
-    def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
+    def _tick_input_words(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Return the words of a tick's inputs, and the text of the tick's number."""
         words = {i: template.format(k - 1) for i, k in self.tick_reads.items() if k}
         return words, {i: "now" for i, k in self.tick_reads.items() if not k}
 
     @staticmethod
-    def _of_lane(name: str) -> str:
+    def _lane_word(name: str) -> str:
+        # Returns C code for a word of this lane; {} is the word's number.
         return f"{name}[{{}} * (size_t)lanes]"
 
-    def _reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
-        """Return operation -> number of reads in a tick of a lane, and place of the first read."""
-        times, first = collections.Counter[int](), dict[int, int]()
-        for place, i in enumerate(self.split.lane):
-            for o in self.step.operations[i].operands:
-                times[o] += 1
-                first.setdefault(o, place)
-        return times, first
+    def _count_reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
+        """Return how often a lane reads each operation in a tick, and the position of the first
+        operation that reads it.
+        """
+        read_counts, first_readers = collections.Counter[int](), dict[int, int]()
+        for position, i in enumerate(self.split.lane):
+            for operand in self.step.operations[i].operands:
+                read_counts[operand] += 1
+                first_readers.setdefault(operand, position)
+        return read_counts, first_readers
 
-    def _kept(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def _divide_state(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the indices of a lane's state in device memory, and of those in shared memory.
 
         Numbers that are read least are in device memory. Both are in the order of first use,
         because one instruction reads neighbours.
         """
-        times, first = self._reads()
+        read_counts, first_readers = self._count_reads()
+        # Index in the state -> operation that reads it.
         operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
-        order = sorted(numbers, key=lambda k: times[operation_of.get(k, -1)])
-        far = max(0, len(order) - self.form.shared_words)
-        device, shared = (
-            tuple(sorted(part, key=lambda k: first.get(operation_of.get(k, -1), -1)))
-            for part in (order[:far], order[far:])
-        )
-        return device, shared
+        order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
+        device_words = max(0, len(order) - self.form.shared_words)
+
+        def sort_by_first_use(part: Sequence[int]) -> tuple[int, ...]:
+            return tuple(sorted(part, key=lambda k: first_readers.get(operation_of.get(k, -1), -1)))
+
+        return sort_by_first_use(order[:device_words]), sort_by_first_use(order[device_words:])
 
     def _row_order(self) -> tuple[int, ...]:
         """Return the operations of a row: those that a tick reads, then those only for results."""
-        _, first = self._reads()
+        _, first = self._count_reads()
         only_saved = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(only_saved))
 
@@ -185,15 +190,22 @@ class _CudaModule(LoopPrinting[str]):
 
     def _state_in_loop(self) -> dict[int, str]:
         # State that is used often lies in shared memory, the rest in global memory.
-        template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
+        template = (
+            "state[{} * {}]"
+            if len(self.in_device_memory) <= _MAX_PLAIN_WORDS
+            else "Far{{state + {} * {}}}"
+        )
         threads = self.form.threads
-        places = {k: template.format(position, threads) for position, k in enumerate(self.far)}
+        places = {
+            k: template.format(position, threads)
+            for position, k in enumerate(self.in_device_memory)
+        }
         for position, k in enumerate(self.in_shared):
             group, member = divmod(position, VECTOR)
             places[k] = f"room[{group * threads * VECTOR + member}]"
         return places
 
-    def _stored(self, position: int) -> str:
+    def _state_word(self, position: int) -> str:
         return f"state[{position} * {self.form.threads}]"
 
     # --- statements of kernels ---
@@ -201,60 +213,68 @@ class _CudaModule(LoopPrinting[str]):
     def _shared_begin(self) -> str:
         printer = CudaPrinter()
         state = {k: f"state[{position}]" for position, k in enumerate(self.split.shared_state)}
-        self.print_begin(printer, self._inputs("inputs[{}]"), state)
+        self.print_begin(printer, self._input_words("inputs[{}]"), state)
         return printer.text()
 
     def _shared_run(self) -> str:
         # Prints one tick of the numbers that all lanes of a group share.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
-        words, tick_values = self._of_this_tick(f"given[(size_t)tick * {self.tick_inputs} + {{}}]")
-        sources = self.sources(self.step, self._inputs("inputs[{}]"), state) | words
+        words, tick_values = self._tick_input_words(
+            f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
+        )
+        sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | words
         row = [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         self.print_step(printer, self.split.shared, sources, state, row, tick_values)
         return printer.text()
 
     def _lane_begin(self) -> str:
         printer = CudaPrinter()
-        state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
-        self.print_begin(printer, self._inputs(self._of_lane("inputs")), state)
+        state = {k: self._state_word(place) for place, k in enumerate(self.lane_state)}
+        self.print_begin(printer, self._input_words(self._lane_word("inputs")), state)
         return printer.text()
 
     def _lane_run(self) -> dict[str, Any]:
         # Prints the loop over ticks of one lane, and the code before and after it.
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
-        inputs = self.sources(step, self._inputs("in{}"), state)
-        packed, prologue_words, prologue = self._held(inputs)
+        inputs = self.sources(step, self._input_words("in{}"), state)
+        packed, prologue_words, prologue = self._print_prologue(inputs)
 
         printer = CudaPrinter("    ")
-        words, tick_values = self._of_this_tick(
+        words, tick_values = self._tick_input_words(
             f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
         )
-        place = {i: position for position, i in enumerate(self.in_row)}
-        rows = {i: f"row[{at // VECTOR}].{'xyzw'[at % VECTOR]}" for i, at in place.items()}
+        position_in_row = {i: position for position, i in enumerate(self.in_row)}
+        # A row is read in vectors of four words, whose members are x, y, z and w.
+        rows = {
+            i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}"
+            for i, position in position_in_row.items()
+        }
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         changed = {k: state[k] for k in split.lane_state}
-        leaving = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
-        self.print_step(printer, split.lane, sources, changed, leaving, tick_values)
+        outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
+        self.print_step(printer, split.lane, sources, changed, outputs, tick_values)
+        # Barriers for the compiler, inserted from the end so that earlier positions stay valid.
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
-        near = enumerate(self.in_shared, len(self.far))
+        shared_positions = enumerate(self.in_shared, len(self.in_device_memory))
         return {
             "prologue": prologue,
             "packed": packed,
             "lane_run": printer.text(),
             "inputs_read": sorted(k for k in step.reads.values() if k < self.inputs),
-            "near": [(state[k], self._stored(position)) for position, k in near],
+            "near": [(state[k], self._state_word(position)) for position, k in shared_positions],
             "in_step": len(split.lane) >= form.in_step_from,
-            "saved": [place[step.outputs[k]] for k in self.saved],
+            "saved": [position_in_row[step.outputs[k]] for k in self.saved],
         }
 
-    def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
-        """Return names of words with packed truth values, the text of each held number, and code.
+    def _print_prologue(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
+        """Return the code that computes a lane's constant numbers before the loop over ticks.
 
-        Held numbers are constant in time. The code computes them before the loop.
+        Returns the names of the words that contain packed truth values, operation -> C code of its
+        number in the loop, and the code.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
@@ -273,9 +293,9 @@ class _CudaModule(LoopPrinting[str]):
 
     def _lane_finish(self) -> str:
         # Prints the outcomes of one lane from its last state.
-        printer, saved = CudaPrinter(), self._of_lane("saved")
-        state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
+        printer, saved = CudaPrinter(), self._lane_word("saved")
+        state = {k: self._state_word(place) for place, k in enumerate(self.lane_state)}
         state |= {k: saved.format(position) for position, k in enumerate(self.saved)}
-        results = map(self._of_lane("results").format, range(len(self.finish.outputs)))
-        self.print_finish(printer, self._inputs(self._of_lane("inputs")), state, results)
+        results = map(self._lane_word("results").format, range(len(self.finish.outputs)))
+        self.print_finish(printer, self._input_words(self._lane_word("inputs")), state, results)
         return printer.text()

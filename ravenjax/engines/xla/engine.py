@@ -15,6 +15,7 @@ import os
 import threading
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 
 from ravenjax import threads
@@ -86,7 +87,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
 
     segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
-    [length]. Both series are [length, series, lanes]. ends: value of `traced.own_ends`.
+    [length]. Both series are [length, series, lanes]. ends: value of `traced.lane_ends`.
     """
     # The last segment extends beyond the run.
     overshoots = program.ticks % length != 0
@@ -164,7 +165,7 @@ class ScanKernel:
         faults = jax.tree.map(_place, block.faults)
         shapes = jax.eval_shape(jax.vmap(self.program.begin, axis_size=lanes), varied)
         state = jax.tree.map(lambda s: _place(np.zeros(s.shape, s.dtype)), shapes)
-        ends = tuple(map(_place, traced.own_ends(self.program, block)))
+        ends = tuple(map(_place, traced.lane_ends(self.program, block)))
         columns = tuple(jnp.asarray(c) for c in motion)
         reference = self._reference(block, 0, lanes)
         return lanes, (varied, faults, ends, state, jnp.int32(0), reference, columns)
@@ -229,7 +230,8 @@ class ScanEngine:
     @property
     def device(self) -> str:
         """The device in words."""
-        return str(jax.devices()[0].device_kind)
+        kind = str(jax.devices()[0].device_kind)
+        return f"cpu {llvm.get_host_cpu_name()}" if kind == "cpu" else kind
 
     @property
     def threads(self) -> int:

@@ -22,17 +22,18 @@ def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
     """
     if "group" not in config:
         return None
-    return frozenset(str(group["name"]) for group in config["group"] if _draws(group))
+    return frozenset(str(group["name"]) for group in config["group"] if _has_drawn_fault(group))
 
 
-def _draws(group: Mapping[str, Any]) -> bool:
-    # A group with explicit runs sets each value individually.
+def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
+    # Returns whether a value of a fault, or its effect, is drawn at random. A group with explicit
+    # runs sets each value individually.
     if group.get("run"):
         return False
-    sampled = group.get("design") in SAMPLED
+    samples_lists = group.get("design") in SAMPLED
     return any(
         _is_random(fault.get("effect", ""))
-        or any(_varies(value, sampled) for value in fault.values())
+        or any(_is_drawn(value, samples_lists) for value in fault.values())
         for fault in group.get("fault", ())
     )
 
@@ -42,8 +43,11 @@ def _is_random(effect: Any) -> bool:
     return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 
-def _varies(value: Any, sampled: bool) -> bool:
+def _is_drawn(value: Any, samples_lists: bool) -> bool:
+    # samples_lists: the design draws from lists of values, instead of using each value.
     if isinstance(value, Mapping):
         # A list is the only form of a value table that enumerates.
-        return sampled or "list" not in value
-    return sampled and (value == "all" or (isinstance(value, list | tuple) and len(value) > 1))
+        return samples_lists or "list" not in value
+    return samples_lists and (
+        value == "all" or (isinstance(value, list | tuple) and len(value) > 1)
+    )

@@ -92,6 +92,7 @@ def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
     plain = (
         "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
+        " pedal_down_ms halted_ms"
     )
     hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
     needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
@@ -124,7 +125,7 @@ def define_facts(
     rules = chosen.rules
     types = table.types()
     names = list(types)
-    unique = _number(table, types, chosen.end_ms)
+    unique = _number_faults(table, types, chosen.end_ms)
     action, plain = action_sql(names, chosen.action), "true"
     if ACTION in names:
         (idle,) = table.row(f"SELECT count(*) FILTER ({action} = 0) FROM {RESULTS}")
@@ -140,22 +141,23 @@ def define_facts(
         **{name: sql.format(**terms) for name, sql in _COLUMNS["columns"].items()},
         "action": f"({action})::TINYINT",
         "plain": plain,
-        **_first_fault(names, chosen.robot),
+        **_first_fault_sql(names, chosen.robot),
         **(more or {}),
     }
     derived = dict(_COLUMNS["derived"])
-    for name, words in _words(table, names, chosen.robot).items():
+    for name, words in _list_words(table, names, chosen.robot).items():
         base[name] = f"({base[name]})::{query.enum_type(words)}"
     base["response"] = f"({base['response']})::{query.enum_type(['', *verdict.RESPONSES])}"
     base["hazard"] = f"({base['hazard']})::{query.enum_type(['', *verdict.HAZARDS])}"
     derived["outcome"] = f"({derived['outcome']})::{query.enum_type(list(OUTCOMES))}"
-    numbered, fault = (
-        (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
-    )
+    # If all faults differ, the number of a fault is its row.
+    source, fault_number = RESULTS, "row"
+    if not unique:
+        source, fault_number = f"{RESULTS} JOIN numbers USING (row)", '"distinct"'
     table.run(
-        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {fault} AS "distinct" FROM'
-        f" {numbered}) SELECT *, {_listed(derived)}, plain AND NOT failed AND (activated OR NOT"
-        " faulty) AS sample FROM base"
+        f"CREATE TABLE {FACTS} AS WITH base AS (SELECT {_select_list(base)}, {fault_number}"
+        f' AS "distinct" FROM {source}) SELECT *, {_select_list(derived)}, plain AND NOT failed AND'
+        " (activated OR NOT faulty) AS sample FROM base"
     )
     if not unique:
         table.run(
@@ -182,8 +184,9 @@ def action_sql(names: Sequence[str], usual: int) -> str:
 
 def first_sql(*times_ms: str) -> str:
     """Return SQL for the earliest of several times. Each time, and the result, is -1 for never."""
-    came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
-    return f"coalesce(least({', '.join(came)}), -1)"
+    # `least` ignores NULL, which replaces the times that mean never.
+    known = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
+    return f"coalesce(least({', '.join(known)}), -1)"
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
@@ -193,7 +196,7 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     )
 
 
-def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
+def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     # Creates the table `numbers`, in which equal faults have the same number, and returns whether
     # all faults differ.
     inputs = {
@@ -202,7 +205,7 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
         if name == "operator" or name.startswith(("param:", "fault"))
     }
     draws, key, key_of_copies = wording.fill_template(
-        "inputs.sql.j2", types=inputs, end_ms=end_ms, random=RANDOM, quote=quote_name
+        "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     # An effect that draws random numbers differs in every run, so each run is distinct.
@@ -220,10 +223,12 @@ def _number(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     return bool(unique)
 
 
-def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
+def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     # Returns the different words in columns of text, which become enumerated types.
     first = {
-        name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
+        name: sql
+        for name, sql in _first_fault_sql(names, robot).items()
+        if name in ("site", "block")
     }
     columns = {"group": '"group"', **first}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
@@ -231,7 +236,7 @@ def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, 
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
 
 
-def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
+def _first_fault_sql(names: Sequence[str], robot: Robot) -> dict[str, str]:
     # SQL for the columns that describe a run's first fault.
     if "fault0_site" not in names:
         # The campaign has no faults.
@@ -243,5 +248,6 @@ def _first_fault(names: Sequence[str], robot: Robot) -> dict[str, str]:
     return _COLUMNS["first_fault"] | {"layer": layer}
 
 
-def _listed(columns: Mapping[str, str]) -> str:
+def _select_list(columns: Mapping[str, str]) -> str:
+    # Returns SQL for a list of columns. columns: name -> expression.
     return ", ".join(f"{sql} AS {quote_name(name)}" for name, sql in columns.items())

@@ -37,14 +37,14 @@ class Motions(NamedTuple):
     hands: int  # number of different hand motions
     beside: Companions
 
-    def with_event(self, condition: str) -> int:
+    def count_motions(self, condition: str) -> int:
         """Return the number of motions that fulfil a condition over their `golden_` columns."""
         (count,) = self.table.row(f"SELECT count(*) FILTER ({condition}) FROM {TABLE}")
         return count
 
-    def came(self, column: str) -> int:
+    def count_with_event(self, column: str) -> int:
         """Return the number of motions with an event. column: time of the first event, -1: none."""
-        return self.with_event(f"{quote_name(column)} >= 0")
+        return self.count_motions(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
         """Return the rate of first alarms per hour in pedal-down until the alarm; None if there is

@@ -40,11 +40,12 @@ class SignalTicks(NamedTuple):
     differs: np.ndarray
     leaves: np.ndarray
     # index into `channels` of the number that differed first
-    differing: np.ndarray
-    leaving: np.ndarray
+    first_differing: np.ndarray
+    # index into `channels` of the number that left its range first
+    first_leaving: np.ndarray
     channels: tuple[str, ...]
     # True if any of its numbers has a normal range
-    ranged: bool
+    has_range: bool
 
 
 class ChainLink(NamedTuple):
@@ -112,25 +113,27 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
     by_signal: dict[str, list[Crossing]] = {}
     for crossing in list_crossings(robot.seams, arms):
         by_signal.setdefault(crossing.signal, []).append(crossing)
-    out = []
+    signals = []
     for name, crossings in by_signal.items():
-        differs = _stacked(ticks, [f"{DIFFERS}{crossing.name}" for crossing in crossings], runs)
-        leaves = _stacked(ticks, [f"{LEAVES}{crossing.name}" for crossing in crossings], runs)
+        differs = _stack_columns(
+            ticks, [f"{DIFFERS}{crossing.name}" for crossing in crossings], runs
+        )
+        leaves = _stack_columns(ticks, [f"{LEAVES}{crossing.name}" for crossing in crossings], runs)
         seam = crossings[0].seam
-        out.append(
+        signals.append(
             SignalTicks(
-                name,
-                robot.layers[seam.layer],
-                seam.meaning,
-                earliest_time(differs),
-                earliest_time(leaves),
-                _late(differs).argmin(axis=0),
-                _late(leaves).argmin(axis=0),
-                tuple(crossing.channel.name for crossing in crossings),
-                any(f"{LEAVES}{crossing.name}" in ticks for crossing in crossings),
+                name=name,
+                layer=robot.layers[seam.layer],
+                meaning=seam.meaning,
+                differs=earliest_time(differs),
+                leaves=earliest_time(leaves),
+                first_differing=_replace_never(differs).argmin(axis=0),
+                first_leaving=_replace_never(leaves).argmin(axis=0),
+                channels=tuple(crossing.channel.name for crossing in crossings),
+                has_range=any(f"{LEAVES}{crossing.name}" in ticks for crossing in crossings),
             )
         )
-    return out
+    return signals
 
 
 def trace_chain(
@@ -139,7 +142,7 @@ def trace_chain(
     """Return the chain of one run, from its row of the result table and of the explained runs.
     `cue`: number of the haptic set of the verdict.
     """
-    hazard, name = str(row["hazard"]), f"cue{cue}_first_ms"
+    hazard, cue_column = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
     return Chain(
         run_id=str(row["run_id"]),
@@ -149,15 +152,15 @@ def trace_chain(
         verdict=str(row["verdict"] or row["failed"]),
         hazard=hazard,
         fault_ms=int(row["first_active_ms"]),
-        cue_ms=int(verdict.beyond_golden(row[name], row[f"golden_{name}"])),
+        cue_ms=int(verdict.beyond_golden(row[cue_column], row[f"golden_{cue_column}"])),
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
         links=[
-            _link(signal, harm)
+            _make_link(signal, harm)
             for signal in list_signals(ticks, robot, arms)
             if signal.differs[0] >= 0
         ],
-        checks=_checks(row, ticks, robot),
+        checks=_list_near_checks(row, ticks, robot),
     )
 
 
@@ -176,48 +179,53 @@ def chain_table(
     tables, run_order = [], np.arange(len(results))
     columns = {str(name): ticks[name].to_numpy() for name in ticks}
     for order, signal in enumerate(list_signals(columns, robot, arms)):
-        names, differing = np.array([*signal.channels, ""], object), signal.differs >= 0
+        # The last name, at index -1, is that of no channel.
+        names = np.array([*signal.channels, ""], object)
         arm, _, seam = signal.name.rpartition("/")
         is_visible = signal.leaves >= 0
-        columns_of = {
+        signal_columns = {
             "run_id": columns["run_id"],
             "index": columns["index"],
             "layer": signal.layer,
             "arm": arm,
             "seam": seam,
             "differs_ms": signal.differs,
-            "differs_in": names[signal.differing],
+            "differs_in": names[signal.first_differing],
             "leaves_ms": signal.leaves,
-            "leaves_in": names[np.where(is_visible, signal.leaving, -1)],
+            "leaves_in": names[np.where(is_visible, signal.first_leaving, -1)],
             "harm_ms": harm,
             "left_ms": np.where(is_visible & (harm >= 0), harm - signal.leaves, np.nan),
         }
-        tables.append(pd.DataFrame(columns_of | {"run": run_order, "place": order}).loc[differing])
+        rows = pd.DataFrame(signal_columns | {"run": run_order, "signal_order": order})
+        tables.append(rows.loc[signal.differs >= 0])
     table = pd.concat(tables, ignore_index=True).sort_values(
-        ["run", "place"], kind="stable", ignore_index=True
+        ["run", "signal_order"], kind="stable", ignore_index=True
     )
-    return table.drop(columns=["run", "place"])
+    return table.drop(columns=["run", "signal_order"])
 
 
-def _link(signal: SignalTicks, harm: int) -> ChainLink:
-    # One signal of the chain: when it first differed, and when it left its normal range.
+def _make_link(signal: SignalTicks, harm: int) -> ChainLink:
+    # Returns one signal of a single run's chain. harm: time of the run's harm in ms; -1: none.
     leaves = int(signal.leaves[0])
     return ChainLink(
-        signal.layer,
-        signal.name,
-        signal.meaning,
-        int(signal.differs[0]),
-        signal.channels[int(signal.differing[0])],
-        leaves,
-        signal.channels[int(signal.leaving[0])] if leaves >= 0 else "",
-        harm - leaves if harm >= 0 and leaves >= 0 else None,
+        layer=signal.layer,
+        signal=signal.name,
+        meaning=signal.meaning,
+        differs_ms=int(signal.differs[0]),
+        differs_in=signal.channels[int(signal.first_differing[0])],
+        leaves_ms=leaves,
+        leaves_in=signal.channels[int(signal.first_leaving[0])] if leaves >= 0 else "",
+        left_ms=harm - leaves if harm >= 0 and leaves >= 0 else None,
     )
 
 
-def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> list[NearCheck]:
-    # Checks that the fault brought nearer to their limit than the golden run, or tripped.
+def _list_near_checks(
+    row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot
+) -> list[NearCheck]:
+    # Returns the checks that tripped, or came nearer to their limit than in the golden run.
     near = []
-    for name in (column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)):
+    names = [column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)]
+    for name in names:
         margin, golden = float(ticks[f"{NEAR}{name}"]), float(ticks[f"{GOLDEN_NEAR}{name}"])
         tripped, check = int(row[f"check_{name}_first_ms"]), robot.check(name)
         if (math.isfinite(margin) and margin < golden) or tripped >= 0:
@@ -226,17 +234,18 @@ def _checks(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot) -> l
     return near
 
 
-def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
+def _stack_columns(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
     """Return columns as int32 [columns, runs]; missing columns mean never."""
     columns = [np.broadcast_to(ticks.get(name, -1), runs) for name in names]
     return np.stack(columns).astype(np.int32)
 
 
-def _late(ticks: np.ndarray) -> np.ndarray:
+def _replace_never(ticks: np.ndarray) -> np.ndarray:
+    # Replaces -1, which means never, by a late time, so that the earliest time is the minimum.
     return np.where(ticks < 0, NEVER, ticks)
 
 
 def earliest_time(ticks: np.ndarray) -> np.ndarray:
     """Return the first of several times in ms, [.., runs] -> [runs]; -1 means never."""
-    first = _late(ticks).min(axis=0)
+    first = _replace_never(ticks).min(axis=0)
     return np.where(first == NEVER, -1, first)

@@ -1,7 +1,5 @@
 """Describes how one run's fault propagates to failure, in sentences, tables and a chart."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,7 +9,7 @@ from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report import wording
 from ravenjax.report.run.chain import Chain
 
-ROW = 15  # px per signal
+ROW_PX = 15  # px per signal
 # least margin of the time axis before the first and after the last event
 MARGIN_MS = 8
 
@@ -35,12 +33,10 @@ def chain_timeline(chain: Chain) -> Chart | None:
     if not chain.links:
         return None
     differs = np.array([link.differs_ms for link in chain.links], float)
-    leaving = [(place, link) for place, link in enumerate(chain.links) if link.leaves_ms >= 0]
-    places, leaves, differs_before = (
-        np.array([(place, link.leaves_ms, link.differs_ms) for place, link in leaving], float)
-        .reshape(-1, 3)
-        .T
-    )
+    # Signals that left their normal range: row in the chart, and times.
+    visible = [(row, link) for row, link in enumerate(chain.links) if link.leaves_ms >= 0]
+    rows_and_times = [(row, link.leaves_ms, link.differs_ms) for row, link in visible]
+    rows, leaves, differs_before = np.array(rows_and_times, float).reshape(-1, 3).T
     moments = [
         ("fault", chain.fault_ms, "series3"),
         ("cue", chain.cue_ms, CUE),
@@ -52,32 +48,39 @@ def chain_timeline(chain: Chain) -> Chart | None:
     margin = max(MARGIN_MS, 0.04 * float(all_times.max() - all_times.min()))
     low, high = max(0.0, float(all_times.min()) - margin), float(all_times.max()) + margin
     full_height = np.array([-0.5, len(chain.links) - 0.5])
-    layers = ["", *(link.layer for link in chain.links)]
+    # Only the first signal of a layer has the layer's name.
+    layers_before = ["", *(link.layer for link in chain.links)]
     names = tuple(
-        link.signal if link.layer == layer else f"{link.layer} · {link.signal}"
-        for link, layer in zip(chain.links, layers, strict=False)
+        link.signal if link.layer == before else f"{link.layer} · {link.signal}"
+        for link, before in zip(chain.links, layers_before, strict=False)
     )
     differs_tips = tuple(
-        f"{link.signal}, {link.differs_in} differs at {_ms(link.differs_ms)}"
+        f"{link.signal}, {link.differs_in} differs at {_format_ms(link.differs_ms)}"
         for link in chain.links
     )
     leaves_tips = tuple(
-        f"{link.signal}, {link.leaves_in} out of its range at {_ms(link.leaves_ms)}"
-        for _, link in leaving
+        f"{link.signal}, {link.leaves_in} out of its range at {_format_ms(link.leaves_ms)}"
+        for _, link in visible
     )
-    look: Any = {"tips": leaves_tips, "diamond": True}
-    order, ends = np.arange(len(chain.links), dtype=float), (differs_before, leaves)
+    order = np.arange(len(chain.links), dtype=float)
     marks = (
         *(
-            Curve(f"{name}, {_ms(ms)}", colour, np.array([ms, ms], float), full_height)
+            Curve(f"{name}, {_format_ms(ms)}", colour, np.array([ms, ms], float), full_height)
             for name, ms, colour in moments
         ),
         Dots("differs in any bit", SAME, differs, order, tips=differs_tips),
-        Dots("leaves its normal range", "series2", leaves, places, *ends, **look),
+        # A horizontal bar goes from the time at which the signal differs to the dot.
+        Dots(
+            "leaves its normal range",
+            "series2",
+            *(leaves, rows, differs_before, leaves),
+            tips=leaves_tips,
+            diamond=True,
+        ),
     )
     x_axis = ChartAxis("time, ms", low, high, unit="ms")
     y_axis = ChartAxis("signals, in the robot's order", 0, len(chain.links), names=names)
-    return Chart(chain_title(chain), x_axis, y_axis, marks, ROW * len(chain.links))
+    return Chart(chain_title(chain), x_axis, y_axis, marks, ROW_PX * len(chain.links))
 
 
 def timeline_figure(chain: Chain) -> Figure | None:
@@ -87,5 +90,5 @@ def timeline_figure(chain: Chain) -> Figure | None:
     return None if chart is None else print_figure([chart], 7.6, title=f"{first}\n{last}")
 
 
-def _ms(value: int) -> str:
+def _format_ms(value: int) -> str:
     return f"{wording.format_count(value)} ms"

@@ -15,9 +15,9 @@ from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import TipCourse
 
 ROWS = ("x, mm", "y, mm", "z, mm", "tip speed, mm/s")
-NEAR_S = 0.1
+MARGIN_S = 0.1
 """Samples within this time of a replayed part are drawn with it, s."""
-DOTS = 400
+MAX_DOTS = 400
 """Up to this number of samples, each is drawn as a dot, so that the spacing is visible."""
 
 
@@ -29,36 +29,44 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
     """
     require_writable(out)
     columns = 2 if all(len(course.replayed_s) for course in courses) else 1
-    charts = [chart for course in courses for chart in _charts(course)]
+    charts = [chart for course in courses for chart in _draw_course(course)]
     paths = [out / f"{name}.{kind}" for kind in ("svg", "png")]
     for path in paths:
         save_panels(path, charts, columns, title)
     return paths
 
 
-def _charts(course: TipCourse) -> list[Chart]:
-    # A part may be played backwards after it ends; only the way forward is drawn.
+def _draw_course(course: TipCourse) -> list[Chart]:
+    # Returns a chart of each row of ROWS over the whole recording and, if a part is replayed, a
+    # second chart over this part. After its end, a replay may return backwards. Only the way
+    # forward is drawn.
     count = int(np.argmax(course.replayed_s)) + 1 if len(course.replayed_s) else 0
-    after_s = course.replayed_s[:count]
-    before = _place_and_speed(course.recorded_s, course.recorded)
-    after = _place_and_speed(np.arange(count) * TICK_S, course.replayed[:count])
+    replayed_s = course.replayed_s[:count]
+    time_spans = [course.recorded_s]
+    if count:
+        time_spans.append(replayed_s)
+    recording = _position_and_speed(course.recorded_s, course.recorded)
+    replay = _position_and_speed(np.arange(count) * TICK_S, course.replayed[:count])
     colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
     charts = []
     for row, title in enumerate(ROWS):
-        for times in (course.recorded_s, after_s) if count else (course.recorded_s,):
+        for times in time_spans:
             begin, end = float(times[0]), float(times[-1])
-            near = (course.recorded_s >= begin - NEAR_S) & (course.recorded_s <= end + NEAR_S)
-            recorded_s, recorded = course.recorded_s[near], before[near, row]
-            all_values = np.concatenate([recorded, after[:, row]])
+            is_near = (course.recorded_s >= begin - MARGIN_S) & (
+                course.recorded_s <= end + MARGIN_S
+            )
+            recorded_s, recorded = course.recorded_s[is_near], recording[is_near, row]
+            all_values = np.concatenate([recorded, replay[:, row]])
             low, high = float(np.nanmin(all_values)), float(np.nanmax(all_values))
             margin = 0.05 * (high - low) or 1.0
             low, high = low - margin, high + margin
+            # Lower and upper end of the coloured spans, which fill the height of the chart.
             floor, top = np.full(2, low), np.full(2, high)
             marks: list[Mark] = [Curve("recorded", SAME, recorded_s, recorded)]
-            if near.sum() <= DOTS:
+            if is_near.sum() <= MAX_DOTS:
                 marks.append(Dots("", SAME, recorded_s, recorded, in_legend=False))
             if count:
-                marks.append(Curve(f"replayed, {course.arm}", colour, after_s, after[:, row]))
+                marks.append(Curve(f"replayed, {course.arm}", colour, replayed_s, replay[:, row]))
             marks += [
                 Curve(label, tint, np.array(span), floor, floor, top)
                 for label, tint, spans in (
@@ -77,7 +85,7 @@ def _charts(course: TipCourse) -> list[Chart]:
     return charts
 
 
-def _place_and_speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
+def _position_and_speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Return [samples, 4] in mm and mm/s; the speed is since the previous sample."""
     speed = np.zeros(len(time_s))
     if len(time_s) > 1:

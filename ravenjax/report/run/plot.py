@@ -43,8 +43,8 @@ def trace_plot(
     for arm, colour in zip(robot.arms, ARM_COLOURS, strict=False):
         for name, kind in TIPS.items():
             if f"{arm}/{name}" in series and f"{arm}/model_position" in series:
-                off = 1e3 * (series[f"{arm}/{name}"] - series[f"{arm}/model_position"])
-                distance, dashed = np.linalg.norm(off, axis=1), name == "position"
+                offset_mm = 1e3 * (series[f"{arm}/{name}"] - series[f"{arm}/model_position"])
+                distance, dashed = np.linalg.norm(offset_mm, axis=1), name == "position"
                 tips.append(Curve(f"{arm}, {kind}", colour, seconds, distance, dashed=dashed))
         if f"{arm}/cue_force" in series:
             force = series[f"{arm}/cue_force"][:, cue]
@@ -77,7 +77,7 @@ def trace_plot(
     flags = [
         values for name, values in series.items() if name.startswith("fault") and "_active" in name
     ]
-    spans = np.array(active_spans(np.any(flags, axis=0) if flags else ())) / 1e3
+    fault_spans = np.array(active_spans(np.any(flags, axis=0) if flags else ())) / 1e3
     charts = []
     for panel, curves in panels.items():
         values = [curve.y for curve in curves if np.isfinite(curve.y).any()]
@@ -87,7 +87,9 @@ def trace_plot(
         curves += [
             Curve(name, colour, np.full(2, s), height, dashed=True) for name, colour, s in marks
         ]
-        curves += [Curve("fault", "cue", span, floor, floor, floor - low + high) for span in spans]
+        curves += [
+            Curve("fault", "cue", span, floor, floor, floor - low + high) for span in fault_spans
+        ]
         x_axis, y_axis = ChartAxis("time, s", 0.0, float(ends[1]) + 1e-3), ChartAxis("", low, high)
         charts.append(Chart(panel, x_axis, y_axis, tuple(curves), height=100))
     save_panels(path, charts, columns=1, title=title)

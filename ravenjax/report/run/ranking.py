@@ -38,8 +38,8 @@ class WorstRun(NamedTuple):
     value: float  # in the ranking's unit
 
 
-def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun]:
-    """Return the `most` worst valid runs with a fault, worst first; fewer if fewer runs have a
+def worst_runs(folder: Path, count: int, by: str = "unintended") -> list[WorstRun]:
+    """Return the `count` worst valid runs with a fault, worst first; fewer if fewer runs have a
     value.
 
     Raises UserError for an unknown ranking or a number below 1, and StoreError as
@@ -49,29 +49,36 @@ def worst_runs(folder: Path, most: int, by: str = "unintended") -> list[WorstRun
         raise UserError(
             f"--by {by}: unknown, expected {', '.join(RANKINGS)}{suggest_name(by, RANKINGS)}"
         )
-    if most < 1:
-        raise UserError(f"--worst {most}: expected a number of runs, 1 or more")
+    if count < 1:
+        raise UserError(f"--worst {count}: expected a number of runs, 1 or more")
     rules: Rules = manifest.read_manifest(folder).rules
     value = f"({RANKINGS[by].sql.format(cue=rules.cue)})::DOUBLE"
     with query.open_folder(folder) as table:
         faulty = faulty_sql(list(table.types()))
         cases = f"{RESULTS} WHERE failed = '' AND {faulty} AND {value} > 0 AND NOT isnan({value})"
-        return rank_runs(table, cases, value, most)
+        return rank_runs(table, cases, value, count)
 
 
-def rank_runs(table: ResultTable, cases: str, value: str, most: int) -> list[WorstRun]:
-    """Return the `most` worst runs of a table.
+def rank_runs(table: ResultTable, cases: str, value: str, count: int) -> list[WorstRun]:
+    """Return the `count` worst runs of a table.
 
     cases: SQL for the table. value: SQL for the measure, larger is worse.
     """
     rows = table.rows(
-        f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {most}"
+        f"SELECT row, run_id, {value} AS value FROM {cases} ORDER BY value DESC, row LIMIT {count}"
     )
     return [WorstRun(row, str(run_id), float(value)) for row, run_id, value in rows]
 
 
-WORDS = ("response", "hazard")
-COMPARED = (*WORDS, "first_active_ms", "unintended_mm", "loss_mm", "tip_path_mm", "told_ms")
+TEXT_COLUMNS = ("response", "hazard")
+COMPARED_COLUMNS = (
+    *TEXT_COLUMNS,
+    "first_active_ms",
+    "unintended_mm",
+    "loss_mm",
+    "tip_path_mm",
+    "told_ms",
+)
 """Columns that are compared to decide whether two runs have the same outcome."""
 
 
@@ -93,24 +100,24 @@ def faulty_rows(folder: Path, group: str | None) -> list[int]:
             )
         where = "true" if group is None else f'"group" = {quote_text(group)}'
         condition = f"failed = '' AND {faulty_sql(list(table.types()))} AND {where}"
-        evades = events.event_sql("evades", Rules())
-        rows = table.rows(f"SELECT row, {evades} FROM {RESULTS} WHERE {condition} ORDER BY row")
+        evades_sql = events.event_sql("evades", Rules())
+        rows = table.rows(f"SELECT row, {evades_sql} FROM {RESULTS} WHERE {condition} ORDER BY row")
     if not rows:
         place = f"{folder}" if group is None else f"group {group!r} of {folder}"
         raise UserError(f"{place} has no valid run with a fault, so no run can be explained")
-    return [row for row, _ in rows] if any(evading for _, evading in rows) else []
+    return [row for row, _ in rows] if any(evades for _, evades in rows) else []
 
 
 def count_changed(folder: Path, results: pd.DataFrame) -> int:
     """Return how many of these runs have another outcome than the same runs in the folder."""
-    names = [name for name in COMPARED if name in results]
+    names = [name for name in COMPARED_COLUMNS if name in results]
     rows = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:
         columns = ", ".join(["row", *map(quote_name, names)])
         stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})").set_index(
             "row"
         )
-    words = {name: str for name in WORDS if name in names}
+    words = {name: str for name in TEXT_COLUMNS if name in names}
     computed = results.set_index("index").loc[stored.index, names].astype(words)
     stored = stored.astype(words)
     unchanged = (stored == computed) | (stored.isna() & computed.isna())

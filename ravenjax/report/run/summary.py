@@ -18,9 +18,9 @@ from ravenjax.report import wording
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
 
-MOST_WINDOWS = 3
+MAX_WINDOWS = 3
 """Number of windows of one fault, or pulses of one cue, that are listed individually."""
-MOST_CHANGES = 8
+MAX_CHANGES = 8
 """Number of changes of one state that are listed individually."""
 _ORDER = ("fault", "check", "detector", "run level", "brakes", "cue", "hazard", "jump", "operator")
 
@@ -58,14 +58,17 @@ def summarize_run(
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
-    defined = {(one.kind, one.word): one for one in definitions.definition_rows(rules, robot)}
+    defined = {
+        (definition.kind, definition.word): definition
+        for definition in definitions.definition_rows(rules, robot)
+    }
     verdict, *largest = wording.fill_template(
         "run_summary.txt.j2",
         row=row,
         rules=rules,
         untold=UNTOLD,
         definition=defined.get(("response", row["response"])),
-        distances=None if series is None else list(_distances(robot, series)),
+        distances=None if series is None else list(_largest_distances(robot, series)),
     )
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
@@ -76,7 +79,7 @@ def summarize_run(
     )
 
 
-def _distances(robot: Robot, series: Series) -> Iterator[tuple[str, str, float, int]]:
+def _largest_distances(robot: Robot, series: Series) -> Iterator[tuple[str, str, float, int]]:
     # Yields for each arm and reference the largest distance of the true tip from the reference in
     # mm, and its tick: (arm, name of the reference, distance, tick).
     for arm in robot.arms:
@@ -115,18 +118,21 @@ def list_events(
         faults=wording.fault_phrases(row, robot),
         checks=checks.check_names(row),
         spans=active_spans,
-        pulses=list(_pulses(series, rules.cue)) or None,
-        changes={name: _changes(series, name) for name in ("runlevel", "soft_estopped", "brakes")},
-        most_windows=MOST_WINDOWS,
-        most_changes=MOST_CHANGES,
+        pulses=list(_list_pulses(series, rules.cue)) or None,
+        changes={
+            name: _list_changes(series, name) for name in ("runlevel", "soft_estopped", "brakes")
+        },
+        most_windows=MAX_WINDOWS,
+        most_changes=MAX_CHANGES,
     )
     parts = (line.split("|", 3) for line in lines if line)
     events = [RunEvent(int(tick), kind, text, level) for tick, kind, level, text in parts]
     return sorted(events, key=lambda event: (event.tick, _ORDER.index(event.kind)))
 
 
-def _pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, float, float]]]:
-    # The pulses of each arm's cue: start, end, arm, distance at the start, and largest force.
+def _list_pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, float, float]]]:
+    # Yields for each arm the pulses of its cue: (start, end, arm, distance from the nominal model
+    # at the start in mm, largest force).
     for name in series:
         arm, _, signal = name.partition("/")
         if signal != "cue_force":
@@ -139,7 +145,7 @@ def _pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, floa
         ]
 
 
-def _changes(series: Series, name: str) -> list[tuple[int, int, int]]:
+def _list_changes(series: Series, name: str) -> list[tuple[int, int, int]]:
     # Returns (tick, old value, new value) for each change of a state.
     values = np.asarray(series.get(name, ())).astype(int if name == "runlevel" else bool)
     ticks = np.flatnonzero(np.diff(values)) + 1

@@ -142,7 +142,7 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
     return Announced(
         runs.manifest.cues[k],
         tables.event_times(runs, after_onset(f"warned{k}_ms"), where=condition),
-        tables.wilson_share(motions.came(f"golden_cue{k}_first_ms"), motions.count),
+        tables.wilson_share(motions.count_with_event(f"golden_cue{k}_first_ms"), motions.count),
         motions.cue_rate(k),
     )
 

@@ -27,17 +27,17 @@ from ravenjax.store.access import explained
 from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 
-MOST = 3
+SHOWN_CHAINS = 3
 """Number of chains that are shown."""
-NAMES = 3
+MAX_NAMES = 3
 """Number of groups that are named if only some are explained, and of first places that are named.
 """
-ROW = 16  # px per seam
+ROW_PX = 16  # px per seam
 
 
 def chain_sentences(one: Propagation) -> list[str]:
     """Return the summary as sentences, one per item."""
-    return wording.fill_template("chains.txt.j2", all=one, most=NAMES)
+    return wording.fill_template("chains.txt.j2", all=one, most=MAX_NAMES)
 
 
 def seam_graph(summary: Propagation) -> Chart | None:
@@ -48,7 +48,7 @@ def seam_graph(summary: Propagation) -> Chart | None:
     """
     if not summary.carriers:
         return None
-    shows = [row.shows if row.ranged else None for row in summary.carriers]
+    shows = [row.shows if row.has_range else None for row in summary.carriers]
     return _signal_chart(
         "In which signals faults that evade differ, and are visible",
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
@@ -95,18 +95,19 @@ def _signal_chart(
     """
     dots = []
     for name, colour, values in marks:
-        known = [(place, value) for place, value in enumerate(values) if value is not None]
-        places, ends = [place for place, _ in known], np.array([v[-3:] for _, v in known], float)
-        value, low, high = ends.reshape(-1, 3).T
+        known = [(row, value) for row, value in enumerate(values) if value is not None]
+        # The last three fields of a rate and of an estimate: value, low, high.
+        bounds = np.array([value[-3:] for _, value in known], float)
+        value, low, high = bounds.reshape(-1, 3).T
         tips = [
-            wording.fill_template("carrier_tip.txt.j2", carrier=carriers[at], value=value)[0]
-            for at, value in known
+            wording.fill_template("carrier_tip.txt.j2", carrier=carriers[row], value=value)[0]
+            for row, value in known
         ]
-        y, is_last = np.array(places, float), values is marks[-1][2]
+        y, is_last = np.array([row for row, _ in known], float), values is marks[-1][2]
         dots.append(Dots(name, colour, value, y, low, high, tips=tuple(tips), diamond=is_last))
     names = tuple(row.seam for row in carriers)
     signals = ChartAxis("signals, in the robot's order", 0, len(carriers), names=names)
-    return Chart(title, axis, signals, tuple(dots), height=ROW * len(carriers))
+    return Chart(title, axis, signals, tuple(dots), height=ROW_PX * len(carriers))
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
@@ -124,31 +125,31 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
         "sentences": chain_sentences(together),
         "graph": seam_graph(together),
         "leads": lead_chart(together),
-        "worst": _worst(runs, ticks),
+        "worst": _explain_worst_runs(runs, ticks),
     }
 
 
-def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
+def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
     # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
     manifest, extent = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
         f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
         f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({extent}),"
-        f" {extent} DESC, row LIMIT {MOST}",
+        f" {extent} DESC, row LIMIT {SHOWN_CHAINS}",
         [ticks["index"].tolist()],
     )
     by_row = ticks.set_index("index", drop=False)
-    out = []
+    worst = []
     for row in runs.whole_rows([row for (row,) in rows]):
         ticks_row = by_row.loc[int(row["index"])].to_dict()
         arms, cue = manifest.shape.arms, manifest.rules.cue
         link = chain.trace_chain(row, ticks_row, manifest.robot, arms, cue)  # type: ignore[arg-type]
         words, timeline = chain_words.chain_sentences(link), chain_words.chain_timeline(link)
-        out.append({"chain": link, "sentences": words, "timeline": timeline})
-    return out
+        worst.append({"chain": link, "sentences": words, "timeline": timeline})
+    return worst
 
 
-CHOSEN = "sample AND faulty AND evaded AND unintended_ms >= 0"
+HARMFUL_EVADING = "sample AND faulty AND evaded AND unintended_ms >= 0"
 
 
 class Carrier(NamedTuple):
@@ -157,7 +158,7 @@ class Carrier(NamedTuple):
     seam: str
     layer: str
     meaning: str
-    ranged: bool  # True if the seam has a normal range
+    has_range: bool  # True if the seam has a normal range
     carries: Rate  # runs in which the signal differs from the golden run before harm
     shows: Rate  # runs in which the fault is visible in the signal before harm
     lead_ms: Estimate  # median time from visible to harm; NaN: never visible
@@ -196,7 +197,7 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
 
     ticks: table of `store.access.explained`, one row per run.
     """
-    facts = robots.faults_with_units(runs, "unintended_ms AS harm", CHOSEN)
+    facts = robots.faults_with_units(runs, "unintended_ms AS harm", HARMFUL_EVADING)
     is_explained = facts["row"].isin(ticks["index"])
     lacking = set(facts.loc[~is_explained, "group"])
     complete = sorted(set(facts["group"]) - lacking)
@@ -210,13 +211,13 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     def median(values: np.ndarray) -> Estimate:
         """Return the median of the values above 0."""
         positive = values > 0
-        times, came = values[positive], np.ones(int(positive.sum()), bool)
+        times, is_observed = values[positive], np.ones(int(positive.sum()), bool)
         one_unit = units.group_units(np.zeros(len(times), int))
         times_drawn = one_unit if drawn is None else drawn.where(positive)
-        return latency.delay_quantile(times, came, 0.5, times_drawn)
+        return latency.delay_quantile(times, is_observed, 0.5, times_drawn)
 
     harm = faults["harm"].to_numpy(np.int64)
-    seams = _seams(rows, runs.manifest)
+    seams = _join_arms(rows, runs.manifest)
     # Time from leaving the normal range to harm, ms [seams, runs]; 0: not visible before harm.
     leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
     leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
@@ -224,30 +225,30 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
     carriers = [
         Carrier(
-            seam.name,
-            seam.layer,
-            seam.meaning,
-            seam.ranged,
-            rate((seam.differs >= 0) & (seam.differs <= harm)),
-            rate(leads[place] > 0),
-            median(leads[place]),
-            rate((firsts == place) & (best > 0)),
+            seam=seam.name,
+            layer=seam.layer,
+            meaning=seam.meaning,
+            has_range=seam.has_range,
+            carries=rate((seam.differs >= 0) & (seam.differs <= harm)),
+            shows=rate(leads[index] > 0),
+            lead_ms=median(leads[index]),
+            first=rate((firsts == index) & (best > 0)),
         )
-        for place, seam in enumerate(seams)
+        for index, seam in enumerate(seams)
     ]
     return Propagation(
-        len(faults),
-        len(facts),
-        complete,
-        sorted(lacking),
-        noun,
-        [row for row in carriers if row.carries.k],
-        rate(best <= 0),
-        median(best),
+        runs=len(faults),
+        evading=len(facts),
+        groups=complete,
+        partial=sorted(lacking),
+        counted=noun,
+        carriers=[row for row in carriers if row.carries.k],
+        hidden=rate(best <= 0),
+        lead_ms=median(best),
     )
 
 
-def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
+def _join_arms(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     """Return the signals with both arms joined, at the earlier time, in the robot's order."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}

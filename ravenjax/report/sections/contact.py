@@ -8,7 +8,7 @@ from ravenjax.report.sections import tables
 from ravenjax.report.sections.tables import Quantiles
 from ravenjax.stats.intervals import Rate
 
-ALL = "every fault"
+ALL_FAULTS = "every fault"
 
 
 class ContactRow(NamedTuple):
@@ -32,13 +32,13 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group; none without contact or faults."""
     if not runs.manifest.shape.contact:
         return []
-    groups = _contact_by(runs, f'{FACTS}."group"::VARCHAR')
+    groups = _rows_by(runs, f'{FACTS}."group"::VARCHAR')
     if len(groups) == 1:
         return groups
-    return [*(row._replace(group=ALL) for row in _contact_by(runs, "''")), *groups]
+    return [*(row._replace(group=ALL_FAULTS) for row in _rows_by(runs, "''")), *groups]
 
 
-def _contact_by(runs: Runs, by: str) -> list[ContactRow]:
+def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
     # Returns a row for each value of `by` (SQL): contact forces, and the number of faults with a
     # larger force than in the golden run.
     parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
@@ -50,11 +50,15 @@ def _contact_by(runs: Runs, by: str) -> list[ContactRow]:
     )
     rows = []
     for name, groups, n, peak, impulse, *numbers in tables.class_counts(runs, by, columns):
-        harder, vessel, *pressed = (tables.fault_share(runs, k, n, groups) for k in numbers[::2])
-        row = ContactRow(name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, numbers[3])
-        rows.append(
-            row._replace(instruments=pressed[0], instruments_n=numbers[5]) if pressed else row
+        # For each force: the number of faults with a larger force, and the largest force in N.
+        counts, forces_n = numbers[::2], numbers[1::2]
+        harder, vessel, *instruments = (tables.fault_share(runs, k, n, groups) for k in counts)
+        row = ContactRow(
+            name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, forces_n[1]
         )
+        if instruments:
+            row = row._replace(instruments=instruments[0], instruments_n=forces_n[2])
+        rows.append(row)
     return rows
 
 

@@ -106,7 +106,7 @@ def cue_rows(runs: Runs) -> list[CueRow]:
                 k,
                 cue,
                 tables.fault_share(runs, hazards - times.alarmed, hazards),
-                tables.wilson_share(free.came(f"golden_cue{k}_first_ms"), free.count),
+                tables.wilson_share(free.count_with_event(f"golden_cue{k}_first_ms"), free.count),
                 free.cue_rate(k),
                 tables.fault_share(runs, felt[k], harmless),
                 False,

@@ -73,43 +73,50 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
     row_of = runs.table.frame("SELECT row, run_id AS run FROM results")
     joined = table.merge(row_of, on="run").merge(faults, on="row")
     rows = [
-        _summarize(runs, kind, str(name), str(action), of_action)
+        _summarize(runs, kind, str(name), str(action), action_rows)
         for kind in ("", "site", "group")
         for name, part in (joined.groupby(kind) if kind else [("", joined)])
-        for action, of_action in part.groupby("action", sort=False)
+        for action, action_rows in part.groupby("action", sort=False)
     ]
     by_run = joined.drop_duplicates("run")
-    among, noun = robots.drawn_units(runs, by_run)
-    visible = _latest(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, among)
-    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, _opposite(visible), rows)
+    drawn, noun = robots.drawn_units(runs, by_run)
+    # The median time is the negative of the latest negative time.
+    visible = _latest_time(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, drawn)
+    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, _negate(visible), rows)
 
 
 def _summarize(runs: Runs, kind: str, name: str, action: str, rows: pd.DataFrame) -> DeadlineRow:
     # Summarises the deadlines of one action over the faults in `rows`.
-    among, _ = robots.drawn_units(runs, rows)
+    drawn, _ = robots.drawn_units(runs, rows)
     last, margin = (rows[column].to_numpy(float) for column in ("deadline_ms", "margin_ms"))
-    last, margin = np.where(last >= 0, last, -np.inf), np.where(margin == margin, margin, -np.inf)
-    goal, half = (_latest(last, share, among) for share in (GOAL, HALF))
+    # Minus infinity: the action never helps, or the fault is never visible.
+    last = np.where(last >= 0, last, -np.inf)
+    margin = np.where(np.isnan(margin), -np.inf, margin)
+    goal_ms = _latest_time(last, GOAL, drawn)
     return DeadlineRow(
-        *(kind, name, action),
-        pair_intervals.pair_rate(last >= 0, among),
-        goal,
-        pair_intervals.pair_rate(last >= goal.value, among),
-        half,
-        pair_intervals.pair_rate(margin >= 0, among),
-        _latest(margin, HALF, among),
-        *(int(hit.sum()) for hit in (~rows["monotone"].to_numpy(), rows["harms_alone"].to_numpy())),
+        kind=kind,
+        name=name,
+        action=action,
+        preventable=pair_intervals.pair_rate(last >= 0, drawn),
+        goal_ms=goal_ms,
+        goal=pair_intervals.pair_rate(last >= goal_ms.value, drawn),
+        half_ms=_latest_time(last, HALF, drawn),
+        in_time=pair_intervals.pair_rate(margin >= 0, drawn),
+        margin_ms=_latest_time(margin, HALF, drawn),
+        not_monotone=int((~rows["monotone"].to_numpy()).sum()),
+        harms_alone=int(rows["harms_alone"].to_numpy().sum()),
     )
 
 
-def _latest(values: np.ndarray, share: float, among: Units | None) -> Estimate:
+def _latest_time(values: np.ndarray, share: float, drawn: Units | None) -> Estimate:
     """Return the largest number that a share of the `values` reaches or exceeds; NaN if -inf."""
-    unit = units.group_units(np.zeros(len(values), int)) if among is None else among
-    return _opposite(latency.delay_quantile(-values, np.isfinite(values), share, unit))
+    unit = units.group_units(np.zeros(len(values), int)) if drawn is None else drawn
+    return _negate(latency.delay_quantile(-values, np.isfinite(values), share, unit))
 
 
-def _opposite(found: Estimate) -> Estimate:
-    return Estimate(*(-number for number in (found.value, found.high, found.low)))
+def _negate(estimate: Estimate) -> Estimate:
+    # Returns the estimate of the opposite number, whose interval has the bounds exchanged.
+    return Estimate(-estimate.value, -estimate.high, -estimate.low)
 
 
 def deadline_sentences(summary: DeadlineSummary) -> list[str]:

@@ -95,7 +95,7 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
         events = [
             run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds
         ]
-        counts = [motions.with_event(event) for event in events]
+        counts = [motions.count_motions(event) for event in events]
         thresholds = list(zip(detector.thresholds, counts, strict=True))
         quiet = min((threshold for threshold, count in thresholds if not count), default=None)
         for k, (threshold, count) in enumerate(thresholds):
@@ -105,7 +105,7 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
     result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
     if manifest.cues:
-        cues = motions.came(f"golden_cue{manifest.verdict_cue}_first_ms")
+        cues = motions.count_with_event(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = motions.cue_rate(manifest.verdict_cue)
         result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))

@@ -24,14 +24,14 @@ from ravenjax.store.access.query import RESULTS, quote_name
 
 MIN_RUNS = 12
 """Sites and effects with fewer runs appear only in the map of all faults."""
-MOST = 1_000_000
+MAX_FAULTS = 1_000_000
 """Largest number of faults that are analysed. Of more faults, about this number is drawn."""
 RUNS_PER_CELL, RUNS_PER_BIN = 3, 8
 """Wanted number of runs in each cell of two inputs: for few values, and for ranges."""
 MIN_BINS, MAX_BINS = 2, 8
-MOST_VALUES = 12
+MAX_VALUES = 12
 """Largest number of values of an input for which each value has its own bin."""
-MOST_ROWS = 24
+MAX_ROWS = 24
 """Sites and effects in the map of all faults. The remaining ones share a row."""
 WHOLE, PLACE, NO_FAULT = "all faults", "site and effect", "no fault"
 UNTIL_END = -1
@@ -67,7 +67,8 @@ class MapAxis(NamedTuple):
     title: str
     labels: list[str]
     # int [faults]: the bin of each fault
-    place: np.ndarray
+    bins: np.ndarray
+    # True if the labels are words, not numbers
     words: bool = False
 
 
@@ -76,9 +77,9 @@ class PairCounts(NamedTuple):
 
     up: MapAxis
     across: MapAxis
-    # [up, across]
+    # int [up, across]: number of faults
     n: np.ndarray
-    # [measures, up, across]
+    # int [measures, up, across]: number of faults in which the measure came
     k: np.ndarray
 
 
@@ -97,10 +98,14 @@ class Sweep(NamedTuple):
 def summarize_sweep(runs: Runs) -> Sweep:
     """Return the inputs that a campaign varies, and the outcomes of its faults."""
     faulty = runs.count("sample AND faulty") > 0
-    measures, condition, unit = (
-        (MEASURES, "sample AND faulty", "faults") if faulty else (FREE_MEASURES, "sample", "runs")
-    )
-    slots = [name[:-5] for name in runs.names if re.fullmatch(r"fault\d+_site", name)]
+    if faulty:
+        measures, condition, unit = MEASURES, "sample AND faulty", "faults"
+    else:
+        measures, condition, unit = FREE_MEASURES, "sample", "runs"
+    # Names of the fault slots, such as "fault0".
+    slots = [
+        name.removesuffix("_site") for name in runs.names if re.fullmatch(r"fault\d+_site", name)
+    ]
     titles = {
         f"{slot}_{key}": f"fault {number}: {title}" if len(slots) > 1 else title
         for key, title in SLOT_INPUTS.items()
@@ -112,7 +117,8 @@ def summarize_sweep(runs: Runs) -> Sweep:
     kinds = [f"{slot}_{key}" for slot in slots for key in ("site", "effect")]
     columns = [f"{RESULTS}.{quote_name(name)}" for name in (*kinds, *titles)]
     columns += [f"({measure.sql})::BOOLEAN AS {quote_name(measure.name)}" for measure in measures]
-    faults = runs.drawn(", ".join(columns), condition, MOST)
+    faults = runs.drawn(", ".join(columns), condition, MAX_FAULTS)
+    # Site and effect of each fault of a run, joined by " + ".
     block = np.full(len(faults), "", object)
     for slot in slots:
         site, effect = (faults[f"{slot}_{key}"].astype(str) for key in ("site", "effect"))
@@ -139,22 +145,26 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
         if len(faults) < MIN_RUNS:
             continue
         block_sweep = sweep._replace(faults=faults)
-        axes = _axes(block_sweep, runs.robot.joints)
+        axes = _make_axes(block_sweep, runs.robot.joints)
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-        if ranked := _ranked([_counts(block_sweep, *pair) for pair in pairs]):
-            items.append(_map(block_sweep, str(name), ranked, runs.sampled(groups.get(str(name)))))
-    items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = [_map(sweep, WHOLE, _by_block(sweep), runs.sampled())] if len(blocks) > 1 else []
+        if ranked := _rank_pairs([_count_pairs(block_sweep, *pair) for pair in pairs]):
+            items.append(
+                _make_map(block_sweep, str(name), ranked, runs.sampled(groups.get(str(name))))
+            )
+    items.sort(key=lambda item: [-measure["rate"].value for measure in item["rates"]])
+    whole = (
+        [_make_map(sweep, WHOLE, _count_blocks(sweep), runs.sampled())] if len(blocks) > 1 else []
+    )
     return [*whole, *items]
 
 
-def _axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
+def _make_axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
     # Returns an axis for each input that varies, with so few bins that cells contain enough runs.
     varied = [name for name in sweep.titles if len(sweep.faults[name].unique()) > 1]
     n = len(sweep.faults)
     # In a grid of two inputs, each cell contains one run, so every value has its own bin.
-    most = MOST_VALUES if len(varied) <= 2 else round(math.sqrt(n / RUNS_PER_CELL))
-    most = min(MOST_VALUES, max(MIN_BINS, most))
+    max_bins = MAX_VALUES if len(varied) <= 2 else round(math.sqrt(n / RUNS_PER_CELL))
+    max_bins = min(MAX_VALUES, max(MIN_BINS, max_bins))
     axes = []
     for name in varied:
         title, values = sweep.titles[name], sweep.faults[name]
@@ -162,12 +172,12 @@ def _axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
             axes.append(word_axis(title, values.astype(str).to_numpy(), order))
         else:
             endless = name.endswith("duration_ms")
-            axes.append(number_axis(title, values.to_numpy(float), most, endless))
+            axes.append(number_axis(title, values.to_numpy(float), max_bins, endless))
     return axes
 
 
-def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False) -> MapAxis:
-    """Return an axis with one bin per value or, of more than `most` values, one bin per range.
+def number_axis(title: str, values: np.ndarray, max_bins: int, endless: bool = False) -> MapAxis:
+    """Return an axis with one bin per value, or one bin per range of more than `max_bins` values.
 
     Wide ranges are spaced by powers of two. endless: the value UNTIL_END means that the fault lasts
     until the run ends.
@@ -175,45 +185,48 @@ def number_axis(title: str, values: np.ndarray, most: int, endless: bool = False
     labels = np.full(len(values), UNSET, object)
     until_end = endless & (values == UNTIL_END)
     labels[until_end] = TO_THE_END
-    numbers = ~np.isnan(values) & ~until_end
-    distinct_values = np.unique(values[numbers])
-    if len(distinct_values) <= most:
+    is_number = ~np.isnan(values) & ~until_end
+    distinct_values = np.unique(values[is_number])
+    if len(distinct_values) <= max_bins:
         names = [compact_number(value) for value in distinct_values]
-        place = np.searchsorted(distinct_values, values[numbers])
+        bins = np.searchsorted(distinct_values, values[is_number])
     else:
         wanted = round(math.sqrt(len(values) / RUNS_PER_BIN))
-        edges = _edges(
-            distinct_values[0], distinct_values[-1], min(MAX_BINS, most, max(MIN_BINS, wanted))
+        edges = _bin_edges(
+            distinct_values[0], distinct_values[-1], min(MAX_BINS, max_bins, max(MIN_BINS, wanted))
         )
         names = [f"{compact_number(a)} to {compact_number(b)}" for a, b in pairwise(edges)]
         # The last bin includes its upper edge.
-        place = np.searchsorted(edges[1:-1], values[numbers], side="right")
-    labels[numbers] = np.array(names, object)[place] if len(names) else ""
-    return _axis(title, labels, [*names, TO_THE_END, UNSET])
+        bins = np.searchsorted(edges[1:-1], values[is_number], side="right")
+    labels[is_number] = np.array(names, object)[bins] if len(names) else ""
+    return _make_axis(title, labels, [*names, TO_THE_END, UNSET])
 
 
 def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapAxis:
     """Return an axis with one bin per word, those of `order` first.
 
-    Of more than MOST_VALUES words, the most frequent have their own bins, and the others share one.
+    Of more than MAX_VALUES words, the most frequent have their own bins, and the others share one.
     """
     words, counts = np.unique(values, return_counts=True)
-    if len(words) > MOST_VALUES:
-        words = words[np.argsort(-counts, kind="stable")[: MOST_VALUES - 1]]
+    if len(words) > MAX_VALUES:
+        words = words[np.argsort(-counts, kind="stable")[: MAX_VALUES - 1]]
         values = np.where(np.isin(values, words), values, OTHERS)
-    places = {word: place for place, word in enumerate(order)}
-    names = sorted(words, key=lambda word: (places.get(word, len(places)), word))
+    position = {word: number for number, word in enumerate(order)}
+    names = sorted(words, key=lambda word: (position.get(word, len(position)), word))
     labels = [name or "none" for name in names]
-    return _axis(title, np.where(values == "", "none", values), [*labels, OTHERS], words=True)
+    return _make_axis(title, np.where(values == "", "none", values), [*labels, OTHERS], words=True)
 
 
-def _axis(title: str, labels: np.ndarray, order: Sequence[str], words: bool = False) -> MapAxis:
+def _make_axis(
+    title: str, labels: np.ndarray, order: Sequence[str], words: bool = False
+) -> MapAxis:
+    # Returns an axis whose bins are the labels that occur, in the given order.
     present = set(labels.tolist())
     names = [name for name in dict.fromkeys(order) if name in present]
     return MapAxis(title, names, pd.Index(names).get_indexer(labels), words)
 
 
-def _edges(lowest: float, highest: float, bins: int) -> np.ndarray:
+def _bin_edges(lowest: float, highest: float, bins: int) -> np.ndarray:
     # Returns round edges of bins; powers of two if the range is wide.
     if lowest > 0 and highest / lowest > 30:
         step = math.ceil(math.log2(highest / lowest) / (bins + 2))
@@ -231,36 +244,40 @@ def compact_number(value: float) -> str:
     return f"{value:{'.4g' if abs(value) >= 1e3 else '.3g'}}".replace("-", "−")
 
 
-def _by_block(sweep: Sweep) -> list[PairCounts]:
+def _count_blocks(sweep: Sweep) -> list[PairCounts]:
     """Return counts by site and effect and by each input of COMMON, the best input first."""
     block, hit = (sweep.faults[name].to_numpy() for name in ("block", sweep.measures[0].name))
     shares = {str(name): float(hit[block == name].mean()) for name in np.unique(block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
-    if len(names) > MOST_ROWS + 1:
-        block = np.where(np.isin(block, names[:MOST_ROWS]), block, OTHERS)
-    up = _axis(PLACE, block, [*names, OTHERS], words=True)
+    if len(names) > MAX_ROWS + 1:
+        block = np.where(np.isin(block, names[:MAX_ROWS]), block, OTHERS)
+    up = _make_axis(PLACE, block, [*names, OTHERS], words=True)
     common = {
         name: title
         for name, title in sweep.titles.items()
         if name in COMMON or name.startswith("param:")
     }
-    axes = _axes(sweep._replace(titles=common))
-    return _ranked([_counts(sweep, across, up) for across in axes] or [_counts(sweep, up, None)])
+    axes = _make_axes(sweep._replace(titles=common))
+    return _rank_pairs(
+        [_count_pairs(sweep, across, up) for across in axes] or [_count_pairs(sweep, up, None)]
+    )
 
 
-def _ranked(pairs: Sequence[PairCounts]) -> list[PairCounts]:
+def _rank_pairs(pairs: Sequence[PairCounts]) -> list[PairCounts]:
+    # Sorts pairs of axes, those that explain most of the variance first.
     return sorted(pairs, key=explained_share, reverse=True)
 
 
-def _counts(sweep: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
+def _count_pairs(sweep: Sweep, across: MapAxis, up: MapAxis | None) -> PairCounts:
     """Return the counts of faults and measures over two axes; `up` is None for a single axis."""
-    up = up or MapAxis("", [""], np.zeros(len(across.place), int))
+    up = up or MapAxis("", [""], np.zeros(len(across.bins), int))
     # The labels of rows have more room for words than those of columns.
     if across.words and not up.words:
         across, up = up, across
     shape = len(up.labels), len(across.labels)
-    cell = up.place * shape[1] + across.place
+    cell = up.bins * shape[1] + across.bins
     hits = [sweep.faults[measure.name].to_numpy(float) for measure in sweep.measures]
+    # The number of faults of each cell, then for each measure the number in which it came.
     n, *k = (
         np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape).astype(int)
         for weight in (None, *hits)
@@ -283,7 +300,9 @@ def explained_share(counts: PairCounts) -> float:
     return float(1 - within / freedom / (overall / (total - 1)))
 
 
-def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -> dict[str, Any]:
+def _make_map(
+    sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool
+) -> dict[str, Any]:
     # Returns the map of the two inputs that explain the outcome best.
     counts = ranked[0]
     pairs = [
@@ -313,5 +332,5 @@ def _map(sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool) -
 
 
 SECTIONS = {
-    "maps": lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MOST}
+    "maps": lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MAX_FAULTS}
 }

@@ -31,7 +31,7 @@ class OwnCheckRow(NamedTuple):
 
 def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
-    checks, per_check = runs.manifest.shape.own_checks, list(_alarms(runs))
+    checks, per_check = runs.manifest.shape.own_checks, list(_false_alarms(runs))
     trips = [f"({after_onset(alarms.column)}) >= 0" for alarms in per_check]
     # SQL for faults that only this check detected: when it tripped, no built-in check had reported
     # the fault, and no other user-defined check had tripped.
@@ -44,22 +44,26 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
     measured = detectors.threshold_rows(runs, per_check)
-    for check, alarms, tripped in zip(checks, measured, counts, strict=False):
+    trip_counts, alone_counts = counts[: len(checks)], counts[len(checks) :]
+    for check, alarms, tripped, only_it in zip(
+        checks, measured, trip_counts, alone_counts, strict=True
+    ):
         section = sections.get(check.name, {})
-        alone_count = counts[len(checks) + len(result)]
         result.append(
             OwnCheckRow(
-                *(alarms.detector, str(section.get("at", "")), check.does),
-                _threshold(runs, section, alarms.detector),
-                tables.fault_share(runs, tripped, total),
-                tables.fault_share(runs, alone_count, tripped),
-                alarms,
+                name=alarms.detector,
+                at=str(section.get("at", "")),
+                does=check.does,
+                threshold=_describe_threshold(runs, section, alarms.detector),
+                tripped=tables.fault_share(runs, tripped, total),
+                alone=tables.fault_share(runs, only_it, tripped),
+                alarms=alarms,
             )
         )
     return result
 
 
-def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
+def _describe_threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
     # Describes the threshold of a check in words. A campaign may vary the threshold.
     name, value = f"param:checks.threshold.{check}", float(section.get("threshold", 1.0))
     lowest, highest = value, value
@@ -72,7 +76,7 @@ def _threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
     return f"{words}, {in_a_row} ms in a row" if in_a_row > 1 else words
 
 
-def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
+def _false_alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     # Yields the false alarms of each user-defined check. They are unknown if the campaign varies
     # parameters of checks, because fault-free motions have only one value of each parameter.
     motions, shape = runs.motions, runs.manifest.shape
@@ -85,9 +89,16 @@ def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
         if not differs:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
-            rate, count = motions.first_rate(event, first_ms), motions.with_event(event)
+            rate, count = motions.first_rate(event, first_ms), motions.count_motions(event)
         name = check.name.removeprefix(OWN)
-        yield ThresholdAlarms(name, math.nan, f"own{number}_ms", count, rate, count == 0)
+        yield ThresholdAlarms(
+            name=name,
+            threshold=math.nan,
+            column=f"own{number}_ms",
+            free=count,
+            false=rate,
+            quiet=count == 0,
+        )
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS, quote_name
 
-LEAST_RUNS = 20
+MIN_FAULTS = 20
 """Smallest number of faults for a rate."""
 _WHOLE = "together"
 """Name of the form of a value table that is drawn jointly with others."""
@@ -37,7 +37,7 @@ class RobotRate(NamedTuple):
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
     """Return the rate of each outcome, over one run of each fault and robot."""
-    robots = drawn_whole(runs)
+    robots = drawn_robot_columns(runs)
     if not robots:
         return []
     questions = resources.read_tables(__file__, "robots.toml")
@@ -45,18 +45,19 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
         del questions["has the cue before the unintended motion"]
     robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
-    for name, (among, hit) in questions.items():
+    # condition: SQL for the faults that a question is about; hit: SQL for those with its outcome.
+    for name, (condition, hit) in questions.items():
         rows = runs.table.rows(
             f"SELECT count(*) FILTER ({hit}), count(*) FROM {RESULTS} JOIN {FACTS} USING (row) "
-            f"WHERE sample AND faulty AND {among} GROUP BY {robot}"
+            f"WHERE sample AND faulty AND {condition} GROUP BY {robot}"
         )
-        if sum(n for _, n in rows) >= LEAST_RUNS:
+        if sum(n for _, n in rows) >= MIN_FAULTS:
             per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
             result.append(RobotRate(name, per_unit.rate, per_unit.units, per_unit.deviation))
     return result
 
 
-def drawn_whole(runs: Runs) -> list[str]:
+def drawn_robot_columns(runs: Runs) -> list[str]:
     """Return the columns of the parameters that were drawn together, as one robot."""
     return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
 
@@ -66,7 +67,7 @@ def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
 
     A unit is a robot if robots were drawn whole, otherwise a row.
     """
-    robot_parameters = drawn_whole(runs)
+    robot_parameters = drawn_robot_columns(runs)
     unit = f"hash({', '.join(map(quote_name, robot_parameters))})" if robot_parameters else "row"
     return runs.table.frame(
         f'SELECT row, "group"::VARCHAR AS "group", {columns}, unit FROM {FACTS} JOIN (SELECT row,'
@@ -79,7 +80,7 @@ def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
     None and "" if the faults were not drawn.
     """
     unit, group = faults["unit"].to_numpy(), faults["group"].to_numpy()
-    if drawn_whole(runs):
+    if drawn_robot_columns(runs):
         # Robots were drawn as a whole, and each group has the same robots.
         return units.group_units(unit), "robots"
     if len(faults) and runs.sampled(set(group)):

@@ -12,7 +12,7 @@ from ravenjax.report.run.ranking import rank_runs
 from ravenjax.report.sections.tables import replay_command
 from ravenjax.vocabulary.robot import Robot
 
-MOST = 5
+SHOWN_RUNS = 5
 """Number of runs of each kind."""
 KINDS = resources.read_tables(__file__, "worst.toml")
 """Outcomes by name, in the order of the page."""
@@ -22,38 +22,41 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """Return one item per kind of outcome in KINDS: its fields, the number of faults with this
     outcome (n), and its worst runs, one per fault (rows).
 
-    folder: result folder, which the commands name.
+    folder: result folder, for the command that replays a run.
     """
     kinds, manifest = [], runs.manifest
     for name, kind in KINDS.items():
-        if ("{cue}" in kind["far"] and not manifest.cues) or (
+        if ("{cue}" in kind["distance_sql"] and not manifest.cues) or (
             name == "depth" and not manifest.robot.tissue
         ):
             continue
-        far_sql = kind["far"].format(cue=manifest.verdict_cue)
+        distance_sql = kind["distance_sql"].format(cue=manifest.verdict_cue)
+        # SQL for the table and the condition of a query.
         cases = (
             runs.matching(f"sample AND faulty AND ({kind['where']})")
-            + f" WHERE NOT isnan(({far_sql})::DOUBLE)"
+            + f" WHERE NOT isnan(({distance_sql})::DOUBLE)"
         )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
-        worst = rank_runs(runs.table, cases, far_sql, MOST)
-        numbered = runs.whole_rows([ranked.row for ranked in worst])
-        lines = [
+        worst = rank_runs(runs.table, cases, distance_sql, SHOWN_RUNS)
+        rows = runs.whole_rows([ranked.row for ranked in worst])
+        table_rows = [
             _row(manifest.robot, row, ranked.value, folder)
-            for row, ranked in zip(numbered, worst, strict=True)
+            for row, ranked in zip(rows, worst, strict=True)
         ]
-        kinds.append({"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": lines})
+        kinds.append(
+            {"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": table_rows}
+        )
     return kinds
 
 
-def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+def _row(robot: Robot, row: dict[str, Any], distance: float, folder: Path) -> dict[str, Any]:
     # Returns one run of the table: fault, response, times after the first effect, command.
     active = row["first_active_ms"]
     return {
         "run_id": row["run_id"],
         "group": row["group"],
         "fault": wording.describe_fault(row, robot),
-        "far": far,
+        "far": distance,
         "response": row["response"],
         "cause": row["response_cause"],
         "response_ms": row["response_ms"] - active if row["response_ms"] >= 0 else None,

@@ -1,4 +1,4 @@
-"""One millisecond of an arm from an MJCF file: packet, sense, check, control, move, watch.
+"""One tick of an arm from an MJCF file: packet, sense, check, control, move, watch.
 
 The set points of the operator arrive in packets and are clipped to the joints' ranges. The
 controller is the model's own actuators, with the torques that hold the arm against gravity added. A
@@ -40,6 +40,11 @@ class ArmSetup(setup.Setup):
     def joints(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the joints, in order."""
         return self.robot.joints
+
+    @property
+    def period_ms(self) -> int:  # type: ignore[override]
+        """Duration of a tick."""
+        return self.robot.period_ms
 
 
 UNLIMITED = 1e9
@@ -130,6 +135,7 @@ def advance(
 ) -> tuple[State, tuple[Scalar, ...], dict[str, Any]]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     arm = setup.robot.arm
+    ms = arm.period_ms
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
     inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
@@ -148,10 +154,10 @@ def advance(
         command = where(holds, good, command)
     margins = (
         _least(params.tracking - (command - reported).map(jnp.abs)),
-        _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
-        params.watchdog - cast_to_real(setup, silent),
-        params.sensor_ms - cast_to_real(setup, differ),
-        params.effort_ms - cast_to_real(setup, state.strained),
+        _least(params.velocity - ((reported - state.reported) * (1e3 / ms)).map(jnp.abs)),
+        params.watchdog - cast_to_real(setup, silent * ms),
+        params.sensor_ms - cast_to_real(setup, differ * ms),
+        params.effort_ms - cast_to_real(setup, state.strained * ms),
         _least((*(goal - params.lower), *(params.upper - goal))),
     )
     *stops, clips = (~(margin >= 0.0) for margin in margins)
@@ -160,26 +166,27 @@ def advance(
 
     torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
-    # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
+    # How much of an actuator's gains is left depends on the fault: none if it overwrites.
     _, more = _drive(copy.copy(inject), arm, torque + 1.0)
     driven, exerted = _drive(inject, arm, torque)
-    damped = Vec(
-        jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
-        for x, t, y, d in zip(exerted, torque, more, _gains(arm, params)[2], strict=True)
+    left = Vec(
+        jnp.where(x == t, 1.0, jnp.clip(y - x, 0.0, 1.0))
+        for x, t, y in zip(exerted, torque, more, strict=True)
     )
     step = mechanism.step if setup.link_dynamics == "unrolled" else mechanism.step_by_mjx
-    jpos, jvel = step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
-    slower = state.jvel * params.coasting
+    jpos, jvel = _move(step, arm, params, (state.jpos, state.jvel), exerted, left)
+    slower = state.jvel * params.coasting**ms
     jvel = where(stopped, slower, jvel)
-    jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
+    jpos = where(stopped, state.jpos + slower * (1e-3 * ms), jpos)
 
     wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
     ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
-    follows = mechanism.step(arm.mechanism, *state.model, ideal, _gains(arm, usual)[2])
+    follows = _move(mechanism.step, arm, usual, state.model, ideal, 1.0)
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
-    seen_way, model_way = ((a - b) * 1e3 for a, b in zip((seen, model), state.tips, strict=True))
+    rate = 1e3 / ms
+    seen_way, model_way = ((a - b) * rate for a, b in zip((seen, model), state.tips, strict=True))
     cue, pull = haptics.step(
         *(setup, params.haptics, state.haptics),
         haptics.HapticSignal(model, model_way, seen, seen_way),
@@ -227,6 +234,24 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
     return driven, exerted
 
 
+def _move(
+    step: Any, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, left: Vec | float
+) -> tuple[Vec, Vec]:
+    """Return positions and velocities after a tick.
+
+    force: of the actuators at the start of the tick. In each step, a servo changes its force with
+    position and velocity, as in MuJoCo. left: share of the gains of servos, 0 to 1.
+    """
+    _, *gains = _gains(arm, params)
+    stiffness, damping = (gain.map(mul, left) for gain in gains)
+    after = step(arm.mechanism, *before, force, damping)
+    for _ in range(arm.steps - 1):
+        way, faster = map(minus, after, before)
+        less = plus(stiffness.map(mul, way), damping.map(mul, faster))
+        after = step(arm.mechanism, *after, minus(force, less), damping)
+    return after
+
+
 def _control(
     arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
@@ -234,7 +259,7 @@ def _control(
     control = Vec(
         c
         if kind == "position"
-        else (c - q) * kp + ((c - b) * 1e3 if kind == "velocity" else v * -kd)
+        else (c - q) * kp + ((c - b) * (1e3 / arm.period_ms) if kind == "velocity" else v * -kd)
         for kind, q, v, c, b, kp, kd in zip(
             arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
         )

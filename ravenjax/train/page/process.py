@@ -70,7 +70,7 @@ class Auth:
         # With a token any name is allowed: another site's name has no cookie, and the names that
         # lead to this machine are unknown.
         is_known_name = name in (*LOOPBACK, self.host) and port == str(self.port)
-        if host is None or not (self.token is not None or is_known_name):
+        if not host or not (self.token is not None or is_known_name):
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"

@@ -59,7 +59,7 @@ class DistantRobot:
         self._output = np.zeros(self._stepper.code.outputs, np.float32)
         self._resting_numbers = tree.tree_leaves(_resting_report(blueprint))
         self._reported = _Reported(
-            *tree.fill_tree(_resting_report(blueprint), self._stepper.entering)
+            *tree.fill_tree(_resting_report(blueprint), self._stepper.step_inputs)
         )
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]

@@ -105,7 +105,6 @@ class Gate:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._check(datagram, source, now_ms)
         self.counts[cause] += 1
-        # Drops are reported once, if the last datagram is one of many.
         drops = WORDS["drops"]
         dropped = sum(self.counts[drop] for drop in drops) if cause in drops else 0
         are_many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)

@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig, config_class_of
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.train.robot import ROBOT, Arms
@@ -240,7 +240,7 @@ def _config(
     for path, axis in scenario.parameters.items():
         place = axis.places(_rng(seed, f"parameter {path}").random(1))
         parameters[path] = float(axis.at(place)[0])
-    return validate_tables(
+    return config_class_of(ROBOT).model_validate(
         {
             "campaign": {
                 "name": scenario.name,

@@ -340,7 +340,6 @@ class Session:
             case "rehearse" if self.view == protocol.REAL and self.phase == protocol.RUNNING:
                 self._rehearse()
             case "reengage" if self.view == protocol.VIRTUAL:
-                # The driven robot repeats the trial's motion, if there was any.
                 self._trial_end = self.virtual.next_tick
                 has_motion = self._trial_end > self._trial_start
                 self.view = protocol.REPLAY if has_motion else protocol.REAL

@@ -57,7 +57,6 @@ class Hands:
             moved = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
             if not all(hand.is_in_range(increment) for hand, increment in moved):
                 return False
-            # Increments replace the speeds of the last "input".
             for hand in self._hands.values():
                 hand.set_speeds(STILL)
             for hand, increment in moved:

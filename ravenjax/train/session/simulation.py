@@ -73,7 +73,6 @@ def make_blueprint(
     session_plan = plan.make_plan(config)
     program = session_plan.program
     injection = program.setup.injection
-    # The last slot is the E-stop button's.
     slots = injection.slots + 1
     for use in injection.sites if packets else ():
         for _, channel in use.channels:
@@ -175,7 +174,6 @@ def hazard_distances(live: Scalar, distances: monitor.Distances) -> list[Scalar]
     """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame. They are 0
     while not live; unintended_off_mm is 0 while live. distances: m.
     """
-    # mm per m, or 0.
     while_live = jnp.where(live, 1e3, 0.0)
     return [
         distances.unintended * while_live,
@@ -213,11 +211,11 @@ class SimulatedRobot:
         # The golden run's signals follow the frame in its output, and enter the robot's tick.
         self._golden_output = self._outputs[1, blueprint.layout.simulated :]
         series = self._golden_output.size
-        self._golden_input = self._robot.entering[:series]
+        self._golden_input = self._robot.step_inputs[:series]
         self._golden_differs = False
-        self._golden_differs_input = self._robot.entering[series]
+        self._golden_differs_input = self._robot.step_inputs[series]
         steppers = self._robot, self._golden
-        self.packets = [stepper.entering[series + 1 :] for stepper in steppers]
+        self.packets = [stepper.step_inputs[series + 1 :] for stepper in steppers]
         """Where a packet from outside enters the robot and its golden run."""
         self._initial_state = self._robot.snapshot()
         places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))

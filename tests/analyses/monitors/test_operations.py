@@ -6,7 +6,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.analyses.monitors import operations
 from ravenjax.analyses.monitors.operations import OperationDesign, OperationRunner
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.errors import UserError
 
 DETECTOR = "def step(params, state, view):\n    return state, view.tip_error * 1000.0\n"

@@ -8,7 +8,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
+from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.stop.adaptive import group_draws
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
@@ -240,3 +240,12 @@ def complaint(config):
     except UserError as error:
         return str(error)
     return "none"
+
+
+@pytest.mark.parametrize("design", ["lhs", "sobol"])
+@pytest.mark.parametrize(("rows", "dimensions"), [(1, 1), (2, 3), (1000, 32), (7, 33)])
+def test_points_are_those_of_scipy(design, rows, dimensions):
+    ours, theirs = (np.random.default_rng(5) for _ in range(2))
+    expected = naive_design.unit(design, rows, dimensions, theirs)
+    np.testing.assert_array_equal(sampling._unit(design, rows, dimensions, ours), expected)
+    assert ours.spawn(1)[0].random() == theirs.spawn(1)[0].random()

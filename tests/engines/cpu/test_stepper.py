@@ -53,7 +53,7 @@ def stepped(stepper, ticks, first=0):
 def test_a_tick_reads_tables_inputs_and_what_enters_and_tells_what_goes_out(code):
     stepper = Stepper(code, Inputs(np.float32(2.0), np.int32(1)))
     stepper.tables[0][:] = [1.0, 10.0, 100.0, 1000.0]
-    stepper.entering[0][0], stepper.entering[1][0] = 0.5, -3
+    stepper.step_inputs[0][0], stepper.step_inputs[1][0] = 0.5, -3
     out = stepped(stepper, 5)
     assert out[:, 0].tolist() == [2.5, 23.0, 223.5, 2224.0, 4224.5]  # the last look-up is clipped
     assert out[:, 1].tolist() == [0, 1, 2, 3, 4] and set(out[:, 2]) == {-3.0}

@@ -16,7 +16,7 @@ from jax import lax
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer
 from ravenjax.engines.cpu.transition import (
-    NOTHING,
+    EMPTY,
     Compiled,
     Interpreted,
     Memory,
@@ -55,21 +55,21 @@ def both(function, state, entering):
         shapes = [jax.ShapeDtypeStruct((), dtype) for dtype in (str(state.dtype), *types)]
         program, _ = trace_function(function, *shapes, functions="library")
         own = BufferLayout.aligned([str(state.dtype)])
-        one = StateTransition(program, NOTHING, own, BufferLayout.aligned(types))
+        one = StateTransition(program, EMPTY, own, BufferLayout.aligned(types))
         results = []
         for machine in (Compiled(print_module({"f": one}), "f"), Interpreted({"f": one})):
             steps = len(columns[0])
-            rooms = ((NOTHING, 1), (own, 1), (one.entering, steps), (one.leaving, steps))
+            rooms = ((EMPTY, 1), (own, 1), (one.step_inputs, steps), (one.step_outputs, steps))
             memory = Memory(*(aligned_buffer(n, layout.bytes) for layout, n in rooms))
             transition.write_row(own, memory.state[0], [state])
-            for row, numbers in zip(memory.entering, zip(*columns, strict=True), strict=True):
-                transition.write_row(one.entering, row, numbers)
+            for row, numbers in zip(memory.step_inputs, zip(*columns, strict=True), strict=True):
+                transition.write_row(one.step_inputs, row, numbers)
             memory = memory._replace(fixed=memory.fixed[0], state=memory.state[0])
             machine.bind("f", memory)()
             results.append(
                 (
                     transition.read_row(own, memory.state),
-                    [transition.read_row(one.leaving, row) for row in memory.leaving],
+                    [transition.read_row(one.step_outputs, row) for row in memory.step_outputs],
                 )
             )
     return results

@@ -19,8 +19,9 @@ from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
 from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import CampaignConfig, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import fault_free
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.report.data import draws, facts

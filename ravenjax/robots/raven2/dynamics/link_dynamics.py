@@ -106,6 +106,8 @@ def _mjx_model(arm: ArmName) -> Any:
         tendon = spec.add_tendon()
         tendon.wrap_joint(names[i], LEVERS[i])
         tendon.wrap_joint(names[j], LEVERS[j])
+        # Every step replaces this value. MuJoCo Warp ignores tendons whose damping is 0 here.
+        tendon.damping[0] = 1.0
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return spec.compile()
