@@ -112,7 +112,7 @@ def test_a_slow_listener_loses_whole_lines_and_holds_up_nobody(server, listen):
     assert ticks == list(range(count))
     dropped = server.counts["records_dropped"]
     assert dropped > count / 4
-    assert all(len(one._waiting) <= BUFFER_BYTES for one in server.listeners)
+    assert all(len(one._outgoing) <= BUFFER_BYTES for one in server.listeners)
     got = []
     while len(got) < count - dropped + 1:
         got += slow.some()
