@@ -68,6 +68,6 @@ def unit_quaternion(quat: Sequence[float]) -> Quat:
     return x / length, y / length, z / length, w / length
 
 
-def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:
-    """Return the rotation `first` followed by the rotation `then`, as a unit quaternion."""
-    return unit_quaternion(quat_mul(Vec(then), Vec(first)))
+def turn_by(first: Sequence[float], second: Sequence[float]) -> Quat:
+    """Return the rotation `first` followed by the rotation `second`, as a unit quaternion."""
+    return unit_quaternion(quat_mul(Vec(second), Vec(first)))
