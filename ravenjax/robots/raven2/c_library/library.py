@@ -133,8 +133,7 @@ def members_of(
     """Return the members of the C struct for a record, in order.
 
     A nested record becomes one member per field, named by the path to the field. The numbers of a
-    Vec become an array, and so do adjacent numbers of several arms. units: path without arms ->
-    units.
+    Vec become an array, and so do adjacent numbers of several arms. units: by path without arms.
     """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:

@@ -44,9 +44,8 @@ class SentOrientation(ProfileTable):
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
         if self.form != "vector" and (self.unit != "rad" or self.scale != 1.0):
-            raise ValueError(
-                f"unit and scale are for form = 'vector' only, not for {self.form!r}: remove them"
-            )
+            others = f"form = 'vector' only, not for {self.form!r}"
+            raise ValueError(f"unit and scale are for {others}: remove them")
         return self
 
     @property

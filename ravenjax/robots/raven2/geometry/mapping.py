@@ -8,9 +8,8 @@ from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 
-ITP_AXES = {
-    arm: matrix(*rows) for arm, rows in resources.read_tables(__file__, "mapping.toml").items()
-}
+_AXES = resources.read_tables(__file__, "mapping.toml")
+ITP_AXES = {arm: matrix(*rows) for arm, rows in _AXES.items()}
 """Rotation from the axes of an ITP packet to frame 0 of the arm."""
 
 
