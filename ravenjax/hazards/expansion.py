@@ -3,15 +3,13 @@
     [[group]]
     name = "library"
     hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
-    start_ms = 1200             # optional: replaces the library's value, as may arm, value and
-                                # duration_ms
+    start_ms = 1200             # optional, as are arm, value, duration_ms: replaces the library's
 
 Groups without `hazards` are left unchanged. The new groups are checked like any other group.
 
 In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
 both arms acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
--green at the end of its name. The key `arm` overrides this with one arm or a list of arms. Fault
-sites without an arm get one group.
+-green at the end of its name. The key `arm` overrides this. Sites without an arm get one group.
 """
 
 import itertools
@@ -30,9 +28,7 @@ KEY = "hazards"
 ALL = "all"
 _TABLES = resources.read_tables(__file__, "expansion.toml")
 OVERRIDES, PASSED_ON = _TABLES["overrides"], _TABLES["passed_on"]
-"""Keys of faults that a group with hazards may set for all its hazards, and keys that the ordinary
-groups inherit, with their meanings.
-"""
+"""Keys of faults that a group may set for all its hazards, and keys that it passes on."""
 KEYS: dict[str, str] = _TABLES["keys"] | OVERRIDES | PASSED_ON
 """Keys that a group with hazards may have."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
@@ -54,8 +50,7 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """Return a campaign's tables with only ordinary groups, and for each of these the index of its
-    group in the file.
+    """Return a campaign's tables with only ordinary groups, and each one's index in the file.
 
     Groups that are not a list of tables are left for later checks. Raise WrongGroup.
     """
@@ -104,10 +99,8 @@ def select_hazards(words: Any) -> list[Hazard]:
     """Return the hazards that ids, layers and "all" name, in order. Raises WrongGroup."""
     listed = _as_list(words)
     if not listed or not all(isinstance(word, str) for word in listed):
-        raise WrongGroup(
-            KEY,
-            f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
-        )
+        expected = 'expected ids and layers, such as ["C09", "L7"], or "all"'
+        raise WrongGroup(KEY, f"got {format_value(words)}, {expected}")
     ids = {row.id for word in listed for row in _hazards_named(word)}
     return [row for row in library.all_hazards() if row.id in ids]
 
@@ -119,8 +112,7 @@ def hazard_words() -> list[str]:
 
 
 def _hazards_named(word: str) -> list[Hazard]:
-    # Returns the hazards that a word names. A hazard that cannot be simulated is an error only if
-    # the word is its id.
+    # Returns the hazards of a word. That a hazard cannot be simulated is an error only for its id.
     named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable
@@ -144,12 +136,11 @@ def _expand_case(
             raise WrongGroup(key, f"{name} {message}")
         # Several channels or arms then have faults in the same run, so their values go in pairs.
         is_joint = case.fault[0].along or len(faulty) > 1
+        slots = (_expand_fault(fault, overrides, faulty) for fault in case.fault)
         table = {
             "name": f"{group['name']}/{name}{suffix}",
             "design": "zip" if is_joint else case.design,
-            "fault": [
-                slot for fault in case.fault for slot in _expand_fault(fault, overrides, faulty)
-            ],
+            "fault": list(itertools.chain(*slots)),
         }
         runs = {} if case.runs is None else {"runs": case.runs}
         yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
@@ -195,10 +186,8 @@ def _expand_fault(
     fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
-    table = fault.model_dump(
-        exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
-    )
-    table |= overrides
+    dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
     per_arm = arms if SITES[fault.site].per_arm else ()

@@ -47,8 +47,7 @@ def normal_range(site: str, channel: str, arm: str) -> ChannelRange:
     """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured_ranges():
-        raise UserError(
-            f"the normal range of channel {channel!r} at site {site!r}, arm {arm!r} is unknown;"
-            " `ravenjax faults` lists all channels"
-        )
+        place = f"channel {channel!r} at site {site!r}, arm {arm!r}"
+        remedy = "`ravenjax faults` lists all channels"
+        raise UserError(f"the normal range of {place} is unknown; {remedy}")
     return measured_ranges()[key]

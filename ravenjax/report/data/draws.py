@@ -1,7 +1,6 @@
 """Finds the groups of a campaign whose faults are drawn at random.
 
-All other groups enumerate fixed values. Their rates have no confidence interval, because nothing is
-sampled.
+All other groups enumerate fixed values. Nothing is sampled, so their rates have no interval.
 """
 
 from collections.abc import Mapping
@@ -26,8 +25,7 @@ def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
 
 
 def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
-    # Returns whether a value of a fault, or its effect, is drawn at random. A group with explicit
-    # runs sets each value individually.
+    # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
     if group.get("run"):
         return False
     samples_lists = group.get("design") in SAMPLED

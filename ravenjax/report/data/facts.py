@@ -26,9 +26,7 @@ from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 OUTCOME_WORDS = resources.read_tables(__file__, "outcomes.toml")
 _COLUMNS = resources.read_tables(__file__, "facts.toml")
 OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
-"""Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
-the checks.
-"""
+"""Outcomes of a run. Each run has exactly one; "felt" and "unseen": it evaded the checks."""
 VALID_OUTCOMES = [name for name in OUTCOMES if name != "failed"]
 
 ACTION = "param:reaction.action"
@@ -89,18 +87,12 @@ def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
 
 def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
     """Return the columns of a result table that `define_facts` reads."""
-    cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
-    plain = (
-        "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
-    )
-    hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
-    needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
+    cue = f"cue{chosen.rules.cue}_first_ms"
+    needed = {*_COLUMNS["needed"], cue, f"golden_{cue}", chosen.rules.jump}
     return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
-def define_facts(
-    table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None
-) -> bool:
+def define_facts(table: ResultTable, chosen: Choices, more: Mapping[str, str] = {}) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
     Words and truth values: group, faulty, activated, failed; response and hazard, "" for failed
@@ -118,8 +110,7 @@ def define_facts(
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
     golden run had the cue too), unintended_ms, loss_ms and misreport_ms.
 
-    `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
-    distinct; `distinct` then equals `row`.
+    `more`: further columns, as expressions over `results`. Return True if all inputs are distinct.
     """
     rules = chosen.rules
     types = table.types()
@@ -131,17 +122,15 @@ def define_facts(
         plain = f"{action} = 0" if idle else "true"
     valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
     terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
+    happened = {name: events.event_sql(event, rules) for name, event in _COLUMNS["events"].items()}
     base = {
         "faulty": faulty_sql(names),
-        **{
-            name: f"{valid} AND {events.event_sql(event, rules)}"
-            for name, event in _COLUMNS["events"].items()
-        },
+        **{name: f"{valid} AND {sql}" for name, sql in happened.items()},
         **{name: sql.format(**terms) for name, sql in _COLUMNS["columns"].items()},
         "action": f"({action})::TINYINT",
         "plain": plain,
         **_first_fault_sql(names, chosen.robot),
-        **(more or {}),
+        **more,
     }
     derived = dict(_COLUMNS["derived"])
     for name, words in _list_words(table, names, chosen.robot).items():
@@ -190,28 +179,22 @@ def first_sql(*times_ms: str) -> str:
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     """Return SQL for whether a column is above a limit, in the column's precision; NaN is not."""
-    return (
-        f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
-    )
+    column = quote_name(name)
+    return f"({column} > {limit!r}::{types[name]} AND NOT isnan({column}::DOUBLE))"
 
 
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    # Creates the table `numbers`, in which equal faults have the same number, and returns whether
-    # all faults differ.
-    inputs = {
-        name: kind
-        for name, kind in types.items()
-        if name == "operator" or name.startswith(("param:", "fault"))
-    }
+    # Creates the table `numbers`, a number for equal faults. Returns whether all faults differ.
+    names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
+    inputs = {name: kind for name, kind in types.items() if name in names}
     draws, key, key_of_copies = wording.fill_template(
         "inputs.sql.j2", types=inputs, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     # An effect that draws random numbers differs in every run, so each run is distinct.
     keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
-    (unique,) = table.row(
-        f"SELECT count(*) = count(DISTINCT input) AND bool_and(pair = row) FROM {keyed}"
-    )
+    is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
+    (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")
     if not unique:
         table.run(
             f"CREATE TABLE numbers AS WITH keyed AS {keyed},"
@@ -224,12 +207,10 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
 
 def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     # Returns the different words in columns of text, which become enumerated types.
-    first = {
-        name: sql
-        for name, sql in _first_fault_sql(names, robot).items()
-        if name in ("site", "block")
+    first = _first_fault_sql(names, robot)
+    columns = {"group": '"group"'} | {
+        name: first[name] for name in {"site", "block"} & first.keys()
     }
-    columns = {"group": '"group"', **first}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
     vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
@@ -240,9 +221,8 @@ def _first_fault_sql(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
         # The campaign has no faults.
         return {"site": "''", "layer": quote_text(OTHER_LAYER)}
-    cases = " ".join(
-        f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites
-    )
+    layers = ((quote_text(site), quote_text(robot.layer(site))) for site in robot.sites)
+    cases = " ".join(f"WHEN {site} THEN {layer}" for site, layer in layers)
     layer = f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END"
     return _COLUMNS["first_fault"] | {"layer": layer}
 

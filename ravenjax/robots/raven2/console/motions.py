@@ -258,10 +258,8 @@ def _sample_chain(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.n
     """
     up_ticks, down_ticks = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
     ticks = up_ticks + down_ticks
-    poses, pedals = (
-        [np.repeat(_REST[None], ticks, axis=0)],
-        [np.zeros(up_ticks), np.ones(down_ticks)],
-    )
+    poses = [np.repeat(_REST[None], ticks, axis=0)]
+    pedals = [np.zeros(up_ticks), np.ones(down_ticks)]
     while ticks < rows:
         segment = next(chain)
         poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))

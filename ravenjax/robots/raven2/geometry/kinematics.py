@@ -368,8 +368,7 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     measured = joints.theta_from_joint(arm, jpos_ref)
     wrists, axes = _wrists(arm, pose)
 
-    # All solutions are computed only if the likely one costs more than the lower bound of the
-    # others, which is rare.
+    # All solutions are computed only if the likely one costs more than the others may, rarely.
     likely, bound = _likely_choice(arm, measured, wrists, axes)
     all_eight = partial(_nearest_of_all, arm, measured, wrists, axes)
     nearest = if_rarely(~(likely.cost < bound), all_eight, likely)

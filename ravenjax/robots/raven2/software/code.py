@@ -66,8 +66,7 @@ def software_code(
 ) -> TransitionCode:
     """Return the programs of a setup. params, state: types of the parameters and of the state.
 
-    Transition "cycle" computes one millisecond. "receive" reads one packet that arrives before the
-    last packet of a cycle.
+    Transition "cycle" computes one millisecond; "receive" reads a packet before a cycle's last one.
     """
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()
