@@ -232,13 +232,10 @@ class Chart:
         if not isinstance(mark, Dots):
             return
         none = np.full(len(mark.x), np.nan)
-        x_low, x_high, y_low, y_high = (
-            part if len(part) else none
-            for part in (mark.x_low, mark.x_high, mark.y_low, mark.y_high)
-        )
+        parts = mark.x, mark.x_low, mark.x_high, mark.y, mark.y_low, mark.y_high
+        columns = [part if len(part) else none for part in parts]
         names = mark.tips or (mark.name,) * len(mark.x)
-        columns = names, mark.x, x_low, x_high, mark.y, y_low, y_high
-        for name, *x, y, low, high in zip(*columns, strict=True):
+        for name, *x, y, low, high in zip(names, *columns, strict=True):
             named = self.y.names[round(y)] if self.y.names else ""
             words = named or self.y.words_with_interval(y, low, high)
             yield name, self.x.words_with_interval(*x), words

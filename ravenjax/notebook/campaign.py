@@ -28,7 +28,7 @@ SECTION = "campaign"
 
 
 class Campaign:
-    """A campaign. Arguments are the keys of [campaign] in a file; its other tables are objects.
+    """A campaign. Arguments are the keys of [campaign], and other tables as objects or dicts.
 
         campaign = rj.Campaign(
             name="mine",

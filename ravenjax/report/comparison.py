@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError
-from ravenjax.outcomes import events
-from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.events import VALID_SQL, Rules, event_meaning, event_sql
 from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
 from ravenjax.report.data import draws, pair_intervals
@@ -111,7 +110,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         table.run(f'CREATE VIEW runs_second AS SELECT *, "index" AS row FROM {files}')
         pairs = _pair_runs(table, (first, second))
         for side, record, key in zip(SIDES, records, _fault_key_sql(table), strict=True):
-            _create_judged_table(table, side, record, key)
+            _create_judged_table(table, side, record.rules, key)
         names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
         aliases = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
         compared = table.frame(
@@ -188,21 +187,20 @@ def _fault_key_sql(table: ResultTable) -> list[str]:
     return wording.fill_template("fault_keys.sql.j2", folders=types, names=names, quote=quote_name)
 
 
-def _create_judged_table(table: ResultTable, side: str, record: Manifest, key: str) -> None:
+def _create_judged_table(table: ResultTable, side: str, rules: Rules, key: str) -> None:
     """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
 
     key: SQL that is equal for equal faults. Column `counts` is true for valid runs with a fault.
     """
     names = list(table.types(f"runs_{side}"))
-    conditions = {name: events.event_sql(name, record.rules) for name in RATES}
-    happened = {name: f"coalesce(({sql})::BOOLEAN, false)" for name, sql in conditions.items()}
+    happened = {name: f"coalesce(({event_sql(name, rules)})::BOOLEAN, false)" for name in RATES}
     listed = ", ".join(f"{sql} AS {quote_name('is_' + name)}" for name, sql in happened.items())
     table.run(
         f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR'
         ' AS "group", verdict::VARCHAR AS verdict, response::VARCHAR AS response, hazard::VARCHAR'
         f" AS hazard, CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue,"
         " activated::BOOLEAN AS activated, unintended_mm::DOUBLE AS unintended_mm,"
-        f" {events.VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} FROM runs_{side}"
+        f" {VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} FROM runs_{side}"
     )
 
 
@@ -221,7 +219,7 @@ def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> li
     for name in RATES:
         first, second = (table[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
         rates = pair_intervals.compare_rates(second, first, units)[:-1]
-        changes.append(RateChange(name, events.event_meaning(name, rules), *rates))
+        changes.append(RateChange(name, event_meaning(name, rules), *rates))
     return changes
 
 

@@ -50,9 +50,7 @@ class StepCode:
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(
-                lambda inputs, state, step_inputs, tables: step(
-                    inputs, state, step_inputs[0], step_inputs[1], tables
-                ),
+                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)

@@ -28,12 +28,10 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
     # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
     if group.get("run"):
         return False
-    samples_lists = group.get("design") in SAMPLED
-    return any(
-        _is_random(fault.get("effect", ""))
-        or any(_is_drawn(value, samples_lists) for value in fault.values())
-        for fault in group.get("fault", ())
-    )
+    samples_lists, faults = group.get("design") in SAMPLED, group.get("fault", ())
+    if any(_is_random(fault.get("effect", "")) for fault in faults):
+        return True
+    return any(_is_drawn(value, samples_lists) for fault in faults for value in fault.values())
 
 
 def _is_random(effect: Any) -> bool:

@@ -207,10 +207,8 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
 
 def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     # Returns the different words in columns of text, which become enumerated types.
-    first = _first_fault_sql(names, robot)
-    columns = {"group": '"group"'} | {
-        name: first[name] for name in {"site", "block"} & first.keys()
-    }
+    columns = {"group": '"group"'} | _first_fault_sql(names, robot)
+    columns = {name: columns[name] for name in columns if name in ("group", "site", "block")}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
     vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}

@@ -109,8 +109,7 @@ def cue_rows(runs: Runs) -> list[CueRow]:
         result.append(row)
     best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
     result = [row._replace(best=bool(is_best)) for row, is_best in zip(result, best, strict=True)]
-    settings = attrgetter("cue.threshold_mm", "cue.kp_per_mm", "cue.kd_s_per_mm")
-    return sorted(result, key=settings)
+    return sorted(result, key=attrgetter("cue.threshold_mm", "cue.kp_per_mm", "cue.kd_s_per_mm"))
 
 
 def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:

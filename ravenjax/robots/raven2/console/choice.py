@@ -85,8 +85,7 @@ class ProfileChoice:
             self._restart()
         elif ruled_out:
             self.readers = remaining
-            reasons = (f"Not profile {name}: {reason}" for name, reason in ruled_out.items())
-            self.reason = "; ".join(reasons)
+            self.reason = "; ".join(f"Not profile {name}: {why}" for name, why in ruled_out.items())
 
     def _complaint(self, name: str) -> str:
         """Return why a profile is ruled out; "" if the packets so far do not rule it out."""

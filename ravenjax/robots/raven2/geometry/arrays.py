@@ -75,19 +75,19 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return motor angles [..., 7] (rad) for joints `jpos` [..., 7] (rad, m), cables coupled."""
+    """Return motor angles [..., 7] (rad), with cable coupling, for `jpos` [..., 7] (rad, m)."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _to_vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return joints [..., 7] (rad, m) for motor angles `mpos` [..., 7] (rad), cables coupled."""
+    """Return joints [..., 7] (rad, m), with cable coupling, for motors `mpos` [..., 7] (rad)."""
     (motors,) = _check_arguments(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _to_vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
-    """Return the software's gravity torques [..., 3] (Nm) at the capstans, at `jpos` [..., 7]."""
+    """Return the capstan torques [..., 3] (Nm) that compensate gravity at `jpos` [..., 7]."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
     with _whole_arrays():
         return _stacked(gravity.gravity_torque(arm, _to_vec(joints)))
